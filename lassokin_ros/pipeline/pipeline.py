@@ -449,6 +449,8 @@ class Pipeline:
             return images
         sights, learned = [], self.tracker.learned
         for image in images:
+            if not self.agreement.is_due(image.camera.name, image.stamp_ns):
+                continue
             people = detections_by_person(image.keypoints, len(self.tracker.layout.names), image.lens)
             people = [one for one in people if is_trackable(one, self.tracker.config)]
             if len(people) == 1:

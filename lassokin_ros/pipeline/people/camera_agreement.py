@@ -25,12 +25,12 @@ LEFT_OUT = "left out, does not fit the others"
 WRONG, RIGHT = 0.15, 0.1
 """Median cost above which two cameras contradict each other, and below which they fit. With right cameras it is 0.01 to
 0.05, and at most 0.14 (Shelf, Wildflower, videos)."""
-PERIOD_NS, JUDGED = 100_000_000, 10
-"""ns between two comparisons of a pair, and their number for a judgement: the last second."""
+PERIOD_NS, JUDGED = 90_000_000, 10
+"""ns between two comparisons of a pair (every third image at 30 Hz); number of those judged, of the last second."""
 LONGEST_APART_NS = 50_000_000
 """ns: largest difference of the stamps of two sights that are compared."""
 WORSE = 1.5
-"""Ratio of the costs by which one of two cameras with the same keypoints must fit a third one worse."""
+"""Ratio of the costs by which one of two cameras with the same keypoints must fit a third one worse to be left out."""
 SAME_PX = 1.0
 """px: median distance of the keypoints of two cameras below which they are of one image."""
 
@@ -56,7 +56,7 @@ class _Pair:
     @property
     def cost(self) -> float | None:
         """The median cost; None if it is not known."""
-        return float(np.median(self.costs)) if len(self.costs) == JUDGED else None
+        return sorted(self.costs)[JUDGED // 2] if len(self.costs) == JUDGED else None
 
     @property
     def is_wrong(self) -> bool:
@@ -94,6 +94,10 @@ class CameraAgreement:
         self.left_out: dict[str, str] = {}
         """Why a camera is left out, in words, by name."""
 
+    def is_due(self, name: str, stamp_ns: int) -> bool:
+        """Return whether the sight of a camera at a stamp, ns, is of use."""
+        return name not in self._newest or abs(stamp_ns - self._newest[name].stamp_ns) >= PERIOD_NS
+
     def update(self, sights: Sequence[Sight], size: SizeCheck) -> None:
         """Use the sights of one person in images of one instant. size: of the person's body."""
         self._newest |= {sight.camera.name: sight for sight in sights}
@@ -101,20 +105,22 @@ class CameraAgreement:
             for name, other in self._newest.items():
                 if name != sight.camera.name and abs(sight.stamp_ns - other.stamp_ns) <= LONGEST_APART_NS:
                     self._compare(sight, other, size)
+        if sights:
+            self.left_out = {name: words for name in self._newest if (words := self._why_left_out(name, size))}
 
     def _compare(self, one: Sight, other: Sight, size: SizeCheck) -> None:
         pair = self._pairs.setdefault(frozenset((one.camera.name, other.camera.name)), _Pair())
         if abs(one.stamp_ns - pair.newest_ns) < PERIOD_NS:
             return
-        cost, same = compared(one, other, size), _same_keypoints(one, other)
+        places = triangulated(one, other)
+        cost, same = compared(one, other, size, places), _same_keypoints(one, other)
         if cost is None and not same:
             return
         pair.newest_ns = one.stamp_ns
         pair.same.append(same)
         pair.costs.append(np.inf if cost is None or same else cost)
-        if self._trunk and not np.isnan(volume := _volume(triangulated(one, other)[self._trunk])):
+        if self._trunk and not np.isnan(volume := _volume(places[self._trunk])):
             pair.mirrored.append(volume < 0)
-        self.left_out = {name: words for name in self._newest if (words := self._why_left_out(name, size))}
 
     def _pair(self, one: str, other: str) -> _Pair:
         return self._pairs.get(frozenset((one, other)), _Pair())
@@ -132,16 +138,16 @@ class CameraAgreement:
 
     def _fits_worse(self, name: str, one: str, other: str) -> bool:
         """Whether a camera fits neither of two others as well as they fit each other."""
-        cost = self._pair(one, other).cost
+        cost, worse = self._pair(one, other).cost, 1.0 if name in self.left_out else WORSE
         costs = [self._pair(name, third).cost for third in (one, other)]
-        return cost is not None and all(own is None or own > WORSE * cost for own in costs)
+        return cost is not None and all(own is None or own > worse * cost for own in costs)
 
     def _words(self, name: str, fitting: tuple[str, str], twin: str | None, size: SizeCheck) -> str:
         first, sight = self._newest[fitting[0]], self._newest[name]
         hint = CHECK
         if twin is not None:
             hint = f"they are those of '{twin}': check its topics"
-        elif (cost := compared(first, replace(sight, camera=_inverse(sight.camera)), size)) is not None:
+        elif (cost := _inverted(first, sight, size)) is not None:
             if cost < RIGHT:
                 hint = "they do with the inverse transform: expected the pose of the camera, x_frame = R x_camera + t"
         return (
@@ -187,5 +193,8 @@ def _same_keypoints(one: Sight, other: Sight) -> bool:
     return len(known) > 0 and float(np.median(known)) < SAME_PX
 
 
-def _inverse(pose: CameraPose) -> CameraPose:
-    return CameraPose(pose.name, pose.rotation.T, pose.centre)
+def _inverted(one: Sight, other: Sight, size: SizeCheck) -> float | None:
+    """Return the cost with the inverse transform of the other camera."""
+    pose = other.camera
+    inverted = replace(other, camera=CameraPose(pose.name, pose.rotation.T, pose.centre))
+    return compared(one, inverted, size, triangulated(one, inverted))

@@ -30,13 +30,12 @@ def cross_view_cost(one: Sight, other: Sight, size: SizeCheck) -> float:
 
     size: of the person's body.
     """
-    cost = compared(one, other, size)
+    cost = compared(one, other, size, triangulated(one, other))
     return math.inf if cost is None else cost
 
 
-def compared(one: Sight, other: Sight, size: SizeCheck) -> float | None:
-    """As `cross_view_cost`, but None if both cameras see too little of the same."""
-    places = triangulated(one, other)
+def compared(one: Sight, other: Sight, size: SizeCheck, places: np.ndarray) -> float | None:
+    """As `cross_view_cost`, but None if both cameras see too little of the same. places: as from `triangulated`."""
     known = np.isfinite(places[:, 0])
     if np.count_nonzero(known) < FEWEST_POINTS or size.limb_count(known) < FEWEST_LIMBS:
         return None
