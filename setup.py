@@ -51,6 +51,7 @@ TEST = [
     "import-linter>=2.5",
     "types-PyYAML>=6.0",
     "playwright>=1.40",
+    "axe-playwright-python>=0.1.4",
     "pybvh>=0.9",
     "matplotlib>=3.6",  # the figures of docs/; reads screenshots
     "onnx>=1.16",

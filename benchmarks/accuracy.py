@@ -34,7 +34,13 @@ from benchmarks.accuracy_run.people import person_of, seen_by_network, test_clip
 from benchmarks.accuracy_run.special import initialise_frames, run_gap
 from benchmarks.accuracy_run.table import detections_head, given_settings, head, report
 from benchmarks.accuracy_run.uncertainty import COLUMNS as UNCERTAINTY
-from benchmarks.accuracy_run.uncertainty import binned, uncertainty_of
+from benchmarks.accuracy_run.uncertainty import (
+    ROTATION_COLUMNS,
+    binned,
+    by_joint,
+    rotation_uncertainty_of,
+    uncertainty_of,
+)
 from benchmarks.accuracy_run.videos import VideoJob, run_video, video_files, video_table
 from benchmarks.common.refusals import exit_code
 from benchmarks.common.report import Record, data_folder, table, write_json
@@ -63,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for training in sorted({record["training"] for record in records}):
             print("\ntraining clips, not to be reported:" if training else "")
             rows = [record for record in records if record["training"] == training]
-            print(table(rows, UNCERTAINTY if options.uncertainty else failure_probability.COLUMNS))
+            print(table(rows, _columns(options)))
             print(rows[-1].get("ranking", ""))
     else:
         report(options, records)
@@ -87,9 +93,18 @@ def _of_videos(options: argparse.Namespace) -> int:
     return 0
 
 
+def _columns(options: argparse.Namespace) -> dict[str, str]:
+    """The columns of the table of the tracker's own figures."""
+    if options.uncertainty:
+        return ROTATION_COLUMNS if options.rotations else UNCERTAINTY
+    return failure_probability.COLUMNS
+
+
 def measure(options: argparse.Namespace) -> list[Record]:
     """The records of what the options ask for."""
     _check_methods(options)
+    if options.rotations and (options.detections or not options.uncertainty):
+        raise SystemExit("--rotations is for --uncertainty on clips; no recording holds rotations")
     if options.detections:
         if options.leave_one_out:
             raise SystemExit("--leave-one-out is for clips; the prior was not learned from --detections")
@@ -124,6 +139,8 @@ def measure(options: argparse.Namespace) -> list[Record]:
     def results(function: Callable[[Job], T]) -> list[T]:
         return in_parallel(partial(under_its_prior, function), jobs, o.jobs)
 
+    if o.uncertainty and o.rotations:
+        return _apart(options, jobs, results(rotation_uncertainty_of), by_joint)
     if o.uncertainty:
         return _apart(options, jobs, results(uncertainty_of), binned)
     if o.failure_probability:

@@ -37,7 +37,7 @@ from benchmarks.data.rig import Rig, moved, rig_of
 from benchmarks.data.simulated_camera import Condition
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.observation import CameraPose, Observation
 from lassokin_ros.core.tracker import Tracker
 
 DETECTOR = Condition(1.5, fps=30.0, wander_px=2.5, offset_px=2.5)
@@ -96,6 +96,10 @@ def parser() -> argparse.ArgumentParser:
     add("--phase", type=float, default=0.0, help="s by which each further camera's images are later (0: together)")
     add("--late", type=float, default=0.0, help="s by which the messages of all but the first camera arrive late (0)")
     add("--extrinsics-error", type=_pair, default=(0.0, 0.0), metavar="M,DEG", help="of each further camera's place")
+    add("--unknown-places", action="store_true", help="give only the first camera's place; the others learn theirs")
+    add("--scored-from", type=option_types.positive, default=SCORED_FROM, metavar="S",
+        help="s of a clip that are not scored (0.5); clips that end within 1 s after are left out")  # fmt: skip
+    add("--longest", type=option_types.positive, default=LONGEST, metavar="S", help="s of a clip that are used (10)")
     add("--occluded", type=option_types.share, default=0.0, help="share of the time that the second camera sees nobody")
     add("--swaps", type=option_types.share, default=0.0, help="share of the first camera's frames with exchanged sides")
     add("--measured-bones", action="store_true", help="give the person's bone lengths (default: the height alone)")
@@ -132,7 +136,9 @@ def run(job: Job) -> list[Record]:
     layout = Layout.load("coco17", own)
     condition = Condition(DETECTOR.noise_px, 0.0, 0.0, o.fps, o.swaps, wander_px=2.5, offset_px=2.5)
     rig = rig_of(clip, layout, own, condition, o.cameras, np.radians(o.angle), o.seed)
-    count = min(len(rig.truth), int(LONGEST * rig.fps))
+    count = min(len(rig.truth), int(o.longest * rig.fps))
+    if o.scored_from > SCORED_FROM and count < (o.scored_from + 1) * rig.fps:
+        return []
     confidence = rig.confidence
     if o.occluded and o.cameras > 1:
         period = int(2.0 * rig.fps)
@@ -140,25 +146,29 @@ def run(job: Job) -> list[Record]:
         confidence[1, hidden] = 0
     given = clip_skeleton(clip, generic=not o.measured_bones)
     height = 0.0 if o.unknown_height else clip_height(clip)
-    config = TrackerConfig(**{"height": height, "noise_px": 3.0, **dict(o.set)}).checked()
+    learn = {"extrinsics": "learn"} if o.unknown_places else {}
+    config = TrackerConfig(**{"height": height, "noise_px": 3.0, **learn, **dict(o.set)}).checked()
     random = np.random.default_rng([o.seed, 41, *clip.name.encode()])
     poses = [pose if n == 0 else moved(pose, o.extrinsics_error[0], np.radians(o.extrinsics_error[1]), random)
              for n, pose in enumerate(rig.poses)]  # fmt: skip
+    if o.unknown_places:
+        poses = [poses[0], *(CameraPose(pose.name, known=False) for pose in poses[1:])]
     tracker = Tracker(config, None if o.unknown_height else given, up=np.array([0.0, 0.0, 1.0]))
     joints = [tracker.skeleton.index(SMPL_NAME[EVALUATED[limb]]) for limb in LIMBS]
     estimates, times, statures = _follow(tracker, rig, poses, count, o)
     truth = rig.truth[:count][:, LIMBS]
     base = {"clip": clip.name, "cameras": o.cameras, "angle": o.angle}
-    heights = _height_errors(statures, clip_height(clip))
-    records = [{**base, "method": "lasso", **score(estimates[:, joints], truth, rig.fps), **heights,
+    heights, begin = _height_errors(statures, clip_height(clip)), o.scored_from
+    scored = score(estimates[:, joints], truth, rig.fps, begin)
+    records = [{**base, "method": "lasso", **scored, **heights,
                 "frame_ms_p50": 1000 * float(np.median(times))}]  # fmt: skip
-    if o.cameras > 1 and not o.phase:
+    if o.cameras > 1 and not o.phase and not o.unknown_places:
         raw = _filled(triangulated(rig, poses, layout, count))
         b, a = butter(2, 6 / (rig.fps / 2))
         smooth = {"dlt": raw, "dlt causal": lfilter(b, a, raw - raw[0], axis=0) + raw[0]}
         if len(raw) > 3 * max(len(a), len(b)):
             smooth["dlt offline"] = filtfilt(b, a, raw, axis=0)
-        records += [{**base, "method": name, **score(points, truth, rig.fps), **dict.fromkeys(heights, np.nan),
+        records += [{**base, "method": name, **score(points, truth, rig.fps, begin), **dict.fromkeys(heights, np.nan),
                      "frame_ms_p50": np.nan} for name, points in smooth.items()]  # fmt: skip
     return records
 
@@ -244,9 +254,9 @@ def _filled(points: np.ndarray) -> np.ndarray:
     return points
 
 
-def score(points: np.ndarray, truth: np.ndarray, fps: float) -> Record:
-    """Figures of (f, 12, 3) points in the fixed frame."""
-    begin = min(int(SCORED_FROM * fps), len(truth) - 3)
+def score(points: np.ndarray, truth: np.ndarray, fps: float, scored_from: float = SCORED_FROM) -> Record:
+    """Figures of (f, 12, 3) points in the fixed frame. scored_from: s."""
+    begin = min(int(scored_from * fps), len(truth) - 3)
     points, truth = points[begin:], truth[begin:]
     relative = (points - points[:, HIPS].mean(1, keepdims=True)) - (truth - truth[:, HIPS].mean(1, keepdims=True))
     error = 1000 * np.linalg.norm(relative, axis=-1).mean(-1)

@@ -27,6 +27,7 @@ from benchmarks.mutation.trial import Copy, Trial, difference, tests_of  # noqa:
 ROOMS = {
     "core/lasso": "lassokin_ros/core/lasso",
     "core/body": "lassokin_ros/core/body",
+    "core": "lassokin_ros/core",
     "pipeline": "lassokin_ros/pipeline",
     "pipeline/input_checks": "lassokin_ros/pipeline/input_checks",
     "msg_adapters": "msg_adapters",

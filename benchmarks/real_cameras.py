@@ -68,6 +68,7 @@ def parser() -> argparse.ArgumentParser:
     add("files", type=Path, nargs="+", metavar="FILE", help="detections with R and t of their cameras")
     add("--together", type=_numbers, metavar="A,B", help="cameras that are used (default: every pair)")
     add("--from", dest="begin", type=float, default=0.5, help="s that are not scored (0.5)")
+    add("--unknown-places", action="store_true", help="give no camera's place; the others learn theirs from the person")
     add("--measured-bones", action="store_true", help="give the reference's bone lengths")
     add("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help="a setting of the tracker")
     add("--json", type=option_types.output_file, metavar="FILE", help="write the records as a JSON list")
@@ -86,13 +87,17 @@ def run(file: Path, cameras: Sequence[int], options: argparse.Namespace) -> list
     first = recordings[cameras[0]]
     layout = Layout.load(first.layout, Skeleton.load("anthropometric", 1.75))
     height = height_of(first.reference, layout)
-    config = TrackerConfig(height=height, landmarks=first.layout, **dict(options.set)).checked()
+    learn = {"extrinsics": "learn"} if options.unknown_places else {}
+    config = TrackerConfig(height=height, landmarks=first.layout, **learn, **dict(options.set)).checked()
     skeleton = Skeleton.load("anthropometric", height)
     tracker = Tracker(config, measured(skeleton, first.reference, layout) if options.measured_bones else skeleton)
     origin_R, origin_t = R[cameras[0]], t[cameras[0]]
     turns = R @ origin_R.T
     poses = [CameraPose(str(c), turns[c], t[c] - turns[c] @ origin_t) for c in range(len(R))]
-    landmarks = follow(tracker, [recordings[c] for c in cameras], [poses[c] for c in cameras])
+    told = [
+        poses[c] if c == cameras[0] or not options.unknown_places else CameraPose(str(c), known=False) for c in cameras
+    ]
+    landmarks = follow(tracker, [recordings[c] for c in cameras], told)
     views = [(recordings[c].points, recordings[c].confidence, poses[c]) for c in cameras]
     base = {"file": file.stem, "cameras": ",".join(map(str, cameras))}
     records = []

@@ -30,11 +30,13 @@ class SafetyZone(Node):
         self.create_timer(0.1, lambda: self.publisher.publish(String(data=self.verdict())))
 
     def verdict(self):
-        """Return safe only if the images of now show that everybody is outside."""
-        if any(nearest(person) < RADIUS for person in self.people.tracked()):
+        """Return safe only if the images of now show that everybody is outside, or that nobody is there."""
+        people, state = self.people.tracked(), self.people.state
+        if any(nearest(person) < RADIUS for person in people):
             return "occupied"
-        lost = self.people.state == "lost" or not all(self.people.everybody()["tracked"])
-        return "unknown" if lost else "safe"
+        all_seen = len(people) == len(self.people.everybody())  # the place of some may be too old to be used
+        shown = state == "nobody" or (state == "tracking" and len(people) > 0)
+        return "safe" if all_seen and shown else "unknown"
 
 
 if __name__ == "__main__":

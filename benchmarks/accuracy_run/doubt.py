@@ -3,8 +3,9 @@
     python benchmarks/accuracy_run/doubt.py ../shared/data/detections/*.npz             # as a live camera
     python benchmarks/accuracy_run/doubt.py --two-pass ../shared/data/detections/*.npz  # as `track` does
 
-One line per camera: mean joint error relative to the hips, median second difference of the wrists from frame to frame
-relative to the pelvis, share of the frames over 150 mm, share of the marked frames, and whether the page says a doubt.
+One line per camera: mean joint error relative to the hips, median second difference of the wrists and of the ankles
+from frame to frame relative to the pelvis, share of the frames over 150 mm, share of the marked frames, and whether the
+page says a doubt.
 A recording is bad if more than 5 % of its frames are over 150 mm. Only the height is given.
 """
 
@@ -32,19 +33,21 @@ from lassokin_ros.replay.first_pass import WHOLE_FILE  # noqa: E402
 from lassokin_ros.replay.report.doubt_findings import MOST_MARKED  # noqa: E402
 from lassokin_ros.replay.report.wrong_spans import wrong_spans  # noqa: E402
 
+ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
+"""The joints whose shake is measured, relative to the pelvis."""
 GOOD_MM, WRONG_MM, BAD_SHARE = 60.0, 150.0, 0.05
-COLUMNS = {"recording": "<42", "frames": "5d", "mpjpe_mm": "6.1f", "wrist_shake_mm": "6.1f", "over_150": "6.1%"}
-COLUMNS |= {"marked": "6.1%", "says": "<6"}
+COLUMNS = {"recording": "<42", "frames": "5d", "mpjpe_mm": "6.1f", "wrist_shake_mm": "6.1f", "ankle_shake_mm": "6.1f"}
+COLUMNS |= {"over_150": "6.1%", "marked": "6.1%", "says": "<6"}
 
 
 @dataclass(frozen=True)
 class Row:
-    """A tracked frame, as `wrong_spans` reads it. error: mm. wrists: (2, 3) m, relative to the pelvis."""
+    """A tracked frame, as `wrong_spans` reads it. error: mm. ends: (4, 3) m, see `ENDS`."""
 
     time: float
     doubt: Doubt
     error: float
-    wrists: np.ndarray
+    ends: np.ndarray
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -73,12 +76,13 @@ def record(job: DetectionJob, two_pass: bool) -> Record:
     spans = wrong_spans(rows)  # type: ignore[arg-type]
     marked = np.array([any(span.contains(time) for span in spans) for time in times], dtype=bool)
     doubt = any(span.certain_sign for span in spans) or marked.mean() > MOST_MARKED
-    shake = np.linalg.norm(np.diff([row.wrists for row in rows], n=2, axis=0), axis=-1)
+    shake = 1000 * np.linalg.norm(np.diff([row.ends for row in rows], n=2, axis=0), axis=-1)
     return {
         "recording": f"{recording.name}:{job.camera}",
         "frames": len(rows),
         "mpjpe_mm": float(np.nanmean(error)),
-        "wrist_shake_mm": 1000 * float(np.median(shake)),
+        "wrist_shake_mm": float(np.median(shake[:, :2])),
+        "ankle_shake_mm": float(np.median(shake[:, 2:])),
         "over_150": float(np.mean(error[np.isfinite(error)] > WRONG_MM)),
         "marked": float(marked.mean()),
         "says": "doubt" if doubt else "",
@@ -100,9 +104,9 @@ def _rows(tracker: Tracker, recording: Recording) -> list[Row]:
             frame, joints = frame_of[estimate.stamp], estimate.pose.positions
             height = tracker.skeleton.height
             doubt = monitor.update(signs_of(estimate, recording.points[frame], recording.focal, height))
-            wrists = joints[[tracker.skeleton.index(f"{side}_wrist") for side in ("left", "right")]] - joints[0]
+            ends = joints[[tracker.skeleton.index(name) for name in ENDS]] - joints[0]
             error = _error(estimate.pose.landmarks, recording.reference[frame], tracker.layout)
-            rows.append(Row(estimate.stamp, doubt, error, wrists))
+            rows.append(Row(estimate.stamp, doubt, error, ends))
 
     for observation in recording.observations:
         tracker.track(observation)
@@ -127,9 +131,9 @@ def totals(records: Sequence[Record]) -> list[str]:
     error, marks = (np.concatenate([one[key] for one in records]) for key in ("error", "marks"))
     bad = [one for one in records if one["over_150"] > BAD_SHARE]
     good = [one for one in records if one["over_150"] <= BAD_SHARE]
-    means = [float(np.mean([one[key] for one in records])) for key in ("mpjpe_mm", "wrist_shake_mm")]
+    means = [float(np.mean([one[key] for one in records])) for key in ("mpjpe_mm", "wrist_shake_mm", "ankle_shake_mm")]
     return [
-        f"mean of the recordings: {means[0]:.1f} mm, wrists {means[1]:.1f} mm",
+        f"mean of the recordings: {means[0]:.1f} mm, wrists {means[1]:.1f} mm, ankles {means[2]:.1f} mm",
         f"frames over {WRONG_MM:.0f} mm that are marked: {marks[error > WRONG_MM].mean():.0%}",
         f"frames under {GOOD_MM:.0f} mm that are not marked: {1 - marks[error < GOOD_MM].mean():.1%}",
         f"bad recordings without a doubt: {sum(not one['says'] for one in bad)} of {len(bad)}",

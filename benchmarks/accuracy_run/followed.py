@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.accuracy_run.experiment import Job, scene_of
+from benchmarks.accuracy_run.experiment import Job, Scene, scene_of
 from benchmarks.data.detections import JOINTS, DetectionJob, prepared
+from benchmarks.data.mocap import true_state
+from benchmarks.data.simulated_camera import step_for
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.doubt.monitor import DoubtMonitor
 from lassokin_ros.core.doubt.signs import signs_of
 from lassokin_ros.core.estimate import Estimate
@@ -23,6 +27,8 @@ class FollowedFrame:
     """One accepted frame.
 
     errors: (j,) m, distance of each evaluated joint from the truth, relative to the root; NaN = unknown.
+    rotation_errors: (n,) rad, angle between the estimated and the true rotation of each joint relative to its parent,
+    of the root in the camera frame; None for a recording.
     deviations: (j,) m, what the tracker states of them. likely_wrong: probability as in `FrameResult.likely_wrong`.
     """
 
@@ -31,6 +37,7 @@ class FollowedFrame:
     errors: np.ndarray
     deviations: np.ndarray
     likely_wrong: float
+    rotation_errors: np.ndarray | None = None
 
 
 def followed_frames(job: Job | DetectionJob, every: int = 1) -> Iterator[FollowedFrame]:
@@ -43,13 +50,25 @@ def _of_clip(job: Job, every: int) -> Iterator[FollowedFrame]:
     tracker = Tracker(scene.config, scene.skeleton)
     stated = _Stated(tracker)
     truth = scene.view.truth - scene.view.root[:, None]
+    rotations = _true_rotations(scene, tracker.kinematics)
     for frame, observation in enumerate(scene.observations):
         estimate = tracker.track(observation)
         likely_wrong = stated.of(estimate, observation)
         if frame % every or estimate.pose is None or frame / scene.view.fps < job.score_from:
             continue
         found = estimate.pose.positions[scene.evaluated] - estimate.pose.positions[0]
-        yield _frame(tracker, estimate, found - truth[frame], scene.evaluated, likely_wrong)
+        result = _frame(tracker, estimate, found - truth[frame], scene.evaluated, likely_wrong)
+        assert estimate.state is not None
+        turns = rotations[frame].swapaxes(-1, -2) @ estimate.state.rotations
+        yield replace(result, rotation_errors=np.linalg.norm(logarithm(turns), axis=-1))
+
+
+def _true_rotations(scene: Scene, kinematics: Kinematics) -> np.ndarray:
+    """(f, n, 3, 3) of each joint relative to its parent, of the root in the camera frame."""
+    step = step_for(scene.clip.fps, scene.view.fps)
+    rotations = true_state(scene.clip, kinematics).rotations[::step].copy()
+    rotations[:, 0] = scene.view.orientation @ rotations[:, 0]
+    return rotations
 
 
 def _of_recording(job: DetectionJob, every: int) -> Iterator[FollowedFrame]:

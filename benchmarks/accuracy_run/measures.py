@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -50,9 +50,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--walks", type=Path, metavar="DIR", help="folder of motion capture, for simulated cameras")
     parser.add_argument("--smoothed", action="store_true", help="with the smoothing that `track` uses for files")
     options = parser.parse_args(arguments)
+    settings = WHOLE_FILE if options.smoothed else {}
     if options.walks is not None:
-        print("\n".join(simulated_walks(options.walks)))
-    for job in detection_jobs(options.files, ["lasso"], False, WHOLE_FILE if options.smoothed else {}):
+        print("\n".join(simulated_walks(options.walks, settings)))
+    for job in detection_jobs(options.files, ["lasso"], False, settings):
         estimate, truth = both(job)
         measure = squat_figures if "squat" in job.file.name else gait_figures
         try:
@@ -62,15 +63,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"{job.file.stem}:{job.camera}  {words}")
 
 
-def simulated_walks(folder: Path) -> list[str]:
-    """Return a line per direction of walking: mean absolute differences of the walks before simulated cameras."""
+def simulated_walks(folder: Path, settings: Mapping[str, float]) -> list[str]:
+    """Return a line per direction of walking: mean absolute differences of the walks before simulated cameras.
+
+    settings: of the tracker.
+    """
     condition = Condition(noise_px=1.5, wander_px=2.5, offset_px=2.5, landmark_mm=15.0)
     found: dict[str, list[dict[str, float]]] = {name: [] for name in DIRECTIONS}
     for clip in WALKS:
         for view in range(VIEWS):
-            job = Job(
-                folder / f"{clip}.npz", view, "lasso", condition, generic_skeleton=True, settings={"noise_px": 3.0}
-            )
+            used = {"noise_px": 3.0, **settings}
+            job = Job(folder / f"{clip}.npz", view, "lasso", condition, generic_skeleton=True, settings=used)
             direction, differences = _walk(job)
             name = next(name for name, (low, high) in DIRECTIONS.items() if low <= direction < high)
             found[name].append(differences)

@@ -76,6 +76,7 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--gap", type=positive, metavar="S", help="no landmarks for S s in the middle of each clip")
     add("--joints", action="store_true", help="print the errors by joint too")
     add("--uncertainty", action="store_true", help="predicted and actual errors, in bins (--hidden: of these joints)")
+    add("--rotations", action="store_true", help="with --uncertainty: of the joints' rotations, by joint; clips only")
     add("--failure-probability", action="store_true", help="stated against actual share of wrong poses, lasso only")
     add("--jobs", type=count, default=os.cpu_count(), help="processes (one per core)")
     add("--json", type=output_file, metavar="FILE", help="write the records as a JSON list")

@@ -22,8 +22,9 @@ from lassokin_ros.core.body.skeleton import Skeleton
 class View:
     """A clip in the image of one camera.
 
-    truth: (f, 14, 3) m and root: (f, 3) m in the camera frame; pixels: (f, l, 2); confidence: (f, l), 0 = missing;
-    depth: (f, l) m, measured along the optical axis, None without a depth sensor. depth_of_surface: as in Observation.
+    truth: (f, 14, 3) m and root: (f, 3) m in the camera frame; orientation: (3, 3), from the world to the camera;
+    pixels: (f, l, 2); confidence: (f, l), 0 = missing; depth: (f, l) m, measured along the optical axis, None without a
+    depth sensor. depth_of_surface: as in Observation.
     """
 
     clip: Clip
@@ -32,6 +33,7 @@ class View:
     centre: np.ndarray
     truth: np.ndarray
     root: np.ndarray
+    orientation: np.ndarray
     pixels: np.ndarray
     confidence: np.ndarray
     depth: np.ndarray | None = None
@@ -107,9 +109,10 @@ def view_of(
     camera = np.array([0, 0, distance + spread])
     if condition.lying:
         R = R @ Rotation.from_euler("xy", [np.pi / 2, random.uniform(-np.pi, np.pi)]).as_matrix()
+    orientation = mount @ flip @ R
 
     def to_camera(points: np.ndarray) -> np.ndarray:
-        return ((points - centre) @ R.T) @ (mount @ flip).T + camera
+        return (points - centre) @ orientation.T + camera
 
     frames = slice(None, None, step)
     truth = to_camera(np.stack([clip.position(name)[frames] for name in EVALUATED], axis=1))
@@ -140,7 +143,9 @@ def view_of(
         size = (2 * int(centre_px[0]), 2 * int(centre_px[1]))
         depth = condition.depth.sampled(joints, clip_height(clip), focal, pixels, size, sensor)
     of_surface = isinstance(condition.depth, DepthCamera)
-    return View(clip, clip.fps / step, focal, centre_px, truth, root, pixels, confidence, depth, of_surface)
+    return View(
+        clip, clip.fps / step, focal, centre_px, truth, root, orientation, pixels, confidence, depth, of_surface
+    )
 
 
 WANDERS = 0.1

@@ -29,6 +29,7 @@ class Rejection(str, Enum):
     TOO_FEW_LANDMARKS = "too_few_landmarks"
     NOT_CERTIFIED = "not_certified"
     TOO_SMALL = "too_small"
+    UNPLACED = "unplaced"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,17 +37,19 @@ class CameraPose:
     """Where a camera is, in the frame in which the skeleton is kept: x_camera = rotation x + translation.
 
     name: of the camera; each camera of a tracker has another one. rotation: (3, 3) into the camera's optical frame.
-    translation: (3,) m. The default is the frame of a single camera: its own optical frame.
+    translation: (3,) m. The default is the frame of a single camera: its own optical frame. known: False if nobody
+    knows where the camera is; with `extrinsics` learn, its pose is found from the person.
     """
 
     name: str = ""
     rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
     translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    known: bool = True
 
     @cached_property
     def is_identity(self) -> bool:
         """Whether the skeleton is kept in this camera's optical frame."""
-        return bool(np.array_equal(self.rotation, np.eye(3)) and not self.translation.any())
+        return self.known and bool(np.array_equal(self.rotation, np.eye(3)) and not self.translation.any())
 
     @property
     def centre(self) -> np.ndarray:

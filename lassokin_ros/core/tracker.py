@@ -28,7 +28,7 @@ from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.body.symmetry import symmetric_skeleton
 from lassokin_ros.core.cameras import Camera, Cameras
-from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence
 from lassokin_ros.core.evidence.foot_contact import ANKLES
@@ -47,11 +47,12 @@ from lassokin_ros.core.increment import Increment, IncrementSolver
 from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.learned.bone_lengths import OBSERVED_STATURE_DEVIATION
 from lassokin_ros.core.learned.depth_noise import DepthNoise
+from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.core.learned.height import PEOPLE_DEVIATION
 from lassokin_ros.core.learned.learned import Learned
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
 from lassokin_ros.core.network.depth_network import shipped_network
-from lassokin_ros.core.observation import Observation, Rejection, Status
+from lassokin_ros.core.observation import HERE, Observation, Rejection, Status
 from lassokin_ros.core.output.fixed_lag import FixedLag
 from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.output_filter import OutputFilter
@@ -129,6 +130,7 @@ class Tracker:
         self._replaced = False  # whether the next frame starts from another state than the last one solved
         self._status, self._stuck_frames, self._cost = Status.SEARCHING, 0, float("nan")
         self._cameras.reset()
+        self._unplaced: dict[str, Tracker] = {}  # of the person as each camera without a pose sees it
         self._increments.reset()
         self._reinitialisation.reset()
         self._output_filter.reset()
@@ -216,12 +218,19 @@ class Tracker:
         `Estimate.rejection`.
         """
         observations = [observation] if isinstance(observation, Observation) else list(observation)
-        several = len(observations) > 1 or len(self._cameras) > 1
-        if several and self.learned.extrinsics is not None:
-            corrected = self.learned.extrinsics.corrected
-            observations = [replace(one, camera=corrected(one.camera)) for one in observations]
         if not observations:
             return Estimate(self._newest, self._status, Rejection.TOO_FEW_LANDMARKS)
+        extrinsics, known = self.learned.extrinsics, all(one.camera.known for one in observations)
+        if extrinsics is not None and (len(observations) > 1 or len(self._cameras) > 1 or not known):
+            observations = [replace(one, camera=extrinsics.corrected(one.camera)) for one in observations]
+        placed = [one for one in observations if one.camera.known]
+        estimate = self._track(placed) if placed else self._reject(observations[0], Rejection.UNPLACED)
+        if extrinsics is not None and self.config.extrinsics == LEARN and len(placed) < len(observations):
+            self._find_cameras([one for one in observations if not one.camera.known], extrinsics)
+        return estimate
+
+    def _track(self, observations: Sequence[Observation]) -> Estimate:
+        """Process the observations of placed cameras, of one instant."""
         measured, rejection = self._measure(observations)
         if rejection is not None:
             return self._reject(observations[0], rejection)
@@ -263,6 +272,28 @@ class Tracker:
         if estimate.visible is None:
             raise ValueError("this frame was rejected; only an accepted estimate has observed joints")
         return self._uncertainty.observed.from_visible(estimate.visible)
+
+    def _find_cameras(self, observations: Sequence[Observation], extrinsics: Extrinsics) -> None:
+        """Compare what cameras without a pose see with the tracked person. Each follows the person by itself."""
+        for one in observations:
+            name = one.camera.name
+            if name not in self._unplaced:
+                self._unplaced[name] = Tracker(replace(self.config, extrinsics=GIVEN), self.given_skeleton)
+            alone = self._unplaced[name]
+            accepted = alone.track(replace(one, camera=HERE)).accepted
+            if not accepted or alone._solved is None or self._solved is None or one.stamp > self._newest + FIT_AFTER:
+                continue
+            joints = self._solved.pose.positions, alone._solved.pose.positions
+            extrinsics.find(name, one.stamp, self._seen_at(one.stamp), alone._seen_at(one.stamp), *joints)
+            if name in extrinsics.found:
+                del self._unplaced[name]
+
+    def _seen_at(self, stamp: float) -> FrameData:
+        """What the first camera sees at a stamp, s, predicted by its tracks."""
+        body = None if self._solved is None else self._solved.pose
+        return self._cameras.first.predicted_view(
+            stamp, self.learned.vertical, body, self.learned.model_error.deviation
+        )
 
     def _measure(self, observations: Sequence[Observation]) -> tuple[dict[Camera, Measurement], Rejection | None]:
         """The measurements of the cameras whose observations can be used; the reason to reject if there are none."""

@@ -18,6 +18,11 @@ from lassokin_ros.measure.squat import measure_squats
 
 PROGRAM = "lassokin measure"
 GAIT, SQUAT = "gait", "squat"
+SMOOTHED = (
+    "the motion is smoothed with later frames, so that the knee range is too small; for an unsmoothed one export it "
+    "with -p smoothing:=0.02 -p smoothing_lag:=0.0"
+)
+"""Line below the measures of such a gait."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,6 +45,7 @@ def measure(options: argparse.Namespace) -> list[str]:
     if options.what == GAIT:
         gait = measure_gait(poses)
         lines, data, plot = report.gait_lines(gait), report.as_json(gait), report.gait_plot(gait, title)
+        lines += [SMOOTHED] * (poses.smoothing > 0)
     else:
         squats = measure_squats(poses)
         lines, data, plot = report.squat_lines(squats), report.as_json(squats), report.squat_plot(squats, poses, title)

@@ -21,13 +21,14 @@ class MeasureError(LassokinError, ValueError):
 class Poses:
     """A motion. seconds: (f,). names: of n joints. positions: (f, n, 3) m in a level frame: x right, y down, z forward.
 
-    likely_wrong: (f,) bool, the frames that the report marks.
+    likely_wrong: (f,) bool, the frames that the report marks. smoothing: s, see `Motion`.
     """
 
     seconds: np.ndarray
     names: tuple[str, ...]
     positions: np.ndarray
     likely_wrong: np.ndarray
+    smoothing: float = 0.0
 
     def place(self, joint: str) -> np.ndarray:
         """Return (f, 3) m. Raises MeasureError for a joint that the skeleton lacks."""
@@ -61,6 +62,7 @@ def read_poses(path: Path, person: str | None) -> Poses:
         with np.load(path, allow_pickle=False) as file:
             lacking = [name for name in NEEDED if name not in file]
             data = {name: file[name] for name in NEEDED if name in file}
+            smoothing = float(file["smoothing"]) if "smoothing" in file else 0.0
     except (OSError, EOFError, BadZipFile, ValueError) as error:
         raise MeasureError(f"'{path}' cannot be read ({error}); expected a .npz that --export wrote") from None
     if lacking:
@@ -75,4 +77,4 @@ def read_poses(path: Path, person: str | None) -> Poses:
     if len(seconds) < 3 or np.diff(seconds).min() <= 0:
         raise MeasureError(f"'{path}' has {len(seconds)} frames in order; expected a recording of some seconds")
     positions = data["joint_positions"][mine] @ data["level"].T
-    return Poses(seconds, tuple(map(str, data["joint_names"])), positions, data["likely_wrong"][mine])
+    return Poses(seconds, tuple(map(str, data["joint_names"])), positions, data["likely_wrong"][mine], smoothing)

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import LEARN, TrackerConfig
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.bone_lengths import Calibration
@@ -57,9 +58,11 @@ class Pipeline:
         node_config: NodeSettings,
         evidence: Sequence[Evidence] = (),
         poses: Mapping[str, CameraPose] | None = None,
+        bodies: Mapping[int, Skeleton] | None = None,
     ) -> None:
         """evidence: the user's own, for each frame's lasso; all people share it. poses: of several cameras, by name, in
-        place of those from TF. Raises a LassokinError if the configuration is unusable.
+        place of those from TF. bodies: skeletons of people whose numbers in the messages are known, at most
+        max_people. Raises a LassokinError if the configuration is unusable.
         """
         self.config = node_config.checked()
         tracker_config = _without_held_feet_if_mounted(tracker_config, self.config)
@@ -67,9 +70,9 @@ class Pipeline:
         check_names(skeleton)
         up = np.array([0.0, 0.0, 1.0]) if self.config.fixed_frame else None
         with naming_help(tracker_config.skeleton):
-            self._trackable = [
-                TrackedPerson(tracker_config, skeleton, evidence, up) for _ in range(self.config.max_people)
-            ]
+            own = [TrackedPerson(tracker_config, body, evidence, up, number) for number, body in (bodies or {}).items()]
+            others = range(self.config.max_people - len(own))
+            self._trackable = [*own, *(TrackedPerson(tracker_config, skeleton, evidence, up) for _ in others)]
         self.tracker = self._trackable[0].tracker
         self.enabled = True
         """If False, keypoints are counted and not processed."""
@@ -407,21 +410,38 @@ class Pipeline:
     def _placed(self, images: Sequence[PeopleImage]) -> tuple[Sequence[PeopleImage], str]:
         """Return the images whose camera has a pose, and the frame of the results.
 
-        Raises AdapterError if none has one. The others are counted.
+        Raises AdapterError if none has one. The others are counted. Poses that are to be found from the person come
+        last.
         """
         if self.places is None:
             return images, images[0].frame_id
-        placed, fault, order = [], None, list(self.cameras)
+        fault, order = None, list(self.cameras)
+        placed: list[PeopleImage] = []
+        unplaced: list[PeopleImage] = []
         for image in sorted(images, key=lambda image: order.index(image.camera.name)):
             name = image.camera.name
             try:
                 placed.append(replace(image, camera=self.places.pose(name, image.frame_id, image.stamp_ns)))
             except AdapterError as error:
+                if self._finds_poses and self.places.newest:
+                    pose = self.places.adopt(name, self._found_pose(name))
+                    (placed if pose.known else unplaced).append(replace(image, camera=pose))
+                    continue
                 fault = error
                 self.counts[f"no transform of {name}" if name else "no transform"] += 1
         if fault is not None and not placed:
             raise fault
-        return placed, self.places.base
+        return placed + unplaced, self.places.base
+
+    @property
+    def _finds_poses(self) -> bool:
+        """Whether the poses of cameras that TF does not give are found from the person, of whom there must be one."""
+        return self.tracker.config.extrinsics == LEARN and not self.config.several_people
+
+    def _found_pose(self, name: str) -> CameraPose:
+        """Return the pose of a camera that was found from the person; one that is not known if there is none yet."""
+        extrinsics, unknown = self.tracker.learned.extrinsics, CameraPose(name, known=False)
+        return unknown if extrinsics is None else extrinsics.found.get(name, unknown)
 
     def _agreeing(self, images: Sequence[PeopleImage]) -> Sequence[PeopleImage]:
         """Return the images without those of a camera that contradicts the others. These are counted."""
@@ -447,7 +467,7 @@ class Pipeline:
         for frame in frames:
             if frame.rejection == Rejection.LATE.value:
                 self.counts[LATE] += 1
-            elif frame.rejection not in (Rejection.TOO_FEW_LANDMARKS.value, PERSON_ABSENT):
+            elif frame.rejection not in (Rejection.TOO_FEW_LANDMARKS.value, Rejection.UNPLACED.value, PERSON_ABSENT):
                 kept.append(frame)
             elif self.status is not Status.TRACKING or not self._tracked_lately(stamp_ns):
                 kept.append(frame)

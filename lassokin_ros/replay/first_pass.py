@@ -12,7 +12,7 @@ from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.pipeline.outputs.description.skeleton_file import LEAST_MOTION, save_all
 from lassokin_ros.pipeline.settings import NodeSettings
 
-WHOLE_FILE: Mapping[str, float] = {"smoothing": 0.05, "smoothing_lag": 0.1}
+WHOLE_FILE: Mapping[str, float] = {"smoothing": 0.03, "smoothing_lag": 0.25}
 """Settings for a file that is tracked in two passes: later frames are known, so the pose is smoothed with them."""
 
 Inputs = Mapping[str, Callable[[Any, int], Iterator[tuple[str, str, Any]]]]

@@ -10,6 +10,7 @@ import numpy as np
 
 from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.replay.analysis.floor import floor_height
 
@@ -45,13 +46,15 @@ class Motion:
     angles: (f, n, 3) about x, y and z of each joint, as published on `joint_states`.
     landmarks: (f, l, 3); detected: (f, l, 2) px of the raw image, NaN = missing; of several cameras, of the first one.
     reprojection_px, relative_gap: (f,); support_size: (f,) int; initialised: (f,) bool.
-    deviations: (f, n) m, see `JointUncertainty`; observed: (f, n) bool, the joints that keypoints show.
+    deviations: (f, n) m and rotation_deviations: (f, n) rad, see `JointUncertainty`; observed: (f, n) bool, the joints
+    that keypoints show.
     likely_wrong: (f,) bool, see `Doubt`.
     contacts: (f, n) bool, ankles of feet that stand still.
     level: (3, 3) rotation from the camera frame to the frame of a level camera at the same place.
     floor: m above the camera, the floor under the feet in the level frame, the same for all people; 0, the camera's
     height, if the feet are seen in few frames.
     cameras: what each of several cameras saw, by name; empty with one camera.
+    smoothing: s, time constant of the smoothing with later frames, which flattens fast motion; 0 without.
     """
 
     person: str
@@ -70,12 +73,14 @@ class Motion:
     support_size: np.ndarray
     initialised: np.ndarray
     deviations: np.ndarray
+    rotation_deviations: np.ndarray
     observed: np.ndarray
     likely_wrong: np.ndarray
     contacts: np.ndarray
     level: np.ndarray
     floor: float = 0.0
     cameras: Mapping[str, Seen] = field(default_factory=dict)
+    smoothing: float = 0.0
 
     @property
     def angles_observed(self) -> np.ndarray:
@@ -143,6 +148,7 @@ class _Rows:
             "support_size": estimate.certificate.support_size,
             "initialised": estimate.initialised,
             "deviations": frame.uncertainty.deviation,
+            "rotation_deviations": frame.uncertainty.rotation_deviation,
             "observed": frame.observed,
             "likely_wrong": frame.doubt.likely_wrong,
             "contacts": frame.contacts,
@@ -161,16 +167,18 @@ class MotionRecorder:
     def __init__(
         self,
         landmark_names: Sequence[str],
+        config: TrackerConfig,
         level: Callable[[], np.ndarray],
         origin_ns: int = 0,
         cameras: Sequence[str] = (),
     ) -> None:
-        """landmark_names: l names. level: returns (3, 3), see `Motion`, after the last frame.
+        """landmark_names: l names. config: of the tracker. level: returns (3, 3), see `Motion`, after the last frame.
 
         origin_ns: stamp that becomes 0. cameras: names of several cameras.
         """
         self._cameras = tuple(cameras) if len(cameras) > 1 else ()
         self._landmark_names, self._level, self._origin_ns = tuple(landmark_names), level, origin_ns
+        self._smoothing = config.smoothing if config.smoothing_lag > 0 else 0.0
         self._spool = ArraySpool()
         self._people: dict[str, _Rows] = {}
 
@@ -190,7 +198,7 @@ class MotionRecorder:
             names, level = self._landmark_names, self._level()
             pairs = {name: [columns.pop(f"{name} {what}") for what in (DETECTED, REPROJECTED)] for name in rows.cameras}
             seen = {name: Seen(*pair) for name, pair in pairs.items()}
-            rest: dict[str, Any] = {**columns, "level": level, "cameras": seen}
+            rest: dict[str, Any] = {**columns, "level": level, "cameras": seen, "smoothing": self._smoothing}
             motions.append(Motion(person, rows.frame_id, rows.skeleton, names, **rest))
         floor = np.array([_floor(motion) for motion in motions])
         common = float(np.median(floor[np.isfinite(floor)])) if np.isfinite(floor).any() else 0.0

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from lassokin_ros.common.atomic_files import AtomicFiles
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.observation import CameraPose, Status
@@ -60,14 +61,15 @@ class OfflineTracker:
         serialised: bool = False,
         only_track: bool = False,
         poses: Mapping[str, CameraPose] | None = None,
+        bodies: Mapping[int, Skeleton] | None = None,
     ) -> None:
         """types: the typestore of rosbags. serialised: yield serialised messages where that is faster.
 
-        only_track: make no messages of people's poses. poses: see `Pipeline`.
+        only_track: make no messages of people's poses. poses, bodies: see `Pipeline`.
         Raises a LassokinError if the configuration cannot be used.
         """
         self._serialised, self._only_track = serialised, only_track
-        self.pipeline = Pipeline(tracker_config, node_config, poses=poses)
+        self.pipeline = Pipeline(tracker_config, node_config, poses=poses, bodies=bodies)
         self.frame_seconds: list[float] = []
         """Time for decoding and tracking each message, s."""
         self.reprojection_px: list[float] = []

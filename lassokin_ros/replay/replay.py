@@ -195,7 +195,8 @@ def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | 
     if not options.export:
         return None
     pipeline = tracker.pipeline
-    recorder = MotionRecorder(pipeline.tracker.layout.names, lambda: pipeline.level, 0, pipeline.config.camera_names)
+    names, config = pipeline.tracker.layout.names, pipeline.tracker.config
+    recorder = MotionRecorder(names, config, lambda: pipeline.level, 0, pipeline.config.camera_names)
     tracker.listeners.append(recorder.add)
     return Exports(options.export, recorder, pipeline.config.several_people, options.force)
 

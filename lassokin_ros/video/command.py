@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lassokin_ros.common.exit_codes import INTERRUPTED, USAGE_ERROR
-from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.errors import CameraError, LassokinError
 from lassokin_ros.video import PROGRAM
 
 QUIET = {"GLOG_minloglevel": "3", "TF_CPP_MIN_LOG_LEVEL": "3", "OPENCV_FFMPEG_LOGLEVEL": "-8", "RUST_LOG": "off"}
@@ -35,6 +35,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         options.source = options.sources[0]
         several = len(options.sources) > 1 or options.cameras is not None
+        if options.save_cameras is not None and not several:
+            raise CameraError("--save-cameras is for several videos; expected two or more")
         tracked = track_videos(options) if several else track(options)
         print_summary(tracked.summary)
     except LassokinError as error:
@@ -71,7 +73,10 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="FILE",
         help="lenses and poses of the cameras of several synchronised videos: TOML of Pose2Sim, Anipose or caliscope, "
-        "a camchain of Kalibr, or OpenCV's stereo calibration",
+        "a camchain of Kalibr, or OpenCV's stereo calibration; without it, the places are found from the person",
+    )
+    result.add_argument(
+        "--save-cameras", type=Path, metavar="TOML", help="write lenses and places of several cameras, for --cameras"
     )
     result.add_argument("--detector", default="mediapipe", metavar="NAME", help="mediapipe (default), or a .onnx file")
     result.add_argument(

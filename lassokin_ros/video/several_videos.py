@@ -1,4 +1,7 @@
-"""Synchronised videos of several cameras to one skeleton: detect each, then track all of them in one lasso a frame."""
+"""Synchronised videos of several cameras to one skeleton: detect each, then track all of them in one lasso a frame.
+
+Without a file with the places of the cameras, a first pass finds them from the person.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import re
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,6 +20,7 @@ import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
+from lassokin_ros.core.config import CHECK
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.detector.backend import Detector, make_detector
@@ -28,8 +32,9 @@ from lassokin_ros.replay.first_pass import WHOLE_FILE, Inputs, learn_lengths
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
+from lassokin_ros.video.found_cameras import calibration_toml, found_poses, where_in_words
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
-from lassokin_ros.video.track import Tracked, stop_flag
+from lassokin_ros.video.track import Tracked, lens_of, stop_flag
 from lassokin_ros.video.track_outputs import TrackOutputs
 from msg_adapters.backends import RosbagsBackend
 
@@ -52,11 +57,15 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     height = [] if options.height is None else [f"height:={options.height}"]
     detector = make_detector(options.detector)
     names = f"cameras:=[{', '.join(camera.name for camera in cameras)}]"
-    chosen = [f"landmarks:={detector.landmarks}", names, *options.p, *height]
+    unplaced = options.cameras is None
+    learn = ["extrinsics:=learn"] if unplaced else []
+    chosen = [f"landmarks:={detector.landmarks}", names, *learn, *options.p, *height]
     tracker_config, node_config = offline_settings(options.params_file, chosen, {} if options.causal else WHOLE_FILE)
+    if unplaced and tracker_config.height == 0:
+        raise CameraError("height is 0, and without the places of the cameras nothing shows the size; give --height")
     types, poses = typestore(), {camera.name: camera.pose for camera in cameras}
-    make = partial(OfflineTracker, node_config=node_config, types=types, only_track=True, poses=poses)
-    first = make(tracker_config)
+    make = partial(OfflineTracker, node_config=node_config, types=types, only_track=True)
+    first = make(tracker_config, poses=poses)
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         sizes = {camera.name: camera.source.size for camera in cameras}
         outputs = TrackOutputs(options, cameras[0].source, cameras[0].calibration, first, stack, sizes)
@@ -66,13 +75,15 @@ def track_videos(options: argparse.Namespace) -> Tracked:
                 if number:
                     detector = make_detector(options.detector)  # it follows the person from image to image
                 _detect(camera, detector, backend, outputs, stopped)
-        if tracker_config.calibrate and not options.causal and tracker_config.height > 0:
+        if (unplaced or tracker_config.calibrate and tracker_config.height > 0) and not options.causal:
             with TemporaryDirectory(prefix="lassokin_") as folder:
                 inputs = _inputs(first, cameras)
                 tracker_config = learn_lengths(_messages(cameras, backend), inputs, first, tracker_config, Path(folder))
-                second = make(tracker_config)
+                if unplaced:
+                    poses, tracker_config = found_poses(first.pipeline), replace(tracker_config, extrinsics=CHECK)
+                second = make(tracker_config, poses=poses)
         else:
-            second = make(tracker_config)
+            second = make(tracker_config, poses=poses)
         outputs.follow(second)
         inputs = _inputs(second, cameras)
         images = _images_together(cameras, options) if outputs.needs_images else iter(())
@@ -84,6 +95,11 @@ def track_videos(options: argparse.Namespace) -> Tracked:
         for _ in second.finish():
             pass
         written = outputs.write(files)
+        if options.save_cameras is not None:
+            poses = found_poses(second.pipeline)
+            text = calibration_toml([(camera.name, camera.calibration) for camera in cameras], poses)
+            files.write_text(options.save_cameras, text)
+            written.append(options.save_cameras)
         files.check()
     summary = _summary(options, cameras, second, written, time.monotonic() - began)
     faults = [camera.detections.fault for camera in cameras if camera.detections is not None]
@@ -91,14 +107,16 @@ def track_videos(options: argparse.Namespace) -> Tracked:
 
 
 def _cameras(options: argparse.Namespace) -> list[Filmed]:
-    """Return the cameras of the videos: those of the calibration file, by the names of the videos or by their order."""
+    """Return the cameras of the videos: those of the calibration file, by the names of the videos or by their order.
+
+    Without a file, the place of the first camera is the origin, and those of the others are not known.
+    """
+    if options.view is not None:
+        raise CameraError("--view is for one video; expected --report, --video or --export with several")
     if options.cameras is None:
-        raise CameraError(
-            f"{len(options.sources)} videos without a calibration; expected --cameras FILE with their poses"
-        )
-    for option, given in (("--view", options.view), ("--camera-info", options.camera_info)):
-        if given is not None:
-            raise CameraError(f"{option} is for one video; expected --report, --video or --export with several")
+        return _unplaced_cameras(options)
+    if options.camera_info is not None or options.fov is not None:
+        raise CameraError("--cameras has the lenses; expected neither --camera-info nor --fov beside it")
     known = camera_names(options.cameras)
     stems = [Path(source).stem for source in options.sources]
     strange = [stem for stem in stems if stem not in known]
@@ -115,10 +133,30 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
         source, (calibration, pose) = open_source(path, options.fps), found[name]
         if source.live:
             raise SourceError(f"{path} is live; expected synchronised files with --cameras")
-        topic = re.sub(r"\W", "_", name if re.match(r"[A-Za-z_]", name) else f"c{name}")
+        topic = _topic(name)
         scaled = calibration.scaled_to(source.size, f"{options.cameras}:{name}")
         cameras.append(Filmed(topic, source, scaled, CameraPose(topic, pose.rotation, pose.translation)))
     return cameras
+
+
+def _unplaced_cameras(options: argparse.Namespace) -> list[Filmed]:
+    names = [_topic(Path(source).stem) for source in options.sources]
+    if len(set(names)) < len(names):
+        raise CameraError(f"the videos' names are those of the cameras, and {', '.join(names)} are not different")
+    cameras: list[Filmed] = []
+    for name, path in zip(names, options.sources):
+        source = open_source(path, options.fps)
+        if source.live:
+            raise SourceError(f"{path} is live; expected synchronised files")
+        cameras.append(
+            Filmed(name, source, lens_of(options, source, quiet=bool(cameras)), CameraPose(name, known=not cameras))
+        )
+    return cameras
+
+
+def _topic(name: str) -> str:
+    """Return the name of a camera as a part of a topic's name."""
+    return re.sub(r"\W", "_", name if re.match(r"[A-Za-z_]", name) else f"c{name}")
 
 
 def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutputs, stopped: list[int]) -> None:
@@ -198,8 +236,10 @@ def _summary(
         "total": f"{seconds:.1f} s",
         "written": ", ".join(map(str, written)) or "nothing",
     }
-    extrinsics = tracker.pipeline.extrinsics
+    places, extrinsics = tracker.pipeline.places, tracker.pipeline.extrinsics
     for camera in cameras[1:]:
-        if extrinsics is not None and (words := extrinsics.in_words(camera.name)):
+        if options.cameras is None and places is not None and camera.name in places.newest:
+            lines[f"camera {camera.name}"] = where_in_words(places.newest[camera.name], cameras[0].pose)
+        elif extrinsics is not None and (words := extrinsics.in_words(camera.name)):
             lines[f"camera {camera.name}"] = words
     return "\n".join([images, *(f"{name:<15} {text}" for name, text in lines.items())])

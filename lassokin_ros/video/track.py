@@ -7,7 +7,8 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,6 +18,7 @@ import numpy as np
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.parameter_files import offline_settings
@@ -25,6 +27,7 @@ from lassokin_ros.replay.bags import typestore
 from lassokin_ros.replay.first_pass import WHOLE_FILE, learn_lengths
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
+from lassokin_ros.skeleton_readers.load import load_skeleton
 from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.camera import Calibration, assumed_fov_warning, choose_camera
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
@@ -70,7 +73,7 @@ def track(options: argparse.Namespace, detector: Detector | None = None) -> Trac
     first = OfflineTracker(*configs, types, only_track=True)
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         stack.callback(detector.close)
-        camera = _camera(options, source)
+        camera = lens_of(options, source)
         outputs = TrackOutputs(options, source, camera, first, stack)
         run = Run(source, detector, types, camera, outputs)
         tracker = run.live(first) if _is_live(options, source) else run.whole_file(first, configs, options)
@@ -138,14 +141,19 @@ class Run:
         """Detect all images, learn the person's lengths from them, and track them anew with these lengths."""
         tracker, node = configs
         self._detect()
-        messages = self.detections.of_all
+        messages: Callable[[], Messages] = self.detections.of_all
+        people: list[tuple[int, Seen]] = []
         if self._several:
-            messages = self._messages_of_chosen(options.person, node)
+            people = self._chosen(options.person, node)
+            messages = partial(self.detections.of_people, people, node.several_people)
+        bodies: dict[int, Skeleton] = {}
         with TemporaryDirectory(prefix="lassokin_") as folder:
-            if tracker.calibrate and not node.several_people and tracker.height > 0:
-                inputs = {CAMERA: first.camera_info, KEYPOINTS: first.keypoints}
-                tracker = learn_lengths(self._first_pass(messages(), first), inputs, first, tracker, Path(folder))
-            second = OfflineTracker(tracker, node, self._types, only_track=True)
+            if tracker.calibrate and tracker.height > 0:
+                if node.several_people:
+                    bodies = {number: self._body(number, seen, configs, Path(folder)) for number, seen in people}
+                else:
+                    tracker = self._learn(messages(), first, tracker, Path(folder))
+            second = OfflineTracker(tracker, node, self._types, only_track=True, bodies=bodies)
         self._outputs.follow(second)
         self._track_again(second, messages(), options)
         return second
@@ -158,14 +166,25 @@ class Run:
                 self._outputs.add_report_image(image)
                 progress.advance(note=f"{len(self.detections.found[-1][1])} in view")
 
-    def _messages_of_chosen(self, person: str | None, node: NodeSettings) -> Callable[[], Messages]:
-        """Choose among the people in the images, and return what yields their messages."""
+    def _learn(self, messages: Messages, tracker: OfflineTracker, config: TrackerConfig, folder: Path) -> TrackerConfig:
+        """Return the settings with the lengths of the person in the messages. tracker: is used for this alone."""
+        inputs = {CAMERA: tracker.camera_info, KEYPOINTS: tracker.keypoints}
+        return learn_lengths(self._first_pass(messages, tracker), inputs, tracker, config, folder)
+
+    def _body(self, number: int, seen: Seen, configs: Configs, folder: Path) -> Skeleton:
+        """Return the skeleton of one of several people, with the lengths learned from that person's keypoints alone."""
+        config, node = configs
+        alone = OfflineTracker(config, replace(node, max_people=1, rep155=False), self._types, only_track=True)
+        learned = self._learn(self.detections.of_people([(number, seen)], False), alone, config, folder)
+        return load_skeleton(learned.skeleton, learned.height)
+
+    def _chosen(self, person: str | None, node: NodeSettings) -> list[tuple[int, Seen]]:
+        """Choose among the people in the images, and return their numbers and images."""
         people, who = people_in(self.detections.found), person or (ALL if node.several_people else LARGEST)
         chosen = choose(who, people, node.max_people)
         self._who = _who_in_words(people, chosen, self._source.size[0])
         self._outputs.remarks += [self._who] if self._who else []
-        numbered = [(i + 1, people[i]) for i in chosen]
-        return lambda: self.detections.of_people(numbered, node.several_people)
+        return [(i + 1, people[i]) for i in chosen]
 
     def _first_pass(self, messages: Messages, tracker: OfflineTracker) -> Iterator[tuple[str, int, Any]]:
         """Yield (name, time in ns, message)."""
@@ -259,8 +278,12 @@ def stop_flag() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def _camera(options: argparse.Namespace, source: Source) -> Calibration:
-    if options.camera_info is None and options.fov is None:
+def lens_of(options: argparse.Namespace, source: Source, quiet: bool = False) -> Calibration:
+    """Return the lens of a video by the options --camera-info and --fov. Raises CameraError.
+
+    quiet: do not warn if there is neither.
+    """
+    if options.camera_info is None and options.fov is None and not quiet:
         _note(assumed_fov_warning("--fov or --camera-info"))
     if options.camera_info is None and source.content != source.size:
         width, height = source.content

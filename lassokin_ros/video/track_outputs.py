@@ -63,7 +63,8 @@ class TrackOutputs:
             self._report_images = {name: ReportImages() for name in pipeline.cameras}
         self._level = pipeline.level
         names = pipeline.tracker.layout.names
-        self._motion = MotionRecorder(names, lambda: self._level, FIRST_STAMP_NS, pipeline.config.camera_names)
+        config, cameras = pipeline.tracker.config, pipeline.config.camera_names
+        self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, cameras)
         several = pipeline.config.several_people
         self._exports = Exports(options.export, self._motion, several, options.force) if options.export else None
         self._video = self._view = None

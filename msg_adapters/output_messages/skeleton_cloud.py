@@ -1,6 +1,6 @@
 """All joints of one person, or of everybody, as sensor_msgs/PointCloud2.
 
-Each joint has a position, a velocity, a covariance, and whether it is observed.
+Each joint has a position, a velocity, a covariance, whether it is observed, and the deviation of its rotation.
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ from msg_adapters.output_messages.joint_uncertainty import COVARIANCE, UPPER
 from msg_adapters.output_messages.serialised_messages import SerialisedMessage
 
 MOTION = ("x", "y", "z", "vx", "vy", "vz")
-POINT = np.dtype(
-    [*((name, "<f4") for name in (*MOTION, *COVARIANCE)), *((name, "<i4") for name in ("index", "observed", "contact"))]
-)
-SKELETONS_POINT = np.dtype([*POINT.descr, ("person", "<i4")])
+_BEFORE = [(name, "<f4") for name in (*MOTION, *COVARIANCE)] + [
+    (name, "<i4") for name in ("index", "observed", "contact")
+]
+_TURN = ("rotation_deviation", "<f4")
+POINT = np.dtype([*_BEFORE, _TURN])
+SKELETONS_POINT = np.dtype([*_BEFORE, ("person", "<i4"), _TURN])
 
 
 class SkeletonCloudBuilder(Cloud):
@@ -28,7 +30,8 @@ class SkeletonCloudBuilder(Cloud):
 
     x, y, z in m, vx, vy, vz in m/s, xx, xy, xz, yy, yz, zz in m^2: the absolute covariance, all in the frame of the
     header. index: of the joint. observed: 1 if keypoints of this image observe the joint, 0 if only the prior does.
-    contact: 1 for the ankle of a foot that stands still.
+    contact: 1 for the ankle of a foot that stands still. rotation_deviation: rad, of the joint's rotation relative to
+    its parent, see `JointUncertainty.rotation_deviation`.
     """
 
     def __init__(self, backend: Backend, count: int) -> None:
@@ -45,11 +48,15 @@ class SkeletonCloudBuilder(Cloud):
         covariance: np.ndarray,
         observed: np.ndarray,
         contact: np.ndarray,
+        rotation_deviation: np.ndarray,
     ) -> np.ndarray:
-        """positions: (n, 3) m; velocities: (n, 3) m/s; covariance: (n, 3, 3) m^2; observed, contact: (n,) bool."""
+        """positions: (n, 3) m; velocities: (n, 3) m/s; covariance: (n, 3, 3) m^2; observed, contact: (n,) bool;
+        rotation_deviation: (n,) rad.
+        """
         self._values[:, :3] = positions
         self._values[:, 3:6] = velocities
         self._values[:, 6:12] = covariance.reshape(-1, 9).take(UPPER, axis=1)
+        self._values[:, -1] = rotation_deviation
         self._points["observed"], self._points["contact"] = observed, contact
         return self._points.view(np.uint8)
 
@@ -62,7 +69,7 @@ class JointsReport:
     ----------
     person: number of the person, see `people.number_of`.
     positions: (n, 3) m; velocities: (n, 3) m/s; covariance: (n, 3, 3) m^2; observed, contact: (n,)
-    bool.
+    bool; rotation_deviation: (n,) rad.
     """
 
     person: int
@@ -71,6 +78,7 @@ class JointsReport:
     covariance: np.ndarray
     observed: np.ndarray
     contact: np.ndarray
+    rotation_deviation: np.ndarray
 
 
 class SkeletonsCloudBuilder:
@@ -92,6 +100,7 @@ class SkeletonsCloudBuilder:
         for row, person in zip(values, people):
             row[:, :3], row[:, 3:6] = person.positions, person.velocities
             row[:, 6:12] = person.covariance.reshape(-1, 9).take(UPPER, axis=1)
+            row[:, -1] = person.rotation_deviation
         for row, person in zip(points, people):
             row["person"], row["observed"], row["contact"] = person.person, person.observed, person.contact
         points["index"] = np.arange(self._count)

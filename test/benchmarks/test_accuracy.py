@@ -163,6 +163,25 @@ def test_uncertainty_and_failure_probability_accept_recordings(figure, count, tm
     assert total[count] == {"joints": 2 * 20 * 12, "frames": 2 * 100}[count]
 
 
+@needs_clips
+def test_uncertainty_of_rotations_is_compared_by_joint(tmp_path, capsys):
+    file = tmp_path / "records.json"
+    options = ["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--uncertainty", "--rotations"]
+    assert main([*options, "--noise-px", "0", "--json", str(file)]) == 0
+    assert "within_predicted" in capsys.readouterr().out
+    *joints, total = json.loads(file.read_text(encoding="utf-8"))
+    assert total["joint"] == "all" and total["rotations"] == sum(record["rotations"] for record in joints)
+    angles = {record["joint"]: record["actual_deg"] for record in joints}
+    assert angles["pelvis"] < 12 and angles["knee"] < 12  # in the camera frame, and relative to the parent
+    assert all(0 < record["within_predicted"] <= record["within_twice"] <= 1 for record in joints)
+
+
+@pytest.mark.parametrize("other", [["--detections", "x.npz", "--uncertainty"], ["--clips", "exp_running_1"]])
+def test_rotations_are_of_the_uncertainty_on_clips(other):
+    with pytest.raises(SystemExit, match="--rotations is for --uncertainty on clips"):
+        main([*other, "--rotations"])
+
+
 @needs_detections
 def test_the_detectors_own_3d_is_scored_if_a_recording_has_it(tmp_path):
     files = [str(DETECTIONS / f"talking_woman_{name}.npz") for name in ("mediapipe_heavy", "movenet_lightning")]

@@ -76,7 +76,9 @@ def test_the_cameras_parameters_are_those_of_the_node():
 
 
 @pytest.mark.skipif(not VIDEO.is_file(), reason=f"there is no video '{VIDEO}'")
-@pytest.mark.parametrize("line", [line for line in TRACK if line[-1] != "--view"], ids=" ".join)
+@pytest.mark.parametrize(
+    "line", [line for line in TRACK if line[-1] != "--view" and "--detector" not in line], ids=" ".join
+)
 def test_the_track_commands_of_the_page_run(line, tmp_path):
     """A recorded video replaces the webcam. The window of --view needs a screen and is not opened."""
     if "--view" in line:

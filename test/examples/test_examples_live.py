@@ -118,7 +118,9 @@ def test_a_hand_is_published_while_it_is_visible_and_certain(robot):
     def message(stamp_s, seen, deviation):
         places = np.full((24, 3), 1.0) + np.arange(24)[:, None]
         doubt = np.tile(deviation**2 * np.eye(3), (24, 1, 1))
-        return cloud.fill(stamp_s * 10**9, "camera", places, np.zeros((24, 3)), doubt, np.full(24, seen), np.zeros(24))
+        return cloud.fill(
+            stamp_s * 10**9, "camera", places, np.zeros((24, 3)), doubt, np.full(24, seen), np.zeros(24), np.ones(24)
+        )
 
     def send(stamp_s=3, seen=True, deviation=0.05):
         tracker.publish(message(stamp_s, seen, deviation))

@@ -8,6 +8,7 @@ import sys
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -220,6 +221,40 @@ def test_a_zone_with_a_person_is_occupied_and_then_unknown(robot, name):
         robot.spin_until(lambda: acts(robot, lambda m: m.data == "safe"), "an empty zone")
         words = [message.data for _, message in robot.published]
         assert words.count("unknown") > 10 and "safe" not in words[: words.index("unknown")]
+
+
+def person(**fields):
+    """A point of ~/people, 4 m in front of the camera: outside of the zone."""
+    kinds = [(name, "<f4") for name in ("x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz")] + [("tracked", "<i4")]
+    point = np.zeros(1, kinds)
+    for name, value in {"z": 4.0, "tracked": 1, **fields}.items():
+        point[name] = value
+    return point
+
+
+NOBODY = person()[:0]
+
+
+@pytest.mark.parametrize(
+    "state, fresh, listed, expected",
+    [
+        ("nobody", NOBODY, NOBODY, "safe"),
+        ("tracking", person(), person(), "safe"),
+        ("tracking", person(z=2.0), person(z=2.0), "occupied"),
+        ("tracking", person(zz=1.0), person(zz=1.0), "occupied"),  # two deviations reach into the zone
+        ("lost", NOBODY, NOBODY, "unknown"),
+        ("lost", NOBODY, person(tracked=0), "unknown"),
+        ("tracking", NOBODY, person(z=2.0), "unknown"),  # listed as tracked, but the place is too old to be used
+        ("tracking", person(), np.concatenate([person(), person(tracked=0)]), "unknown"),
+        ("tracking", NOBODY, NOBODY, "unknown"),  # ~/state and ~/people contradict each other for a moment
+    ],
+)
+def test_a_zone_is_safe_only_if_the_images_show_it(state, fresh, listed, expected):
+    spec = importlib.util.spec_from_file_location("safety_zone", ROOT / "examples" / "safety_zone.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    watch = SimpleNamespace(state=state, tracked=lambda: fresh, everybody=lambda: listed)
+    assert module.SafetyZone.verdict(SimpleNamespace(people=watch)) == expected
 
 
 @pytest.mark.parametrize("name", ["wrist_in_base"])

@@ -156,6 +156,15 @@ def test_the_command_prints_a_table_and_writes_plot_and_figures(tmp_path, capsys
     assert len(ElementTree.fromstring(plot.read_text()).findall(".//{*}circle")) == 6
 
 
+def test_a_smoothed_motion_has_a_word_about_the_knees(tmp_path, capsys):
+    file = saved(tmp_path / "walk.npz", ("", walk()))
+    with np.load(file) as arrays:
+        np.savez(tmp_path / "smooth.npz", **arrays, smoothing=np.array(0.03))
+    assert main(["gait", str(tmp_path / "smooth.npz")]) == 0
+    assert "the knee range is too small; for an unsmoothed one export it with" in capsys.readouterr().out
+    assert main(["gait", file]) == 0 and "too small" not in capsys.readouterr().out
+
+
 def test_what_one_foot_alone_cannot_tell_is_a_dash():
     gait = replace(measure_gait(walk()), cadence=np.nan, knee_range={"left": 51.0, "right": np.nan})
     lines = gait_lines(gait)

@@ -23,6 +23,17 @@ def test_the_table_of_joints_is_that_of_the_module():
     assert len(pairs) == 24 and {name: int(index) for index, name in pairs} == joints.INDEX
 
 
+def test_the_reference_names_the_order_of_each_joints_axes():
+    text = (Path(__file__).resolve().parents[2] / "docs" / "reference.md").read_text(encoding="utf-8")
+    rows = re.findall(r"(?m)^\| ([xyz]), ([xyz]), ([xyz]) \| ([^|]+) \|$", text)
+    named = {part: "".join(axes) for *axes, parts in rows for part in parts.split(", ")}
+    skeleton, orders = Skeleton.load("anthropometric", 1.75), {}
+    for name, axes in zip(skeleton.joint_names, skeleton.axes):
+        part = name.rpartition("_")[2]
+        orders[part if part in named else {"foot": "feet"}.get(part, f"{part}s")] = axes
+    assert named == orders and len(named) == 15
+
+
 def test_the_module_imports_nothing():
     code = "import sys, lassokin_ros.joints; assert 'numpy' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)

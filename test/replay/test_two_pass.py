@@ -12,6 +12,7 @@ from lassokin_ros.core.body.kinematics import Kinematics  # noqa: E402
 from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion  # noqa: E402
+from lassokin_ros.replay.first_pass import WHOLE_FILE  # noqa: E402
 from lassokin_ros.replay.keypoint_recording import write_keypoint_recording  # noqa: E402
 
 FRAMES = 240
@@ -68,9 +69,7 @@ def test_contradictory_settings_are_refused(recording, tmp_path, capsys, setting
 
 def test_a_recording_too_short_for_calibration_is_tracked(tmp_path):
     bag = write_recording(tmp_path / "short", 20)
-    assert (
-        main([str(bag), "-o", str(tmp_path / "one"), "-p", "smoothing:=0.05", "-p", "smoothing_lag:=0.1"])
-        == main([str(bag), "-o", str(tmp_path / "two"), "--two-pass"])
-        == 0
-    )
+    smoothed = [word for name, value in WHOLE_FILE.items() for word in ("-p", f"{name}:={value}")]
+    assert main([str(bag), "-o", str(tmp_path / "one"), *smoothed]) == 0
+    assert main([str(bag), "-o", str(tmp_path / "two"), "--two-pass"]) == 0
     assert np.array_equal(arms(tmp_path / "one")[1], arms(tmp_path / "two")[1])

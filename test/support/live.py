@@ -208,7 +208,9 @@ class Peer:
 
 
 def complaints(said):
-    """Lines on stderr, without the expected ones: start, missing inputs, tracking."""
+    """Lines on stderr, without the expected ones: start, missing inputs, tracking, and the rate of messages that are
+    sent as fast as they are answered.
+    """
     usual = (
         "lassokin_ros ",
         "waiting for ",
@@ -218,6 +220,7 @@ def complaints(said):
         "nobody is tracked",
         "keypoints rejected (no_camera_info)",
         "reset: ",
+        "by their stamps the keypoints have ",
     )
     return [line for line in said.splitlines() if not any(f"]: {words}" in line for words in usual)]
 

@@ -71,6 +71,37 @@ def test_all_people_have_their_files(two, long_video, tmp_path, capsys):  # noqa
     assert set(only) == {"p1", "p2"}
 
 
+class ShortLegged(Two):
+    """The small person's shanks are 30 % shorter."""
+
+    def detect(self, image, seconds):
+        found = super().detect(image, seconds)
+        small = min(found, key=lambda one: np.ptp(one.pixels[:, 1]))
+        small.pixels[[15, 16], 1] -= 0.3 * (small.pixels[[15, 16], 1] - small.pixels[[13, 14], 1])
+        return found
+
+
+def test_the_lengths_of_all_people_are_learned_in_a_first_pass(monkeypatch, long_video, tmp_path):  # noqa: F811
+    """In a pass of its own each person has the same lengths in all frames; they are learned from that person alone."""
+    monkeypatch.setattr(track_module, "make_detector", lambda name: ShortLegged())
+    options, shanks = ("--fov", "60", "--person", "all", "-p", "max_people:=2"), {}
+    for name, more in (("file", ()), ("causal", ("--causal",))):
+        file = tmp_path / f"{name}.npz"
+        assert main([str(long_video), *options, *more, "--export", str(file)]) == 0
+        with np.load(file) as data:
+            knee, ankle = (list(data["joint_names"]).index(f"left_{joint}") for joint in ("knee", "ankle"))
+            bone = np.linalg.norm(data["joint_positions"][:, ankle] - data["joint_positions"][:, knee], axis=1)
+            for person in data["people"]:
+                shanks[name, person] = bone[data["person"] == person]
+    first = {person: shanks["file", person][0] for person in ("p1", "p2")}
+    assert first["p2"] < 0.93 * first["p1"]
+    causal = {shanks["causal", person][0].round(6) for person in ("p1", "p2")}
+    assert len(causal) == 1  # a camera's people begin with the same lengths
+    for person in first:
+        file, live = (np.ptp(shanks[name, person]) for name in ("file", "causal"))
+        assert file < 0.5 * live, (person, file, live)
+
+
 def test_the_page_says_who_is_tracked(two, long_video, tmp_path):  # noqa: F811
     pytest.importorskip("plotly", reason="the report needs plotly")
     page = tmp_path / "page.html"

@@ -11,7 +11,9 @@ from camera_rig import eye, pixels, truth_at
 from messages import FOCAL, HEIGHT, WIDTH
 from scipy.spatial.transform import Rotation
 
+from lassokin_ros.core.learned import camera_finder
 from lassokin_ros.detector.backend import Detected
+from lassokin_ros.pipeline.camera.calibration_file import read_cameras
 from lassokin_ros.video import several_videos
 from lassokin_ros.video.command import main
 from lassokin_ros.video.output_video import HEIGHT_OF_SEVERAL
@@ -19,7 +21,7 @@ from lassokin_ros.video.sources import open_source
 
 cv2 = pytest.importorskip("cv2")
 
-FRAMES = 40
+FRAMES = 180
 EYES = [eye("left", 0), eye("right", 90)]
 TRUTH = truth_at(np.arange(FRAMES) / 30)
 
@@ -77,7 +79,7 @@ def test_two_videos_give_one_motion_in_the_frame_of_the_calibration(rig, capsys)
     command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--export", "walk.npz"]
     assert main([*command, "-p", "fixed_frame:=world"]) == 0
     said = capsys.readouterr().out
-    assert "left (left), right (right)" in said and "80 in, " in said
+    assert "left (left), right (right)" in said and "360 in, " in said
     assert len(rig) == 2 and all(detector.closed for detector in rig)
     with np.load("walk.npz") as motion:
         places, stamps = motion["joint_positions"], motion["stamp_ns"]
@@ -85,6 +87,36 @@ def test_two_videos_give_one_motion_in_the_frame_of_the_calibration(rig, capsys)
     frames = np.round((stamps - stamps[0]) * 30e-9).astype(int) + FRAMES - len(stamps)
     assert len(stamps) > FRAMES - 4
     assert np.median(np.linalg.norm(places - TRUTH.positions[frames], axis=-1)) < 0.02
+
+
+def test_without_a_calibration_the_places_are_found_and_written(rig, capsys, tmp_path):
+    fov = np.degrees(2 * np.arctan(WIDTH / 2 / FOCAL))
+    command = ["left", "right", "--fov", f"{fov}", "--height", "1.75", "--export", "walk.npz"]
+    assert main([*command, "--save-cameras", "found.toml"]) == 0
+    assert "from the first camera, turned by" in capsys.readouterr().out
+    (_, found), truth = read_cameras(tmp_path / "found.toml", ["left", "right"])["right"], EYES[1].pose_at(0)
+    first = EYES[0].pose_at(0)
+    rotation = truth.rotation @ first.rotation.T
+    assert np.degrees(Rotation.from_matrix(found.rotation @ rotation.T).magnitude()) < 3.0
+    assert np.linalg.norm(found.centre - first.into_camera(truth.centre)) < 0.3
+    with np.load("walk.npz") as motion:
+        places, frames = motion["joint_positions"], np.round(motion["stamp_ns"] * 30e-9).astype(int)
+    frames = frames - frames[-1] + FRAMES - 1
+    apart = places - first.into_camera(TRUTH.positions[frames])
+    assert np.median(np.linalg.norm(apart - apart[:, :1], axis=-1)) < 0.04
+    rig.clear()
+    assert main(["left", "right", "--cameras", "found.toml", "--height", "1.75", "--export", "again.npz"]) == 0
+
+
+def test_videos_too_short_to_find_the_places_say_so(rig, capsys, monkeypatch):
+    monkeypatch.setattr(camera_finder, "FEWEST", 500)
+    assert main(["left", "right", "--height", "1.75", "--export", "walk.npz"]) == 2
+    assert "the place of camera 'right' was not found; expected a person who moves" in capsys.readouterr().err
+
+
+def test_saving_the_cameras_of_one_video_is_refused(rig, capsys):
+    assert main(["left", "--save-cameras", "found.toml"]) == 2
+    assert "--save-cameras is for several videos" in capsys.readouterr().err
 
 
 def test_the_report_has_the_images_of_both(rig):
@@ -116,8 +148,9 @@ def test_the_video_shows_the_skeleton_in_the_image_of_each_camera(rig, frame):
 @pytest.mark.parametrize(
     "options, words",
     [
-        ([], "expected --cameras FILE"),
+        (["--fov", "60", "--height", "0"], "nothing shows the size; give --height"),
         (["--cameras", "calib.toml", "--view", "out.rrd"], "--view is for one video"),
+        (["--cameras", "calib.toml", "--fov", "60"], "expected neither --camera-info nor --fov"),
         (["--cameras", "others.toml"], "has no camera 'left'; its cameras are: right, lft"),
         (["--cameras", "one.toml"], "expected one for each of 2 videos"),
         (["--cameras", "nothing.toml"], "nothing.toml"),

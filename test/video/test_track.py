@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from lassokin_ros.detector.backend import Detected
+from lassokin_ros.replay.first_pass import WHOLE_FILE
 from lassokin_ros.video import track as track_module
 from lassokin_ros.video.camera import from_file, from_fov
 from lassokin_ros.video.command import main
@@ -251,6 +252,8 @@ def test_a_file_is_smoothed_with_later_frames_and_detected_once(long_video, tmp_
     assert detector.count == 2 * 120
     (stamps, whole), (causal_stamps, causal) = positions(tmp_path / "whole.npz"), positions(tmp_path / "causal.npz")
     assert stamps[0] == 0 and np.array_equal(stamps, causal_stamps)
+    smoothing = [float(np.load(tmp_path / f"{name}.npz")["smoothing"]) for name in ("whole", "causal")]
+    assert smoothing == [WHOLE_FILE["smoothing"], 0.0]
     shake = [np.abs(np.diff(joints[:25, 20:22], n=2, axis=0)).mean() for joints in (whole, causal)]  # wrists
     assert shake[0] < 0.7 * shake[1]
     assert [open_source(str(tmp_path / f"{name}.mp4")).count for name in ("whole", "causal")] == [120, 120]

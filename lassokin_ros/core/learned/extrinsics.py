@@ -15,6 +15,7 @@ import numpy as np
 
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.learned.camera_finder import CameraFinder
 from lassokin_ros.core.learned.size_check import SizeCheck
 from lassokin_ros.core.observation import CameraPose
 
@@ -23,6 +24,8 @@ GIVEN_DEVIATION = np.array([0.035, 0.035, 0.035, 0.03, 0.03, 0.03])
 degrees off, 10 s of the validation people: the absolute error is 103 mm with the given pose, 60 mm with the learned
 one. From exact poses it rises from 21 to 22 mm. A larger deviation of the translation is worse: the rotation is
 observed, the translation hardly."""
+FOUND_DEVIATION = np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])
+"""rad and m: standard deviation of a pose that was found from the person: it does not count."""
 SIZE_DEVIATION = 0.1
 """Standard deviation of the logarithm of the person's size, with that of the proportions."""
 PERIOD_S, LONGEST = 0.1, 200
@@ -33,8 +36,8 @@ INDEPENDENT = 1.0
 """Number of frames with independent errors that the kept ones are worth: the errors of a detector last."""
 FEWEST, FEWEST_POINTS = 10, 6
 """Frames before there is a correction; common landmarks of a frame that is kept."""
-STEPS = 3
-"""Gauss-Newton steps of a solution, which starts from the last one."""
+STEPS, FIRST_STEPS = 3, 15
+"""Gauss-Newton steps of a solution, which starts from the last one, and of one that starts from the joints."""
 OUTLIER = 3.0
 """Distance from an epipolar line, in standard deviations, from which its weight decreases."""
 FOLLOWING = 0.1
@@ -50,6 +53,9 @@ WRONG, RIGHT = 0.15, 0.1
 """Misfit of a pose (the median distance from the epipolar lines, as a fraction of the person's size in the image, and
 half the logarithm of the person's size in space), above which it is said to be wrong, and below which another
 explanation is right. A detector's errors cause 0.01, an unknown height 0.05."""
+FOUND = 0.03
+"""Misfit below which a pose that was found from the person is used. Validation people have at most 0.012; 0.006 to 0.06
+if the two cameras' clocks are 1 s apart."""
 LEAST_SHARE = 0.5
 """Share of the limbs that must have a plausible length."""
 
@@ -68,11 +74,14 @@ class Extrinsics:
         """Name of the camera whose pose is right; None to choose it by the poses."""
         self._solutions: dict[str, np.ndarray] = {}
         self._given: dict[str, CameraPose] = {}
+        self.found: dict[str, CameraPose] = {}
+        """Poses that nobody has given, by camera, from the first frames with the person."""
         self.reset()
 
     def reset(self) -> None:
         """Forget the frames; the corrections stay, because cameras do not move with the person."""
         self._frames: dict[str, deque[tuple[np.ndarray, ...]]] = {}
+        self._finders: dict[str, CameraFinder] = {}
         self._newest, self._count = -math.inf, 0
         self.wrong: dict[str, str] = {}
         """What is wrong with the pose of a camera, in words, by name; empty if it fits."""
@@ -81,10 +90,47 @@ class Extrinsics:
         """The places of cameras do not depend on the person's size."""
 
     def corrected(self, pose: CameraPose) -> CameraPose:
-        """Return a given pose with the correction of its camera."""
+        """Return a given pose with the correction of its camera; for an unknown pose, the found one with it, if any."""
+        if not pose.known:
+            pose = self.found.get(pose.name, pose)
+            if not pose.known:
+                return pose
+        elif pose.name in self.found and pose is not self.found[pose.name]:
+            self._forget(pose.name)  # it is given now
         self._given[pose.name] = pose
         correction = self.corrections.get(pose.name) if self._used else None
         return pose if correction is None else _moved(pose, correction)
+
+    def _forget(self, name: str) -> None:
+        """Forget the pose that was found of a camera, and the frames that belong to it."""
+        for known in (self.found, self._frames, self._solutions, self.corrections):
+            known.pop(name, None)  # type: ignore[attr-defined]
+
+    def find(
+        self,
+        name: str,
+        stamp: float,
+        placed: FrameData,
+        unplaced: FrameData,
+        joints: np.ndarray,
+        own_joints: np.ndarray,
+    ) -> None:
+        """Use what a camera without a pose and a placed one see at a stamp; see `CameraFinder.add`.
+
+        The pose is used if the keypoints fit it.
+        """
+        finder = self._finders.setdefault(name, CameraFinder(PERIOD_S, LONGEST))
+        if not finder.add(stamp, placed, unplaced, joints, own_joints):
+            return
+        pose = finder.pose(name)
+        frames = _entries(finder, pose)
+        if len(frames) < FEWEST:
+            return
+        pose = _moved(pose, self._solved(frames, np.zeros(6), FOUND_DEVIATION, FIRST_STEPS))
+        frames = _entries(finder, pose)
+        if self._misfit(*(np.stack(parts) for parts in zip(*frames))) < FOUND:
+            self.found[name], self._frames[name] = pose, frames
+            del self._finders[name]
 
     def learned(self, pose: CameraPose) -> CameraPose:
         """Return a given pose with what was learned about its camera, also if it is only checked."""
@@ -109,7 +155,7 @@ class Extrinsics:
     def in_words(self, name: str) -> str:
         """Return what is wrong with the given pose of a camera; empty if nothing is."""
         moved = self.moved(name)
-        if self.wrong.get(name) or moved is None:
+        if self.wrong.get(name) or moved is None or name in self.found:
             return self.wrong.get(name, "")
         done = "" if self._used else "not "
         off = f"{math.degrees(moved[0]):.1f} degrees and {moved[1]:.2f} m off its given pose"
@@ -128,20 +174,17 @@ class Extrinsics:
         for view in frame.views:
             if view is first:
                 continue
-            both = (first.weights > 0) & (view.weights > 0)
-            if np.count_nonzero(both) < FEWEST_POINTS:
+            weights = _common(first, view)
+            if np.count_nonzero(weights) < FEWEST_POINTS:
                 continue
-            weights = np.where(
-                both, 1 / np.hypot(1 / np.maximum(first.weights, 1e-9), 1 / np.maximum(view.weights, 1e-9)), 0
-            )
             name = view.camera.name
             a, b = self._given[first.camera.name], self._given[name]
-            entry = first.points, view.points, weights, *_relative(a, b)
             frames = self._frames.setdefault(name, deque(maxlen=LONGEST))
-            frames.append(entry)
+            frames.append((first.points, view.points, weights, *_relative(a, b)))
             self._count += 1
             if len(frames) >= FEWEST and self._count % (SOLVED_EVERY if self._used else CHECKED_EVERY) == 0:
-                self._solutions[name] = self._solved(frames, self._solutions.get(name, np.zeros(6)))
+                deviation = FOUND_DEVIATION if name in self.found else GIVEN_DEVIATION
+                self._solutions[name] = self._solved(frames, self._solutions.get(name, np.zeros(6)), deviation, STEPS)
                 self.wrong[name] = self._what_is_wrong(frames, first.camera.name, name)
         for name, solution in self._solutions.items():
             before = self.corrections.get(name, np.zeros(6))
@@ -183,27 +226,29 @@ class Extrinsics:
         apart = float(np.median((np.abs(distances) / np.maximum(weights, 1e-9) / extent)[seen]))
         return apart + 0.5 * abs(size) * self.size_known
 
-    def _solved(self, frames: deque[tuple[np.ndarray, ...]], start: np.ndarray) -> np.ndarray:
-        """Return the correction (6,) that fits all kept frames best."""
+    def _solved(
+        self, frames: deque[tuple[np.ndarray, ...]], start: np.ndarray, deviation: np.ndarray, steps: int
+    ) -> np.ndarray:
+        """Return the correction (6,) that fits all kept frames best. deviation: (6,) of the given pose."""
         a, b, weights, rotation, translation = (np.stack(parts) for parts in zip(*frames))
         share = math.sqrt(min(INDEPENDENT, len(a)) / len(a))
         correction = start
-        for _ in range(STEPS):
+        for _ in range(steps):
             base = self._residuals(a, b, weights, rotation, translation, correction)
-            steps = [
+            moved = [
                 self._residuals(a, b, weights, rotation, translation, correction + STEP * unit) for unit in np.eye(6)
             ]
-            J = np.stack([(step[0] - base[0]) / STEP for step in steps], axis=-1).reshape(-1, 6)
+            J = np.stack([(one[0] - base[0]) / STEP for one in moved], axis=-1).reshape(-1, 6)
             r = base[0].reshape(-1)
             scale = max(1.0, NORMAL * float(np.median(np.abs(r[weights.reshape(-1) > 0]))))
             J, r = J / scale, r / scale
             robust = share * np.minimum(1.0, OUTLIER / np.maximum(np.abs(r), 1e-9)) ** 0.5
             J, r = J * robust[:, None], r * robust
             H, g = J.T @ J, J.T @ r
-            H[np.arange(6), np.arange(6)] += 1 / GIVEN_DEVIATION**2
-            g += correction / GIVEN_DEVIATION**2
+            H[np.arange(6), np.arange(6)] += 1 / deviation**2
+            g += correction / deviation**2
             if self.size_known:
-                row = np.array([(step[1] - base[1]) / STEP for step in steps]) / SIZE_DEVIATION
+                row = np.array([(one[1] - base[1]) / STEP for one in moved]) / SIZE_DEVIATION
                 H += np.outer(row, row)
                 g += row * base[1] / SIZE_DEVIATION
             correction = correction - np.linalg.solve(H, g)
@@ -247,6 +292,22 @@ class Extrinsics:
         found = self._size.ratios(u[..., None] * y, seen & (u > 0) & (s > 0))
         plausible = len(found) / max(self._size.limb_count(seen), 1)
         return (math.log(float(np.median(found))) if len(found) else 0.0), plausible
+
+
+def _entries(finder: CameraFinder, pose: CameraPose) -> deque[tuple[np.ndarray, ...]]:
+    """Frames of a camera with a found pose, as `Extrinsics` keeps them."""
+    frames: deque[tuple[np.ndarray, ...]] = deque(maxlen=LONGEST)
+    for placed, unplaced in finder.views:
+        weights = _common(placed, unplaced)
+        if np.count_nonzero(weights) >= FEWEST_POINTS:
+            frames.append((placed.points, unplaced.points, weights, *_relative(placed.camera, pose)))
+    return frames
+
+
+def _common(a: FrameData, b: FrameData) -> np.ndarray:
+    """(l,) weights of the landmarks that both views show, for their difference."""
+    both = (a.weights > 0) & (b.weights > 0)
+    return np.where(both, 1 / np.hypot(1 / np.maximum(a.weights, 1e-9), 1 / np.maximum(b.weights, 1e-9)), 0.0)
 
 
 def _relative(a: CameraPose, b: CameraPose) -> tuple[np.ndarray, np.ndarray]:

@@ -21,6 +21,10 @@ class ObservedJoints:
         self._below = skeleton.ancestors.T.astype(int)
         self._attached = np.zeros((count, len(landmark_joints)), dtype=int)
         self._attached[landmark_joints, np.arange(len(landmark_joints))] = 1
+        turned = skeleton.ancestors.T & ~np.eye(count, dtype=bool)
+        turned |= np.diag(~turned.any(axis=1))  # an end: its own keypoints
+        #: (n, l) number of keypoints, 0 or 1, that show how each joint is turned.
+        self._shows = (turned.astype(int) @ self._attached).astype(float)
         self._neighbours = np.zeros((count, count), dtype=int)
         child = np.flatnonzero(skeleton.parents >= 0)
         parent = skeleton.parents[child]
@@ -35,4 +39,12 @@ class ObservedJoints:
     def below_last_keypoint(self, visible: np.ndarray) -> np.ndarray:
         """Return (n,) bool: no visible keypoint is attached to the joint or to a joint below it."""
         result: np.ndarray = self._below @ (self._attached @ visible.astype(int)) == 0
+        return result
+
+    def beyond_last_keypoint(self, visible: np.ndarray) -> np.ndarray:
+        """Return (n,) bool: no visible keypoint is attached below the joint, so that none shows how it is turned.
+
+        A joint without children counts if no visible keypoint is attached to itself.
+        """
+        result: np.ndarray = self._shows.dot(visible) == 0
         return result

@@ -13,13 +13,18 @@ A Gaussian about one hypothesis does not include others (a limb mirrored in dept
 and network are correlated. Therefore the posterior's deviation is multiplied by `FACTOR`, which is larger if the pose
 disagrees with the depth network, and by `FACTOR_BELOW_LAST_KEYPOINT` for joints beyond the last visible keypoint of a
 limb. The deviation of the lengths is multiplied by `LENGTHS_FACTOR`, and with measured depth `FACTOR_WITH_DEPTH`
-replaces `FACTOR`. These constants were fitted to the errors on the people of the validation set (training/motion.py).
-benchmarks/accuracy.py
---uncertainty tests them on other people.
+replaces `FACTOR`.
+
+The marginal of a joint's own part of the increment is the uncertainty of its rotation relative to its parent. It is
+multiplied by `ROTATION_FACTOR`, and by `FACTOR_BELOW_LAST_KEYPOINT` if no visible keypoint is beyond the joint.
+
+These constants were fitted to the errors on the people of the validation set (training/motion.py).
+benchmarks/accuracy.py --uncertainty tests them on other people.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cached_property
 
@@ -33,6 +38,7 @@ from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.foot_contact import FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
+from lassokin_ros.core.evidence.learned_depth import DEPTH_ROWS, WEIGHT
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
@@ -47,7 +53,7 @@ FACTOR_WITH_DEPTH = 0.8
 """The same, if half of the landmarks or more have a measured depth. Fitted to the network's validation people."""
 FACTOR_BELOW_LAST_KEYPOINT = 1.5
 """Further factor for joints beyond the last visible keypoint of a limb, see `ObservedJoints.below_last_keypoint`."""
-USUAL_DISAGREEMENT = 0.1
+USUAL_DISAGREEMENT = 0.06
 """Usual disagreement of a pose with the network, see `LearnedDepth.disagreement`."""
 RANGE = 0.05, 5.0
 """Limits of the disagreement, in units of the usual one."""
@@ -80,6 +86,17 @@ the height given: the error of the pelvis is 193 mm along the line of sight and 
 m).
 """
 
+ROTATION_FACTOR = 2.0
+"""Factor on the posterior's standard deviation of a joint's rotation, with and without measured depth. It contains that
+the rest pose of a person's joints is not the skeleton's."""
+LARGEST_ROTATION = math.sqrt(math.pi**2 / 3 + 2)
+"""rad: root mean square angle of a random rotation. The deviation of a rotation is limited by it, as that of a position
+is by `LARGEST_DEVIATION`."""
+STILL = ("wrist", "hand", "foot")
+"""Joints that never move in the motion capture of the prior, so that the prior does not know how far they turn."""
+STILL_DEVIATION = 0.5
+"""rad about each axis: least deviation of these, that of joints without a prior (`PoseDistribution`)."""
+
 ORIGIN = np.zeros(3)
 """(3,) m: centre of a camera in whose optical frame the skeleton is kept."""
 _IDENTITY = np.eye(3).reshape(9)
@@ -107,14 +124,25 @@ class JointUncertainty:
 
     covariance: (n, 3, 3) m^2 of each joint's position relative to the pelvis, in the camera frame; that of the pelvis
     is 0. deviation: (n,) m, of each joint relative to the pelvis; two thirds of the errors are smaller.
-    failure_probability: 0 to 1, probability that the mean error of the joints exceeds 100 mm. place: computes
-    `absolute`.
+    failure_probability: 0 to 1, probability that the mean error of the joints exceeds 100 mm. turn, place: compute
+    `rotation_deviation` and `absolute`.
     """
 
     covariance: np.ndarray
     deviation: np.ndarray
     failure_probability: float
+    turn: Callable[[], np.ndarray]
     place: Callable[[], AbsoluteUncertainty]
+
+    @cached_property
+    def rotation_deviation(self) -> np.ndarray:
+        """(n,) rad, of each joint's rotation relative to its parent, computed at the first access.
+
+        The root's is that of its orientation in the frame of the skeleton. It is the square root of the trace of the
+        rotation's covariance (3, 3), that is the root mean square angle between the estimated and the true rotation;
+        two thirds of the angles are smaller. See `ROTATION_FACTOR`.
+        """
+        return self.turn()
 
     @cached_property
     def absolute(self) -> AbsoluteUncertainty:
@@ -139,11 +167,16 @@ class UncertaintyModel:
         # Unobserved degrees of freedom have the standard deviation of the prior.
         deviation = np.concatenate([np.ones(len(live)), np.sqrt(np.diagonal(prior.covariance)[dead])])
         self._jacobian = PositionJacobian(kinematics, np.concatenate([live, dead]), deviation)
+        #: (n, live), 1 for the live degrees of freedom of each joint; (n,) rad^2, the prior's variance of the others.
+        self._own = (live // 3 == np.arange(kinematics.joint_count)[:, None]).astype(float)
+        self._prior_variances = np.bincount(dead // 3, np.diagonal(prior.covariance)[dead], kinematics.joint_count)
         #: Columns of the root's rotation. The root comes first and every landmark moves with it.
         self._turns = np.eye(len(live), 3)
         self._proportions, self.observed, self._learned_depth = proportions, observed, frame_model.learned_depth
         self._image_rows = frame_model.image_rows
         names, ancestors = kinematics.skeleton.joint_names, kinematics.skeleton.ancestors
+        still = np.isin(names, [name for part in STILL for name in sided(part)])
+        self._least_rotation = np.sqrt(3) * STILL_DEVIATION * still
         #: Each knee, and the joints (n,) bool from it down.
         self._legs = [(knee, ancestors[:, knee]) for knee in (names.index(n) for n in sided("knee") if n in names)]
 
@@ -154,11 +187,13 @@ class UncertaintyModel:
         problem, image = estimate.problem, self._image_rows(estimate.rows)
         if FootContact.name in estimate.rows:  # an anchor has the errors of the poses before
             problem = _scaled(problem, estimate.rows[FootContact.name], 0.0)
+        if DEPTH_ROWS in estimate.rows and estimate.cameras == 1 and not estimate.depth_covers:
+            problem = _scaled(problem, estimate.rows[DEPTH_ROWS], 1 / WEIGHT)  # they do not know more than they say
         # Rows of the image may not be the only ones with the translation.
         if share < 1 and (estimate.depth_measured or estimate.cameras > 1):
             problem, share = _scaled(problem, image, share), 1.0
         hidden = self.observed.below_last_keypoint(estimate.visible)
-        covariance, place = self.covariance(
+        covariance, lower, place = self.covariance(
             estimate.pose,
             problem,
             self._factor(estimate) * np.where(hidden, FACTOR_BELOW_LAST_KEYPOINT, 1.0),
@@ -171,9 +206,26 @@ class UncertaintyModel:
         )
         deviation = np.sqrt(_trace(covariance))
         mean, cost = float(deviation[1:].sum()) / (len(deviation) - 1), estimate.cost / max(estimate.measurements, 1)
+        visible = estimate.visible
         return JointUncertainty(
-            covariance, deviation, failure_probability(mean, estimate.keypoint_error_ratio, cost), place
+            covariance,
+            deviation,
+            failure_probability(mean, estimate.keypoint_error_ratio, cost),
+            lambda: self.rotation_deviation(lower, self.observed.beyond_last_keypoint(visible)),
+            place,
         )
+
+    def rotation_deviation(self, lower: np.ndarray, hidden: np.ndarray) -> np.ndarray:
+        """Return (n,) rad, see `JointUncertainty`. lower: (live, live) Cholesky factor of the information.
+
+        hidden: (n,) bool, see `ObservedJoints.beyond_last_keypoint`. A degree of freedom that is not live has the
+        variance of the prior.
+        """
+        inverse, _ = lapack.dtrtri(lower, lower=1)
+        diagonal = squared_norm(inverse.T)  # of H^-1
+        size = ROTATION_FACTOR**2 * (self._own.dot(diagonal) + self._prior_variances)
+        size[hidden] *= FACTOR_BELOW_LAST_KEYPOINT**2
+        return np.maximum(np.sqrt(size / (1 + size / LARGEST_ROTATION**2)), self._least_rotation)
 
     def _factor(self, estimate: Estimate) -> float:
         """Factor on the posterior's standard deviations."""
@@ -204,9 +256,9 @@ class UncertaintyModel:
         image: slice | np.ndarray = slice(0),
         centre: np.ndarray = ORIGIN,
         least: np.ndarray | float = 0.0,
-    ) -> tuple[np.ndarray, Callable[[], AbsoluteUncertainty]]:
-        """Return (n, 3, 3) m^2, from a frame's last problem and the pose of its solution, and the function that
-        computes the rest.
+    ) -> tuple[np.ndarray, np.ndarray, Callable[[], AbsoluteUncertainty]]:
+        """Return (n, 3, 3) m^2, from a frame's last problem and the pose of its solution, the Cholesky factor (live,
+        live) of the information, and the function that computes the rest.
 
         factor: (n,) on the standard deviation of each joint's posterior. length_deviation: (p,) standard deviation of
         the log-lengths. size_deviation: see SCALE_DEVIATION. share: factor on the rows of the `image`, so that the
@@ -229,7 +281,7 @@ class UncertaintyModel:
             sight = size_deviation * (pose.positions[0] - centre)
             return self._absolute(live, relative, lower, pose, problem, share, factor, added, sight, least)
 
-        return _sized(relative, factor, added, least), place
+        return _sized(relative, factor, added, least), lower, place
 
     def _absolute(
         self,
@@ -255,7 +307,8 @@ class UncertaintyModel:
         columns = np.empty((self._live_count, 6))
         columns[:, :3], columns[:, 3:] = -Y.dot(problem.A).T, self._turns @ pose.orientations[0].T
         root, _ = lapack.dtrtrs(lower, columns, lower=1)
-        whole = factor[0] ** 2 * root.T.dot(root)
+        sizes = np.repeat([factor[0], ROTATION_FACTOR], 3)
+        whole = sizes[:, None] * root.T.dot(root) * sizes
         crossed = live.reshape(-1, self._live_count).dot(root[:, :3]).reshape(-1, 3, 3)
         joints = _sized(
             relative + crossed + crossed.swapaxes(1, 2) + root[:, :3].T.dot(root[:, :3]), factor, added, least

@@ -23,7 +23,8 @@ class CameraPlaces:
     def __init__(self, fixed_frame: str, names: tuple[str, ...], given: Mapping[str, CameraPose] | None = None) -> None:
         """fixed_frame: name of the frame; empty for the optical frame of the first camera. names: of the cameras.
 
-        given: poses by name in a common frame, in place of those from TF. It is the fixed frame, if that has a name.
+        given: poses by name in a common frame, in place of those from TF, which gives the ones that are not known. It
+        is the fixed frame, if that has a name.
         """
         self._first, self._given = names[0], given
         self.base = fixed_frame.lstrip("/")
@@ -52,7 +53,7 @@ class CameraPlaces:
         if not self._fixed and name == self._first:
             self.base = frame_id
             return CameraPose(name)
-        if self._given is not None:
+        if self._given is not None and self._given[name].known:
             return self._given[name]
         try:
             if not frame_id:
@@ -68,6 +69,15 @@ class CameraPlaces:
         self.known = True
         return CameraPose(name, rotation.T, -rotation.T @ centre)
 
+    def adopt(self, name: str, pose: CameraPose) -> CameraPose:
+        """Use the pose of a camera that was found from the person, as long as TF gives none; return it."""
+        if pose.known:
+            self.newest[name] = pose
+            self.faults.pop(name, None)
+        else:
+            self.faults[name] += "; it is found from the person, after some seconds in view of both cameras"
+        return pose
+
     @property
     def fault(self) -> str:
         """Why the last images of cameras could not be placed, in words; empty if they could."""
@@ -79,6 +89,8 @@ class CameraPlaces:
 
 
 def _relative(pose: CameraPose, first: CameraPose) -> CameraPose:
-    """Return a pose in the optical frame of another camera."""
+    """Return a pose in the optical frame of another camera; the pose itself if it is not known."""
+    if not pose.known:
+        return pose
     rotation = pose.rotation @ first.rotation.T
     return CameraPose(pose.name, rotation, pose.translation - rotation @ first.translation)

@@ -154,6 +154,7 @@ class FrameMessages:
                 frame.uncertainty.absolute.joints,
                 frame.observed,
                 frame.contacts,
+                frame.uncertainty.rotation_deviation,
             ),
             topics.LIMBS: lambda t, f, frame, _: ends(t, f, *limbs.read(frame)),
             topics.UNCERTAINTY_MARKERS: lambda t, f, frame, e: ellipsoids(

@@ -33,4 +33,5 @@ def _joints(frame: FrameResult) -> JointsReport:
         frame.uncertainty.absolute.joints,
         frame.observed,
         frame.contacts,
+        frame.uncertainty.rotation_deviation,
     )

@@ -316,7 +316,8 @@ class MultiPersonTracker:
     def _add(self, number: int, stamp_ns: int, pairs: Iterable[int]) -> bool:
         """Assign a tracker to a new person. Return False, and count it, if none is free.
 
-        The new tracker adopts the direction of gravity from the others.
+        The new tracker adopts the direction of gravity from the others. If a tracker has this person's skeleton, it is
+        that one.
         """
         if not self._idle:
             kept = {*pairs, self._locked}
@@ -325,10 +326,11 @@ class MultiPersonTracker:
                 self._counts["people beyond max_people"] += 1
                 return False
             self._remove(max(away)[1])
-        newcomer = self._idle[-1].tracker
+        newcomer = next((person for person in self._idle if person.number == number), self._idle[-1])
         for known in self._idle, self._present.values():  # present people override those who left
-            newcomer.adopt_vertical(person.tracker for person in known)
-        self._present[number] = self._idle.pop()
+            newcomer.tracker.adopt_vertical(person.tracker for person in known)
+        self._idle.remove(newcomer)
+        self._present[number] = newcomer
         self._next = max(self._next, number + 1)
         self._counts["people come"] += 1
         return True

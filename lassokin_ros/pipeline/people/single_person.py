@@ -172,6 +172,7 @@ class SinglePersonTracker:
             for other in self._views.values()
             if other is not view
             and other.followed is not None
+            and other.camera.known
             and abs(view.seen_ns - other.followed.seen_ns) <= GUESS_AFTER_S * 1e9
         ]
         newest = max(others, key=lambda other: other.followed.seen_ns if other.followed else 0, default=None)
@@ -181,8 +182,13 @@ class SinglePersonTracker:
         return newest.sight(seen)
 
     def _found_again(self, view: _View, elsewhere: Sight) -> ImageTrack | None:
-        """Return the track of the person whom another camera sees; None if there is none, or in doubt."""
+        """Return the track of the person whom another camera sees; None if there is none, or in doubt.
+
+        In the image of a camera whose place is not known yet, it is the only one.
+        """
         tracks = view.tracks.seen_at(view.seen_ns)
+        if not view.camera.known:
+            return tracks[0] if len(tracks) == 1 else None
         candidates = [view.sight(track.detection) for track in tracks]
         found = same_person(elsewhere, candidates, self._person.tracker.learned.size_check, RIVAL)
         return None if found is None else tracks[candidates.index(found)]

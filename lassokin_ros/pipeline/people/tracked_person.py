@@ -74,10 +74,12 @@ class TrackedPerson:
         skeleton: Skeleton | None = None,
         evidence: Sequence[Evidence] = (),
         up: np.ndarray | None = None,
+        number: int | None = None,
     ) -> None:
-        """skeleton: replaces the skeleton of `config`. evidence, up: see `Tracker`. Raises a LassokinError if these are
-        unusable.
+        """skeleton: replaces the skeleton of `config`. evidence, up: see `Tracker`. number: the person's number in the
+        messages if the skeleton is that person's. Raises a LassokinError if these are unusable.
         """
+        self.number = number
         self.tracker = Tracker(config, skeleton, evidence, up)
         self._repeats: dict[str, Repeats] = {}
         self._monitor = DoubtMonitor(self.tracker.layout.names, self.tracker.skeleton.joint_names)
@@ -108,7 +110,8 @@ class TrackedPerson:
         frame_id: of the results. Returns the results to publish now. If the detections are refused, the last result
         gives the reason. Without `smoothing_lag` there is one result, that of these detections.
         """
-        first, *others = sights
+        placed = [(sight, camera) for sight in sights for camera in (self._corrected(sight.camera),) if camera.known]
+        (first, camera), *others = placed or [(sights[0], sights[0].camera)]
         stamp_ns = max(sight.stamp_ns for sight in sights)
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
@@ -120,10 +123,8 @@ class TrackedPerson:
             detected=first.seen.pixels,
             points=first.seen.points,
             lens=first.lens,
-            camera=self._corrected(first.camera),
-            others=tuple(
-                ImageOfPerson(self._corrected(o.camera), o.lens, o.seen.pixels, o.seen.points) for o in others
-            ),
+            camera=camera,
+            others=tuple(ImageOfPerson(pose, o.lens, o.seen.pixels, o.seen.points) for o, pose in others),
             skeleton=self.tracker.skeleton,  # calibration changes the lengths for the next frame only
         )
         frozen = [self._frozen_s(sight) for sight in sights]
@@ -147,7 +148,7 @@ class TrackedPerson:
             points=first.seen.points,
             focal=first.lens.focal,
             height=tracker.skeleton.height,
-            camera=self._corrected(first.camera),
+            camera=camera,
         )
         self._waiting.append((stamp_ns, estimate.stamp, partial(self._watched, made, signs)))
         return self._due(self.tracker.published, stamp_ns)
@@ -176,7 +177,7 @@ class TrackedPerson:
         )
 
     def _corrected(self, camera: CameraPose) -> CameraPose:
-        """Return the pose of a camera as the tracker uses it."""
+        """Return the pose of a camera as the tracker uses it; one that is not known if there is none yet."""
         extrinsics = self.tracker.learned.extrinsics
         return camera if extrinsics is None else extrinsics.corrected(camera)
 
@@ -240,13 +241,13 @@ class TrackedPerson:
         return Status.LOST if lost else self.status
 
     def predicted_landmarks(self, stamp_ns: int, camera: CameraPose = HERE) -> np.ndarray | None:
-        """Return the predicted landmarks (l, 2) in the image of a camera, normalised.
+        """Return the predicted landmarks (l, 2) in the image of a camera, normalised; None without a pose of it.
 
         They are those of the last pose, moved with the velocity across the line of sight.
         """
-        if self._landmarks is None:
-            return None
         camera = self._corrected(camera)
+        if self._landmarks is None or not camera.known:
+            return None
         shift = self._velocity * min(self.unseen_s(stamp_ns), LONGEST_PREDICTION_S)
         shift = shift if camera.is_identity else camera.rotation @ shift
         shift[2] = 0.0  # depth from one camera is too noisy to extrapolate

@@ -38,7 +38,7 @@ def write_amass(motion: Motion, file: BinaryIO) -> None:
 
     poses (f, 72) holds all 24 joints; root_orient (f, 3) and pose_body (f, 63) are its first 22. Fingers, jaw and eyes
     are not tracked: pose_hand (f, 90), pose_jaw (f, 3), pose_eye (f, 6) are zero, and so are dmpls (f, 8).
-    angles_observed (f, 24) is an addition: see `Motion`.
+    angles_observed (f, 24) and rotation_deviations (f, 24) rad are additions: see `Motion`.
     trans is the pelvis position. SMPL adds the rest position of its pelvis to trans: subtract it to pose an SMPL mesh.
     Raises ExportError for a skeleton without SMPL's root, and for stamps that cannot be resampled (see sampling).
     """
@@ -60,18 +60,19 @@ def write_amass(motion: Motion, file: BinaryIO) -> None:
         num_betas=np.array(BETAS),
         gender=np.array("neutral"),
         surface_model_type=np.array("smpl"),
-        angles_observed=smpl_flags(motion.skeleton, track.angles_observed),
+        angles_observed=of_smpl(motion.skeleton, track.angles_observed, False),
+        rotation_deviations=of_smpl(motion.skeleton, track.rotation_deviations, np.nan),
         mocap_framerate=rate,
         mocap_frame_rate=rate,
         mocap_time_length=np.array(count * track.period),
     )
 
 
-def smpl_flags(skeleton: Skeleton, observed: np.ndarray) -> np.ndarray:
-    """Return (f, 24) bool of SMPL's joints, False for joints that the skeleton lacks. observed: (f, n) bool."""
+def of_smpl(skeleton: Skeleton, values: np.ndarray, missing: float) -> np.ndarray:
+    """Return (f, 24) of SMPL's joints, `missing` for joints that the skeleton lacks. values: (f, n), one per joint."""
     names = Skeleton.load(SMPL, 1.0).joint_names
     known = [skeleton.index(name) if name in skeleton.joint_names else -1 for name in names]
-    return np.where(np.array(known) >= 0, observed[:, known], False)
+    return np.where(np.array(known) >= 0, values[:, known], missing)
 
 
 def smpl_rotations(skeleton: Skeleton, rotations: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ BLOCK = 1000
 
 def header(joint_names: Sequence[str], named: Sequence[str]) -> list[str]:
     """Return the column names: stamp, person, joint positions and angles, reprojection error, deviations, doubt,
-    contacts, the named angles, which joints' angles are observed, and speeds.
+    contacts, the named angles, which joints' angles are observed, speeds, and deviations of the rotations.
     """
     positions = [f"{joint} position {axis} [m]" for joint in joint_names for axis in "xyz"]
     angles = [f"{joint} angle {axis} [rad]" for joint in joint_names for axis in "xyz"]
@@ -37,6 +37,7 @@ def header(joint_names: Sequence[str], named: Sequence[str]) -> list[str]:
         *(f"{name} [deg]" for name in named),
         *(f"{joint} angles observed" for joint in joint_names),
         *(f"{joint} speed [m/s]" for joint in joint_names),
+        *(f"{joint} rotation deviation [rad]" for joint in joint_names),
     ]
 
 
@@ -66,8 +67,9 @@ def _block(motion: Motion, part: slice, named: np.ndarray, speeds: np.ndarray) -
     flat = positions.reshape(count, -1), angles.reshape(count, -1)
     figures = np.concatenate([*flat, motion.reprojection_px[part, None], motion.deviations[part]], axis=1)
     flags = np.column_stack([motion.likely_wrong[part], motion.contacts[part][:, _ankles(motion)]])
-    columns = motion.stamps_ns[part], figures, flags, named, motion.angles_observed[part], speeds
-    for stamp, row, yes, degrees, seen, fast in zip(*(column.tolist() for column in columns)):
+    turns = motion.rotation_deviations[part]
+    columns = motion.stamps_ns[part], figures, flags, named, motion.angles_observed[part], speeds, turns
+    for stamp, row, yes, degrees, seen, fast, turned in zip(*(column.tolist() for column in columns)):
         time = f"{stamp // SECOND}.{stamp % SECOND:09d}"
         yield [
             time,
@@ -77,6 +79,7 @@ def _block(motion: Motion, part: slice, named: np.ndarray, speeds: np.ndarray) -
             *(f"{value:.2f}" for value in degrees),
             *(str(int(one)) for one in seen),
             *(f"{one:.4f}" for one in fast),
+            *(f"{one:.4f}" for one in turned),
         ]
 
 

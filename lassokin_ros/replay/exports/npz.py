@@ -37,12 +37,14 @@ def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
         "initialised": rows("initialised"),  # (r,) bool
         "joint_speeds": rows("speeds"),  # (r, n) m/s
         "joint_deviations": rows("deviations"),  # (r, n)
+        "rotation_deviations": rows("rotation_deviations"),  # (r, n) rad
         "joint_observed": rows("observed"),  # (r, n) bool
         "angles_observed": rows("angles_observed"),  # (r, n) bool
         "likely_wrong": rows("likely_wrong"),  # (r,) bool
         "level": first.level,  # (3, 3) from the camera frame to a level one
         "joint_contacts": rows("contacts"),  # (r, n) bool, ankles of feet that stand still
         "floor": np.array(first.floor),  # m above the camera, in a level frame
+        "smoothing": np.array(first.smoothing),  # s, with later frames; 0 without
         "people": np.array([motion.person for motion in motions]),  # (p,)
         "rest_offsets": np.array([motion.skeleton.offsets for motion in motions]),  # (p, n, 3), the last frame's
         "joint_names": np.array(skeleton.joint_names),  # (n,)

@@ -22,14 +22,15 @@ MOST_SAMPLES = 200_000
 class Track:
     """A motion at a constant rate.
 
-    period: s. rotations: (f, n, 3, 3) local. translations: (f, 3) m, of the root. angles_observed: (f, n), those of the
-    nearest frame, see `Motion`.
+    period: s. rotations: (f, n, 3, 3) local. translations: (f, 3) m, of the root. angles_observed: (f, n) and
+    rotation_deviations: (f, n) rad, those of the nearest frame, see `Motion`.
     """
 
     period: float
     rotations: np.ndarray
     translations: np.ndarray
     angles_observed: np.ndarray
+    rotation_deviations: np.ndarray
 
 
 def uniform(motion: Motion, slowest: float = 0.0) -> Track:
@@ -42,7 +43,7 @@ def uniform(motion: Motion, slowest: float = 0.0) -> Track:
     """
     stamps, count = motion.stamps_ns, motion.frame_count
     if count == 1:
-        return Track(ONE_FRAME_S, motion.rotations, motion.translations, motion.angles_observed)
+        return _unchanged(motion, ONE_FRAME_S)
     since = stamps - stamps[0]
     steps = np.diff(since)
     if steps.min() <= 0:
@@ -54,7 +55,7 @@ def uniform(motion: Motion, slowest: float = 0.0) -> Track:
     regular = since[-1] / (count - 1)
     fast_enough = 1e9 / regular >= 0.999 * slowest
     if fast_enough and np.abs(since - regular * np.arange(count)).max() <= JITTER_NS:
-        return Track(regular * 1e-9, motion.rotations, motion.translations, motion.angles_observed)
+        return _unchanged(motion, regular * 1e-9)
     period = float(np.median(steps)) if slowest == 0.0 else min(float(np.median(steps)), 1e9 / slowest)
     samples = int(since[-1] / period) + 1
     if samples > max(MOST_SAMPLES, 10 * count):
@@ -65,6 +66,10 @@ def uniform(motion: Motion, slowest: float = 0.0) -> Track:
     return _sampled(motion, since, period * np.arange(samples))
 
 
+def _unchanged(motion: Motion, period: float) -> Track:
+    return Track(period, motion.rotations, motion.translations, motion.angles_observed, motion.rotation_deviations)
+
+
 def _sampled(motion: Motion, since: np.ndarray, times: np.ndarray) -> Track:
     before = np.clip(np.searchsorted(since, times, side="right") - 1, 0, len(since) - 2)
     share = (times - since[before]) / (since[before + 1] - since[before])
@@ -72,4 +77,6 @@ def _sampled(motion: Motion, since: np.ndarray, times: np.ndarray) -> Track:
     rotations = motion.rotations[before] @ exponential(share[:, None, None] * turns[before])
     ways = np.diff(motion.translations, axis=0)
     places = motion.translations[before] + share[:, None] * ways[before]
-    return Track(times[1] * 1e-9, rotations, places, motion.angles_observed[before + (share > 0.5)])
+    nearest = before + (share > 0.5)
+    flags, deviations = motion.angles_observed[nearest], motion.rotation_deviations[nearest]
+    return Track(times[1] * 1e-9, rotations, places, flags, deviations)

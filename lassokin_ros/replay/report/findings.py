@@ -43,7 +43,8 @@ def _good(facts: Facts) -> Finding:
     share = len(facts.tracks) and facts.counts.get("accepted", 0) / max(facts.received, 1)
     hidden = doubt_findings.hidden_limbs(facts)
     besides = f" The {_joined(list(hidden))} cannot be judged: hardly seen." if hidden else ""
-    return Finding(GOOD, f"{share:.1%} of the frames were tracked, and nothing suggests a wrong pose.{besides}")
+    where = "outside of the marked spans " * (facts.wrong_share > 0)
+    return Finding(GOOD, f"{share:.1%} of the frames were tracked, and {where}nothing suggests a wrong pose.{besides}")
 
 
 def _joined(names: list[str]) -> str:

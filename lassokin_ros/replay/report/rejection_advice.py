@@ -33,6 +33,11 @@ REASONS: dict[str, tuple[str, str]] = {
         "image of another camera was used already",
         "the images of several cameras must come in the order of their stamps; check the delay of this camera",
     ),
+    "unplaced": (
+        "camera without a pose",
+        "nobody told where the camera is: give its pose by TF or a calibration file, or set `extrinsics: learn`, and "
+        "let a person move in view of it and of a camera with a pose",
+    ),
     "stamp_jump": (
         "stamp jump",
         "a single jump is ignored; two in a row reset the tracker to the new time. If every message jumps, check the "

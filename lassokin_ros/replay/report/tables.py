@@ -34,7 +34,8 @@ def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], number
         return ""
     cells = [f'<th class="n">{escape(c)}</th>' if i in numbers else f"<th>{escape(c)}</th>" for i, c in enumerate(head)]
     top = f"<thead><tr>{''.join(cells)}</tr></thead>" if any(head) else ""
-    return f"<section><h3>{escape(title)}</h3><table>{top}<tbody>{''.join(lines)}</tbody></table></section>"
+    whole = f"<table>{top}<tbody>{''.join(lines)}</tbody></table>"
+    return f'<section tabindex="0"><h3>{escape(title)}</h3>{whole}</section>'  # the keyboard scrolls it on a phone
 
 
 def figures(facts: Facts) -> str:

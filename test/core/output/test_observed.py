@@ -79,3 +79,20 @@ def test_joints_below_the_last_visible_keypoint(hidden, expected):
 
 def test_without_keypoints_all_joints_are_below_the_last_one():
     assert names_by(ObservedJoints.below_last_keypoint, ()) == set(SKELETON.joint_names)
+
+
+@pytest.mark.parametrize(
+    "hidden, expected",
+    [
+        ((), set()),
+        (("left_wrist",), {"left_elbow"}),
+        (("left_elbow", "left_wrist"), {"left_elbow", "left_shoulder"}),
+        (("left_elbow",), set()),
+        (("right_knee", "right_ankle"), {"right_knee", "right_hip"}),
+        (("nose", "left_eye", "right_eye", "left_ear", "right_ear"), {"neck", "head"}),
+    ],
+)
+def test_joints_of_which_no_visible_keypoint_shows_the_rotation(hidden, expected):
+    visible = set(Layout.load("coco17", SKELETON).names) - set(hidden)
+    turned = {f"{side}_{joint}" for side in ("left", "right") for joint in ("ankle", "wrist")}
+    assert names_by(ObservedJoints.beyond_last_keypoint, visible) == expected | turned | ENDS

@@ -7,8 +7,11 @@ import pytest
 from cases import body, central_difference, random_state, relative_error
 
 from lassokin_ros.core.body.proportions import Proportions
+from lassokin_ros.core.body.rotations import exponential, logarithm
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.evidence.foot_contact import FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
+from lassokin_ros.core.evidence.learned_depth import DEPTH_ROWS, WEIGHT
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
@@ -17,11 +20,15 @@ from lassokin_ros.core.output import uncertainty
 from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.uncertainty import (
     FACTOR,
+    FACTOR_BELOW_LAST_KEYPOINT,
     HIDDEN_LEG,
     LARGEST_DEVIATION,
+    LARGEST_ROTATION,
     LENGTHS_FACTOR,
     PLACE_DEVIATION,
+    ROTATION_FACTOR,
     SCALE_DEVIATION,
+    STILL_DEVIATION,
     PositionJacobian,
     UncertaintyModel,
 )
@@ -84,7 +91,7 @@ def test_covariances_are_those_of_the_joints_jacobian(seen):
     pose = kinematics.pose(random_state(random, kinematics))
     observed = ObservedJoints(kinematics.skeleton, kinematics.layout.joints)
     model = UncertaintyModel(FrameModel(kinematics, prior), prior, Proportions(kinematics), observed)
-    found, _ = model.covariance(pose, problem, np.full(24, FACTOR), 0.0)
+    found, _, _ = model.covariance(pose, problem, np.full(24, FACTOR), 0.0)
     assert np.array_equal(problem.reduced.H, before)
     variance = np.diag(np.diagonal(prior.covariance).astype(float))
     variance[np.ix_(live, live)] = np.linalg.inv(problem.reduced.H + WEAKEST * np.eye(seen))
@@ -215,7 +222,7 @@ def numeric_absolute(tracker, estimate):
 
 def test_absolute_covariances_are_those_of_increment_and_translation():
     tracker, estimate = followed()
-    _, place = tracker._uncertainty.covariance(estimate.pose, estimate.problem, np.full(24, FACTOR), 0.0)
+    _, _, place = tracker._uncertainty.covariance(estimate.pose, estimate.problem, np.full(24, FACTOR), 0.0)
     found = place()
     joints, pelvis = numeric_absolute(tracker, estimate)
     place = estimate.pose.positions[0]
@@ -227,8 +234,8 @@ def test_absolute_covariances_are_those_of_increment_and_translation():
         limit = 1 + np.trace(joints[i] - Y) / LARGEST_DEVIATION**2
         expected = FACTOR**2 * ((joints[i] - Y) / limit + Y) + size
         assert np.allclose(found.joints[i], expected, rtol=1e-4, atol=1e-10), name
-    assert np.allclose(found.pelvis[3:, 3:], FACTOR**2 * pelvis[3:, 3:], rtol=1e-4)
-    assert np.allclose(found.pelvis[:3, 3:], FACTOR**2 * pelvis[:3, 3:], rtol=1e-3, atol=1e-8)
+    assert np.allclose(found.pelvis[3:, 3:], ROTATION_FACTOR**2 * pelvis[3:, 3:], rtol=1e-4)
+    assert np.allclose(found.pelvis[:3, 3:], FACTOR * ROTATION_FACTOR * pelvis[:3, 3:], rtol=1e-3, atol=1e-8)
     assert np.array_equal(found.pelvis[:3, :3], found.joints[0])
     assert np.linalg.eigvalsh(found.pelvis).min() > 0
 
@@ -287,3 +294,96 @@ def test_depths_of_half_of_the_landmarks_make_the_joints_certain():
         deviations.append(tracker.uncertainty(known).deviation.mean())
     few, all_landmarks = deviations
     assert all_landmarks < 0.7 * few
+
+
+def information_of(estimate):
+    """(live, live): information of the increment, with the translation eliminated, without the anchors of the feet, and
+    with the network's own deviations.
+    """
+    A, B = estimate.problem.A.copy(), estimate.problem.B.copy()
+    for rows in (A, B):
+        rows[estimate.rows.get(FootContact.name, slice(0))] = 0.0
+        rows[estimate.rows[DEPTH_ROWS]] /= WEIGHT
+    projected = A - B @ np.linalg.solve(B.T @ B, B.T @ A)
+    return projected.T @ projected + WEAKEST * np.eye(A.shape[1])
+
+
+def test_the_deviation_of_a_rotation_is_that_of_its_marginal():
+    tracker, estimate = followed(noise_px=8.0)
+    exact = replace(estimate, keypoint_error_ratio=100.0)  # the keypoints' error is not below its lower limit
+    found = tracker.uncertainty(exact).rotation_deviation
+    prior = PoseDistribution.load(tracker.skeleton)
+    variances = np.diagonal(prior.covariance).copy()
+    live = tracker.kinematics.live
+    variances[live] = np.diagonal(np.linalg.inv(information_of(estimate)))
+    size = ROTATION_FACTOR * np.sqrt(variances.reshape(-1, 3).sum(axis=1))
+    index = tracker.skeleton.index
+    size[[index("left_ankle"), index("right_ankle")]] *= FACTOR_BELOW_LAST_KEYPOINT  # the feet have no keypoint
+    expected = size / np.sqrt(1 + (size / LARGEST_ROTATION) ** 2)
+    known = [i for i, name in enumerate(tracker.skeleton.joint_names) if not name.endswith(("wrist", "hand", "foot"))]
+    assert found.shape == (24,) and np.allclose(found[known], expected[known], rtol=1e-6)
+
+
+def test_the_deviation_of_a_rotation_is_the_size_of_random_errors():
+    """Without factors: increments drawn from the posterior turn each joint by its deviation, root mean square."""
+    tracker, estimate = followed()
+    deviation = tracker._uncertainty.rotation_deviation(
+        np.linalg.cholesky(information_of(estimate)), np.zeros(24, bool)
+    )
+    random, live, prior = np.random.default_rng(0), tracker.kinematics.live, PoseDistribution.load(tracker.skeleton)
+    covariance = np.linalg.inv(information_of(estimate))
+    omega = random.normal(size=(4000, 72)) * np.sqrt(np.diagonal(prior.covariance))
+    omega[:, live] = random.multivariate_normal(np.zeros(live.sum()), covariance, 4000)
+    drawn = estimate.state.rotations @ exponential(omega.reshape(4000, 24, 3))
+    angles = np.linalg.norm(logarithm(estimate.state.rotations.swapaxes(-1, -2) @ drawn), axis=-1)
+    for name in ("pelvis", "left_hip", "right_knee", "left_shoulder", "right_elbow", "head"):
+        joint = tracker.skeleton.index(name)
+        assert np.sqrt(np.mean(angles[:, joint] ** 2)) == pytest.approx(deviation[joint] / ROTATION_FACTOR, rel=0.06)
+
+
+def test_a_hidden_arm_turns_freely_and_a_seen_one_does_not():
+    seen, hidden = followed(), followed(("left_elbow", "left_wrist"))
+    before, after = (tracker.uncertainty(estimate).rotation_deviation for tracker, estimate in (seen, hidden))
+    index = seen[0].skeleton.index
+    for joint in ("shoulder", "elbow"):
+        assert after[index(f"left_{joint}")] > 1.5 * before[index(f"left_{joint}")]
+        assert after[index(f"right_{joint}")] == pytest.approx(before[index(f"right_{joint}")], rel=0.4)
+    assert np.all(after < LARGEST_ROTATION)
+
+
+def test_joints_of_which_neither_keypoints_nor_prior_know_the_rotation_say_so():
+    tracker, estimate = followed()
+    deviation = tracker.uncertainty(estimate).rotation_deviation
+    for name, found in zip(tracker.skeleton.joint_names, deviation):
+        if name.endswith(("wrist", "hand", "foot")):
+            assert found == pytest.approx(np.sqrt(3) * STILL_DEVIATION)
+        elif not name.endswith("ankle"):
+            assert found < 0.7
+
+
+def test_the_deviation_of_the_pelvis_is_that_of_its_pose():
+    tracker, estimate = followed()
+    found = tracker.uncertainty(estimate)
+    covariance = found.absolute.pelvis[3:, 3:]
+    size = np.sqrt(np.trace(covariance))
+    assert found.rotation_deviation[0] == pytest.approx(size / np.sqrt(1 + (size / LARGEST_ROTATION) ** 2), rel=1e-6)
+
+
+def test_deviations_of_rotations_are_computed_once_and_only_on_request():
+    tracker, estimate = followed()
+    found = tracker.uncertainty(estimate)
+    assert "rotation_deviation" not in vars(found)
+    assert found.rotation_deviation is found.rotation_deviation
+    again = tracker.uncertainty(estimate)
+    assert again.absolute.joints.shape == (24, 3, 3)  # the other function that uses the factor leaves it as it is
+    assert np.array_equal(again.rotation_deviation, found.rotation_deviation)
+
+
+def test_the_largest_deviation_is_the_angle_of_a_random_rotation():
+    assert pytest.approx(np.sqrt(np.mean(random_angles() ** 2)), rel=0.01) == LARGEST_ROTATION
+
+
+def random_angles():
+    """Angles, rad, of uniformly random rotations."""
+    quaternions = np.random.default_rng(0).normal(size=(100_000, 4))
+    return 2 * np.arccos(np.abs(quaternions[:, 3]) / np.linalg.norm(quaternions, axis=1))

@@ -133,13 +133,28 @@ def test_the_skeletons_cloud(backend):
     builder = SkeletonCloudBuilder(backend, 2)
     cloud = points(
         builder.fill(
-            STAMP, FRAME, POSITIONS, POSITIONS + 20, SYMMETRIC, np.array([True, False]), np.array([False, True])
+            STAMP,
+            FRAME,
+            POSITIONS,
+            POSITIONS + 20,
+            SYMMETRIC,
+            np.array([True, False]),
+            np.array([False, True]),
+            np.array([0.5, 0.25]),
         ),
         SKELETON_POINT,
     )
     assert SKELETON_POINT.names[:12] == ("x", "y", "z", "vx", "vy", "vz", "xx", "xy", "xz", "yy", "yz", "zz")
     for joint, point in enumerate(cloud.tolist()):
-        expected = [*POSITIONS[joint], *POSITIONS[joint] + 20, *UPPER[joint], joint, 1 - joint, joint]
+        expected = [
+            *POSITIONS[joint],
+            *POSITIONS[joint] + 20,
+            *UPPER[joint],
+            joint,
+            1 - joint,
+            joint,
+            (0.5, 0.25)[joint],
+        ]
         assert point == tuple(expected)
 
 

@@ -408,3 +408,56 @@ def test_camera_timeout_is_how_long_a_silent_camera_counts():
 def test_figures_of_each_camera():
     line = status(Play([LEFT, RIGHT]).run(2.0))
     assert line.values["left: keypoints age [s]"] == "0.0" and 0 < float(line.values["right: residual median [px]"]) < 5
+
+
+LEARN = TrackerConfig(extrinsics="learn")
+
+
+def without_tf_of_right(settings, config=LEARN, seconds=8.0, phase=0.0):
+    """A play in which nobody tells where the right camera is."""
+    play = Play([LEFT, RIGHT], settings, config)
+    for index in range(round(30 * seconds)):
+        play.transforms(0, index / 30)
+        for number in range(2):
+            play.image(number, index / 30 + phase * number)
+    return play
+
+
+@pytest.mark.parametrize("phase", [0.0, 1 / 60])
+def test_a_camera_without_a_transform_is_found_from_the_person(phase):
+    play = without_tf_of_right(TWO, phase=phase)
+    assert len(play.results) >= 238 and not play.refused
+    found = play.pipeline.places.newest["right"]
+    assert np.linalg.norm(found.centre - RIGHT.pose_at(0).centre) < 0.3
+    turn = Rotation.from_matrix(found.rotation @ RIGHT.pose_at(0).rotation.T)
+    assert np.degrees(turn.magnitude()) < 3.0
+    before = np.median([one.error.mean() for one in play.results if 1.0 < one.seconds < 5.0])
+    assert play.results[-1].frame.estimate.cameras == 2 and play.error(7.0) < 1000 * before
+    line = status(play)
+    assert line.values["right: pose"] == "found from the person" and "right" not in line.message
+    assert play.pipeline.counts["no transform of right"] <= 1
+    assert "--child-frame-id right_optical" in camera_commands(play.pipeline)[0]
+
+
+def test_until_it_is_found_the_other_camera_goes_on_and_diagnostics_says_why():
+    play = without_tf_of_right(TWO, seconds=2.0)
+    assert len(play.results) == 60 and play.results[-1].frame.estimate.cameras == 1
+    assert "no pose of camera 'right'" in status(play).message and "found from the person" in status(play).message
+    checked = without_tf_of_right(TWO, TrackerConfig(extrinsics="check"))
+    assert "right" not in checked.pipeline.places.newest and checked.results[-1].frame.estimate.cameras == 1
+
+
+def test_a_transform_that_comes_later_replaces_the_found_pose():
+    play = without_tf_of_right(TWO)
+    for index in range(240, 330):
+        for number in range(2):
+            play.transforms(number, index / 30)
+            play.image(number, index / 30)
+    assert not play.pipeline.tracker.learned.extrinsics.found
+    assert play.error(10.0) < 25
+
+
+def test_without_fixed_frame_and_tf_two_cameras_need_no_calibration():
+    play = without_tf_of_right(NodeSettings(cameras=("left", "right")))
+    assert play.results[-1].frame.frame_id == LEFT.frame and play.results[-1].frame.estimate.cameras == 2
+    assert not play.pipeline.places.faults

@@ -1,5 +1,6 @@
 """The joints' uncertainty as messages: the values of the core in a cloud and as ellipsoids."""
 
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
@@ -7,12 +8,14 @@ import pytest
 from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend
 from scipy.spatial.transform import Rotation
 
+from lassokin_ros import joints
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend
+from msg_adapters.output_messages.skeleton_cloud import SKELETONS_POINT
 
 pytest.importorskip("rosbags")
 START_NS = 5_000_000_000
@@ -68,6 +71,25 @@ def test_the_cloud_contains_the_values_of_the_core(tracked, backend):
 
 
 @pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
+def test_the_skeleton_has_the_deviations_of_rotations_after_its_other_fields(tracked, backend):
+    pipeline, frame = tracked
+    expected = pipeline.tracker.uncertainty(frame.estimate).rotation_deviation
+    (message,) = (m for t, m in FrameMessages(backend, frame.skeleton).build(frame) if t == topics.SKELETON)
+    offsets = {field.name: field.offset for field in message.fields}
+    assert (offsets["zz"], offsets["index"], offsets["contact"], offsets["rotation_deviation"]) == (44, 48, 56, 60)
+    points = points_of(message)
+    assert np.allclose(points["rotation_deviation"], expected, rtol=1e-6) and points["observed"].tolist().count(1) > 10
+    assert SKELETONS_POINT.fields["person"][1] == 60 and SKELETONS_POINT.names[-1] == "rotation_deviation"
+
+
+def test_deviations_of_rotations_are_not_computed_without_a_subscriber(tracked):
+    _, frame = tracked
+    fresh = replace(frame)
+    list(FrameMessages(rosbags_backend(), frame.skeleton).build(fresh, {topics.JOINT_UNCERTAINTY, topics.POSE}))
+    assert "absolute" in vars(fresh.uncertainty) and "rotation_deviation" not in vars(fresh.uncertainty)
+
+
+@pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
 def test_ellipsoids_are_one_standard_deviation_along_each_axis(tracked, backend):
     _, frame = tracked
     built = dict(FrameMessages(backend, frame.skeleton, person="p4").build(frame))
@@ -79,6 +101,25 @@ def test_ellipsoids_are_one_standard_deviation_along_each_axis(tracked, backend)
         shape = axes @ np.diag(np.square([s.x, s.y, s.z]) / 4) @ axes.T
         assert np.allclose(shape, covariance, rtol=1e-6, atol=1e-6)
     assert min(markers[0].scale.x, markers[0].scale.y, markers[0].scale.z) > 0  # 0 for the pelvis, but still a marker
+
+
+@pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
+def test_limbs_are_relative_to_their_roots_in_axes_of_the_trunk(tracked, backend):
+    _, frame = tracked
+    (message,) = (m for t, m in FrameMessages(backend, frame.skeleton).build(frame) if t == topics.LIMBS)
+    limbs, places = points_of(message), frame.estimate.pose.positions
+    named = {(joints.NAMES[limb["root"]], joints.NAMES[limb["index"]]): limb for limb in limbs}
+    assert len(named) == 12 and ("left_shoulder", "left_hand") in named and ("right_hip", "right_foot") in named
+    forward, left, up = np.eye(3)[[2, 0, 1]] @ frame.estimate.pose.orientations[joints.SPINE3].T  # of the T-pose
+    for (root, end), limb in named.items():
+        apart = places[joints.INDEX[end]] - places[joints.INDEX[root]]
+        assert np.allclose([limb[axis] for axis in "xyz"], [forward @ apart, left @ apart, up @ apart], atol=1e-6)
+        both = sum(frame.uncertainty.covariance[joints.INDEX[name]] for name in (root, end))
+        assert limb["xx"] == pytest.approx(forward @ both @ forward, rel=1e-5)
+        assert limb["yz"] == pytest.approx(left @ both @ up, rel=1e-4, abs=1e-7)
+        assert limb["deviation"] == pytest.approx(np.sqrt(np.trace(both)), rel=1e-5)
+    seen = {end for (_, end), limb in named.items() if limb["observed"]}
+    assert seen == {f"{side}_{part}" for side in ("left", "right") for part in ("elbow", "wrist", "knee", "ankle")}
 
 
 def test_uncertainty_is_computed_once_and_only_on_request(tracked):

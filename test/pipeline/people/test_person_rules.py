@@ -34,6 +34,7 @@ class Pretended:
         kinematics = SimpleNamespace(landmark_count=4)
         self.tracker = SimpleNamespace(kinematics=kinematics, config=CONFIG, adopt_vertical=self._adopt)
         self.refuses = False
+        self.number = None
         self.reset()
         self.resets.clear()
 
@@ -112,6 +113,15 @@ def test_each_number_of_a_detector_is_a_person_at_once(room):
     assert room.see(1, (5, 0), (0, 0), numbers=[7, 2]) == ["p2", "p7"]  # wherever they are
     assert room.counts == {"people come": 2}
     assert len(room.tracker.flush()) == 2
+
+
+def test_a_person_gets_the_tracker_with_the_own_body(room):
+    room.people[0].number, room.people[1].number = 2, 7
+    room.see(0, (0, 0), (5, 0), numbers=[7, 2])
+    assert room.tracker.tracked == {"p2": room.people[0], "p7": room.people[1]}
+    room.see(10, (0, 0), numbers=[2], forget_after=0.1)  # 7 leaves and comes back
+    room.see(20, (0, 0), (5, 0), numbers=[2, 7])
+    assert room.tracker.tracked["p7"] is room.people[1]
 
 
 def test_a_new_number_needs_landmarks_and_a_known_one_does_not(room):

@@ -80,7 +80,11 @@ def test_csv_contains_the_positions_and_angles_of_the_bag(tracked, published):
         assert 0 < float(row["reprojection [px]"]) < 30
         assert 0 < float(row["left_wrist deviation [m]"]) < 0.6 and row["likely wrong"] in ("0", "1")
         assert 0 <= float(row["left_knee flexion [deg]"]) < 120
-    assert len(rows[0]) == 2 + 2 * 72 + 1 + 24 + 1 + 2 + 13 + 24 + 24
+    assert len(rows[0]) == 2 + 2 * 72 + 1 + 24 + 1 + 2 + 13 + 24 + 24 + 24
+    turns = np.array(
+        [[float(row[f"{joint} rotation deviation [rad]"]) for joint in SKELETON.joint_names] for row in rows]
+    )
+    assert np.all((turns > 0.02) & (turns < 2.3)) and np.all(turns[:, SKELETON.index("left_hand")] > 0.8)
     way = np.linalg.norm(positions[12, 20] - positions[10, 20])
     assert float(rows[11]["left_wrist speed [m/s]"]) == pytest.approx(way * 15, rel=1e-3)
     shown = {joint: {row[f"{joint} angles observed"] for row in rows} for joint in SKELETON.joint_names}
@@ -137,6 +141,10 @@ def test_the_exported_person_stands_on_the_floor(tracked):
     with np.load(tracked / "motion.npz", allow_pickle=False) as file:
         assert file["joint_observed"][:, 4].all() and file["joint_deviations"].shape == (FRAMES, 24)
         assert not file["likely_wrong"].any()
+        shown = file["angles_observed"]
+        certain = file["rotation_deviations"] < 0.7
+        assert certain[:, SKELETON.index("left_knee")].all() and not certain[:, SKELETON.index("left_hand")].any()
+        assert (certain | ~shown)[:, [SKELETON.index(name) for name in ("pelvis", "left_hip", "right_elbow")]].all()
 
 
 def test_bvh_is_the_same_motion_in_another_library(tracked, published):
@@ -212,6 +220,8 @@ def test_loaders_that_take_every_nth_frame_get_30_hz_or_more():
             assert data["mocap_framerate"] // 30 >= 1 and abs(data["mocap_framerate"] - expected) < 1e-6
             seconds = (len(data["trans"]) - 1) / data["mocap_framerate"]
             assert abs(seconds - 40 / rate) < 1 / 30 and data["angles_observed"].shape == (len(data["trans"]), 24)
+            deviations = data["rotation_deviations"]
+            assert np.all(deviations[:, 0] == 0.25) and np.isnan(deviations[:, 1:]).all()  # joints that it lacks
             at = np.arange(len(data["trans"])) / data["mocap_framerate"]
             assert np.abs(data["trans"][:, 0] - at).max() < 2e-3
 
@@ -311,7 +321,8 @@ def some_motion(stamps_s, turn_rate=2.0, speed=1.0):
     places = np.outer(times * speed, [1.0, 0.0, 0.0])
     stamps = 10**18 + np.round(times * 1e9).astype(np.int64)
     rest = (rotations, places, np.zeros((count, 1, 3)), np.zeros((count, 0, 3)), np.zeros((count, 0, 2)))
-    doubts = (np.zeros((count, 1)), np.ones((count, 1), dtype=bool), nothing > 0, np.zeros((count, 1), dtype=bool))
+    deviations = np.zeros((count, 1)), np.full((count, 1), 0.25)
+    doubts = (*deviations, np.ones((count, 1), dtype=bool), nothing > 0, np.zeros((count, 1), dtype=bool))
     figures = (nothing, nothing, nothing, nothing > 0, *doubts, np.eye(3))
     return Motion("", "camera", skeleton, (), stamps, places[:, None], *rest, *figures)
 

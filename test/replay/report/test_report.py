@@ -16,6 +16,7 @@ pytest.importorskip("plotly", reason="the report is drawn with plotly")
 from recordings import START_NS, read, synthetic_pixels, webcam_info, write_messages, write_recording  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
+from lassokin_ros.core.doubt.failure_model import FailureModel  # noqa: E402
 from lassokin_ros.core.observation import Rejection  # noqa: E402
 from lassokin_ros.replay.bags import typestore  # noqa: E402
 from lassokin_ros.replay.report import page_json as data  # noqa: E402
@@ -225,6 +226,10 @@ CASES = {
         {"spoil": absent(20, 26)},
         ("note", "1 short gap, 0.2 s in total, the longest 0.2 s; tracking continued"),
     ),
+    "silence": (
+        {"spoil": shifted(20, 2.0)},
+        ("problem", "Nobody was tracked from 0.6 to 2.7 s (2.0 s): no keypoint messages."),
+    ),
     "no camera": (
         {"late": 10, "uncalibrated": True},
         (
@@ -337,6 +342,16 @@ def test_doubts_have_spans_for_the_slider_and_the_plots(tmp_path, capsys):
 def test_the_good_line_names_what_it_does_not_judge(tmp_path):
     (good,) = [text for level, text in said(report(recording(tmp_path / "bag", without_legs))) if level == "good"]
     assert good.endswith("nothing suggests a wrong pose. The left leg and right leg cannot be judged: hardly seen.")
+
+
+def test_the_good_line_does_not_speak_for_marked_spans(tmp_path, monkeypatch):
+    monkeypatch.setattr(FailureModel, "update", lambda self, stamp, *figures: 0.3 if stamp < 0.39 else 0.01)
+    good, *notes = said(report(write_recording(tmp_path / "bag", FRAMES)))
+    assert good == (
+        "good",
+        "100.0% of the frames were tracked, and outside of the marked spans nothing suggests a wrong pose.",
+    )
+    assert any(text.startswith("In 16% of the frames an error above 100 mm is likely") for _, text in notes), notes
 
 
 def test_the_floor_is_under_the_feet(clean):

@@ -254,6 +254,19 @@ def test_the_page_fits_a_phone(chromium, report):
     page.page.close()
 
 
+@pytest.mark.parametrize("width", [390, 1280])
+def test_an_audit_of_accessibility_finds_nothing(chromium, report, width):
+    """axe, whose rules are those of Lighthouse's category. The details are open, so that all of the page is seen."""
+    audit = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python has the rules")
+    page = Page(chromium, report / "page.html")
+    page.page.set_viewport_size({"width": width, "height": 800})
+    page.value("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    found = audit.Axe().run(page.page).response
+    assert [(rule["id"], rule["nodes"][0]["html"]) for rule in found["violations"]] == []
+    assert len(found["passes"]) > 20
+    page.page.close()
+
+
 def test_a_recording_without_a_person_is_shown(chromium, tmp_path):
     def nobody(stamps, pixels, confidence):
         confidence[:] = 0

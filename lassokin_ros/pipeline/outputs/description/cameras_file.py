@@ -23,7 +23,9 @@ def camera_commands(pipeline: Pipeline) -> list[str]:
     commands = []
     for name, camera in pipeline.cameras.items():
         given = places.newest.get(name)
-        if extrinsics is None or given is None or extrinsics.solution(name) is None:
+        if extrinsics is None or given is None:
+            continue
+        if extrinsics.solution(name) is None and name not in extrinsics.found:
             continue
         pose = extrinsics.learned(given)
         x, y, z = pose.centre.tolist()

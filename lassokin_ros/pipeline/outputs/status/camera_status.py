@@ -56,7 +56,9 @@ class CameraStatus:
     def _pose_figures(self, name: str) -> Iterator[tuple[str, str]]:
         extrinsics = self._pipeline.extrinsics
         solution = None if extrinsics is None else extrinsics.solution(name)
-        if solution is not None:
+        if extrinsics is not None and name in extrinsics.found:
+            yield "pose", "found from the person"
+        elif solution is not None:
             angle, shift = solution
             yield "pose differs from the given one [deg]", f"{math.degrees(angle):.2f}"
             yield "pose differs from the given one [m]", f"{shift:.3f}"

@@ -64,6 +64,13 @@ def _late(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
     )
 
 
+def _unplaced(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
+    return (
+        f"nobody has told where camera '{observation.camera.name}' is; expected its pose, or extrinsics learn and a "
+        "person whom it and a camera with a pose see for some seconds"
+    )
+
+
 def _old_stamp(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
     return "the stamp is not newer than the last one; expected a newer one: check for two detectors on one topic"
 
@@ -93,6 +100,7 @@ _WORDS: dict[Rejection, Callable[[Estimate, Observation, TrackerConfig], str]] =
     Rejection.NOT_CERTIFIED: _not_certified,
     Rejection.OLD_STAMP: _old_stamp,
     Rejection.LATE: _late,
+    Rejection.UNPLACED: _unplaced,
     Rejection.NOT_FINITE: _not_finite,
     Rejection.WRONG_SHAPE: _wrong_shape,
 }

@@ -1,0 +1,134 @@
+"""A camera that nobody has placed: its pose from the person, and when it is not believed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from sequences import CONFIG, FOCAL
+
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.learned.camera_finder import EVERY, FEWEST, CameraFinder
+from lassokin_ros.core.learned.extrinsics import LONGEST, PERIOD_S, Extrinsics
+from lassokin_ros.core.learned.size_check import SizeCheck
+from lassokin_ros.core.observation import CameraPose, Observation, Rejection, Status
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.demo.synthetic import motion
+
+FRONT = CameraPose("front")
+TURN = Rotation.from_euler("yxz", [80, 5, -3], degrees=True).as_matrix()
+UP = np.array([0.0, -1.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """(kinematics, true poses of 8 s, ten a second, camera to be found)."""
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    kinematics = Kinematics(skeleton, Layout.load("coco17", skeleton))
+    truth = kinematics.pose(motion(skeleton, np.arange(80) * PERIOD_S))
+    middle = truth.positions[:, 0].mean(0)
+    return kinematics, truth, CameraPose("side", TURN, np.array([0.1, -0.2, 3.5]) - TURN @ middle)
+
+
+def views(scene, frame, noise=0.0, shift=0.0):
+    """What both cameras see in a frame; shift: m, by which the person is elsewhere for the side camera."""
+    _, truth, side = scene
+    random = np.random.default_rng(frame)
+    seen = []
+    for camera, place in ((FRONT, 0.0), (side, shift)):
+        points = project(camera.into_camera(truth.landmarks[frame] + place))
+        points = points + noise * random.normal(size=points.shape)
+        seen.append(FrameData(points, np.full(len(points), FOCAL / 3.0), UP, camera=camera))
+    return seen
+
+
+def filled(scene, extrinsics, noise=0.0, joint_noise=0.0, path=0.0):
+    """Give all frames of the scene to `find`. path: m, how far the person whom the side camera sees is elsewhere."""
+    _, truth, side = scene
+    random = np.random.default_rng(7)
+    for frame in range(80):
+        shift = path * np.random.default_rng(frame).uniform(-1, 1, 3)
+        joints = truth.positions[frame] + joint_noise * random.normal(size=(1, 3))
+        own = side.into_camera(truth.positions[frame] + shift) + joint_noise * random.normal(size=(1, 3))
+        extrinsics.find("side", frame * PERIOD_S, *views(scene, frame, noise, shift), joints, own)
+    return extrinsics
+
+
+def learner(scene, used=True):
+    return Extrinsics(SizeCheck(scene[0]), True, used)
+
+
+def apart(pose, other):
+    """Degrees and m between two poses of a camera."""
+    turn = Rotation.from_matrix(pose.rotation @ other.rotation.T).magnitude()
+    return np.degrees(turn), np.linalg.norm(pose.centre - other.centre)
+
+
+def test_exact_joints_give_the_exact_pose(scene):
+    _, truth, side = scene
+    finder = CameraFinder(PERIOD_S, LONGEST)
+    due = [
+        finder.add(f * PERIOD_S, *views(scene, f), truth.positions[f], side.into_camera(truth.positions[f]))
+        for f in range(80)
+    ]
+    assert [i + 1 for i, now in enumerate(due) if now] == list(range(FEWEST, 81, EVERY))
+    found = finder.pose("side")
+    assert found.name == "side" and np.linalg.det(found.rotation) == pytest.approx(1.0)
+    assert np.allclose(found.rotation, side.rotation, atol=1e-9) and np.allclose(found.centre, side.centre, atol=1e-9)
+    assert not finder.add(80 * PERIOD_S - 0.15, *views(scene, 0), truth.positions[0], truth.positions[0])
+
+
+def test_the_epipolar_lines_mend_a_pose_from_wrong_joints(scene):
+    """Depths of both sides are off by 20 cm in each frame."""
+    extrinsics = filled(scene, learner(scene), noise=1.0 / FOCAL, joint_noise=0.2)
+    degrees, metres = apart(extrinsics.found["side"], scene[2])
+    assert degrees < 1.0 and metres < 0.1
+
+
+def test_a_pose_that_the_keypoints_contradict_is_not_used(scene):
+    """The side camera sees another person, who goes another way."""
+    extrinsics = filled(scene, learner(scene), path=1.0)
+    assert not extrinsics.found
+
+
+def test_a_found_pose_stays_after_a_reset_and_gives_way_to_a_given_one(scene):
+    unknown = CameraPose("side", known=False)
+    extrinsics = learner(scene)
+    assert extrinsics.corrected(unknown) is unknown
+    filled(scene, extrinsics)
+    extrinsics.reset()
+    found = extrinsics.found["side"]
+    assert extrinsics.corrected(unknown) is found and extrinsics.corrected(found) is found
+    assert not extrinsics.in_words("side")
+    extrinsics.corrected(scene[2])
+    assert not extrinsics.found and extrinsics.corrected(unknown) is unknown
+
+
+@pytest.mark.parametrize("setting", ["given", "check", "learn"])
+def test_the_tracker_goes_on_with_the_placed_camera(scene, setting):
+    kinematics, _, side = scene
+    times = np.arange(8 * 30 if setting == "learn" else 15) / 30
+    truth, random = kinematics.pose(motion(kinematics.skeleton, times)), np.random.default_rng(3)
+
+    def observe(camera, frame):
+        points = project((FRONT if camera is FRONT else side).into_camera(truth.landmarks[frame]))
+        points = points + random.normal(size=points.shape) * 2.0 / FOCAL
+        return Observation(times[frame], points, np.ones(len(points)), FOCAL, camera=camera)
+
+    tracker = Tracker(replace(CONFIG, extrinsics=setting))
+    unknown = CameraPose(side.name, known=False)
+    first = tracker.track(observe(unknown, 0))
+    assert (first.rejection, first.status) == (Rejection.UNPLACED, Status.SEARCHING)
+    for frame in range(len(times)):
+        estimate = tracker.track([observe(FRONT, frame), observe(unknown, frame)])
+        assert estimate.accepted
+    if setting != "learn":
+        assert estimate.cameras == 1 and len(tracker._cameras) == 1
+        return
+    assert estimate.cameras == 2 and not tracker._unplaced
+    degrees, metres = apart(tracker.learned.extrinsics.corrected(unknown), side)
+    assert degrees < 3.0 and metres < 0.3
