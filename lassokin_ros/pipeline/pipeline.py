@@ -453,8 +453,8 @@ class Pipeline:
                 continue
             people = detections_by_person(image.keypoints, len(self.tracker.layout.names), image.lens)
             people = [one for one in people if is_trackable(one, self.tracker.config)]
-            if len(people) == 1:
-                pose = image.camera if learned.extrinsics is None else learned.extrinsics.corrected(image.camera)
+            pose = image.camera if learned.extrinsics is None else learned.extrinsics.corrected(image.camera)
+            if len(people) == 1 and pose.known:
                 sights.append(Sight(image.stamp_ns, people[0], image.lens, pose))
         self.agreement.update(sights, learned.size_check)
         for image in images:

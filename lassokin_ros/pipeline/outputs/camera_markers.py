@@ -38,6 +38,8 @@ class CameraMarkers:
             if view is None or name in places.faults:
                 continue
             pose = pose if extrinsics is None else extrinsics.corrected(pose)
+            if not pose.known:
+                continue
             half = 0.5 * np.array(view.size) / view.lens.focal
             quaternion = to_quaternion(pose.rotation.T[None])[0]
             found[name] = pose.centre, quaternion, np.where(half > 0, half, UNKNOWN_HALF)

@@ -6,11 +6,12 @@ from types import BuiltinFunctionType, FunctionType, ModuleType
 
 import numpy as np
 import pytest
-from camera_rig import MAP, eye, pixels, truth_at
+from camera_rig import MAP, eye, pixels, tf_of, truth_at
 from messages import camera_info, cloud, rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import CameraPose
+from lassokin_ros.pipeline.outputs.camera_markers import CameraMarkers
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT
 from lassokin_ros.pipeline.pipeline import Pipeline
@@ -165,6 +166,21 @@ def test_cameras_that_alternate_are_no_turn_of_the_person():
         rig.keep(frames, now)
         assert not any(frame.doubt.has_sign or frame.doubt.reversed for frame in frames)
     assert len(rig.errors) > 55
+
+
+def test_a_camera_whose_place_nobody_knows_is_not_left_out():
+    """Its place is found from the person; TF has those of the others."""
+    rig = Rig(LEFT, RIGHT, BACK)
+    config = TrackerConfig(extrinsics="learn")
+    rig.pipeline = Pipeline(config, NodeSettings(cameras=tuple(rig.eyes), fixed_frame=MAP))
+    for name, one in rig.eyes.items():
+        rig.pipeline.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
+        if name != "back":
+            rig.pipeline.transforms.add(tf_of(BACKEND, one, START_NS, 0.0), static=True)
+    rig.send(0.0, 2.0)
+    assert not rig.left_out and rig.errors
+    message = CameraMarkers(BACKEND, rig.pipeline).build(START_NS, 0.0)
+    assert {one.text for one in message.markers if one.text} == {"left", "right"}
 
 
 def test_with_several_people_no_camera_is_left_out():
