@@ -46,8 +46,8 @@ class PersonRow:
     time: s. rejection: key of the reason. detected: (l, 2) px, None without keypoints. reprojected: (l, 2) px.
     outline: (n, 2) px, joints in the image. positions: (n, 3) m, camera frame. angles: (n, 3) deg, as in
     `joint_states`. bends: (n,) deg, rotation angle of each joint. lengths: (n,) m, length of the bone that ends at each
-    joint. deviations: (n,) m, see `JointUncertainty`. observed: (n,) bool, see `ObservedJoints`. doubt: None for a
-    rejected frame.
+    joint. deviations: (n,) m, see `JointUncertainty`. observed: (n,) bool, see `ObservedJoints`. contacts: (n,) bool,
+    ankles of feet that stand still. doubt: None for a rejected frame.
     """
 
     time: float
@@ -70,6 +70,7 @@ class PersonRow:
     lengths = _stored("lengths")
     deviations = _stored("deviations")
     observed = _stored("observed")
+    contacts = _stored("contacts")
 
     @property
     def mean_deviation_mm(self) -> float:
@@ -175,6 +176,7 @@ def person_row(frame: FrameResult, time: float, spool: ArraySpool, level: np.nda
         "bends": np.degrees(np.linalg.norm(logarithm(estimate.state.rotations), axis=-1)),
         "deviations": frame.uncertainty.deviation,
         "observed": frame.observed,
+        "contacts": frame.contacts,
     }
     if frame.skeleton is not None:
         arrays["lengths"] = np.linalg.norm(frame.skeleton.offsets, axis=-1)
