@@ -207,4 +207,4 @@ class MotionRecorder:
 
 def _floor(motion: Motion) -> float:
     names, height = motion.skeleton.joint_names, motion.skeleton.height
-    return floor_height(motion.positions, motion.observed, names, height, motion.level)
+    return floor_height(motion.positions, motion.observed, motion.contacts, names, height, motion.level)

@@ -34,7 +34,7 @@ from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.found_cameras import calibration_toml, found_poses, where_in_words
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
-from lassokin_ros.video.track import Tracked, lens_of, stop_flag
+from lassokin_ros.video.track import HEIGHT_ASSUMED, Tracked, height_given, lens_of, stop_flag
 from lassokin_ros.video.track_outputs import TrackOutputs
 from msg_adapters.backends import RosbagsBackend
 
@@ -69,6 +69,8 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         sizes = {camera.name: camera.source.size for camera in cameras}
         outputs = TrackOutputs(options, cameras[0].source, cameras[0].calibration, first, stack, sizes)
+        if unplaced and not height_given(options):
+            outputs.remarks.append(HEIGHT_ASSUMED)
         backend = RosbagsBackend(types)
         with stop_flag() as stopped:
             for number, camera in enumerate(cameras):

@@ -48,6 +48,10 @@ from msg_adapters.backends import RosbagsBackend
 Configs = tuple[TrackerConfig, NodeSettings]
 Messages = Iterator[tuple[float, Any]]
 """Time in s and keypoint message of each image."""
+HEIGHT_ASSUMED = (
+    f"The person is taken to be {TrackerConfig().height:g} m tall. The images do not show the size: with another height, "
+    "all lengths and the distance change by the same factor; set `--height`."
+)
 CAMERA, KEYPOINTS = "camera_info", "keypoints"
 """Names of the messages in the first pass."""
 
@@ -75,6 +79,7 @@ def track(options: argparse.Namespace, detector: Detector | None = None) -> Trac
         stack.callback(detector.close)
         camera = lens_of(options, source)
         outputs = TrackOutputs(options, source, camera, first, stack)
+        outputs.remarks += [HEIGHT_ASSUMED] * (not height_given(options))
         run = Run(source, detector, types, camera, outputs)
         tracker = run.live(first) if _is_live(options, source) else run.whole_file(first, configs, options)
         written = outputs.write(files)
@@ -248,10 +253,14 @@ def _next_image(images: Iterator[Any], name: str) -> Any:
 
 def _height_line(config: TrackerConfig, options: argparse.Namespace) -> str:
     """Return the height. Without one, sizes and distances are those of a person of the default height."""
-    given = options.height is not None or options.params_file or any(p.startswith("height:=") for p in options.p)
-    if given:
+    if height_given(options):
         return config.height_text
     return f"{TrackerConfig().height:g} m is assumed; sizes and distances scale with it, set --height"
+
+
+def height_given(options: argparse.Namespace) -> bool:
+    named = any(parameter.startswith("height:=") for parameter in options.p)
+    return options.height is not None or bool(options.params_file) or named
 
 
 def _drop(messages: Iterator[Any]) -> None:

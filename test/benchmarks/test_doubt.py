@@ -12,12 +12,12 @@ def test_totals_count_frames_and_recordings():
         error = np.array(error, dtype=float)
         over = float(np.mean(error[np.isfinite(error)] > 150))
         return {"error": error, "marks": np.array(marks), "says": says, "over_150": over, "mpjpe_mm": 1.0,
-                "wrist_shake_mm": 2.0}  # fmt: skip
+                "wrist_shake_mm": 2.0, "ankle_shake_mm": 3.0}  # fmt: skip
 
     records = [one([50, 55, 160, np.nan], [0, 1, 1, 1], "doubt"), one([40] * 4, [0] * 4, ""), one([200], [0], "")]
     lines = totals([{**record, "marks": record["marks"].astype(bool)} for record in records])
     assert [line.rpartition(": ")[2] for line in lines] == [
-        "1.0 mm, wrists 2.0 mm",
+        "1.0 mm, wrists 2.0 mm, ankles 3.0 mm",
         "50%",
         "83.3%",
         "1 of 2",

@@ -279,6 +279,8 @@ def test_findings_of_a_video_give_no_advice_about_ros(long_video, tmp_path, monk
     for word in ("message", "camera_info", "topic", "landmarks", "noise_px", "certified"):
         assert word not in found, word
     assert "height          1.75 m is assumed" in capsys.readouterr().out
+    assert main([str(long_video), "--report", str(page), "--force", "--height", "1.75"]) == 0
+    assert "is taken to be" not in page.read_text(encoding="utf-8")
 
 
 def test_only_files_that_exist_are_said_to_be_written(images, tmp_path, monkeypatch, capsys):

@@ -130,8 +130,10 @@ def floor_of(facts: Facts, person: str) -> float:
     rows = [row for row in facts.accepted(person) if row.positions is not None and row.observed is not None]
     if not rows:
         return float("nan")
-    positions, observed = np.array([row.positions for row in rows]), np.array([row.observed for row in rows])
-    return floor_height(positions, observed, facts.skeleton.joint_names, facts.skeleton.height, facts.level)
+    positions, observed, contacts = (
+        np.array([getattr(row, name) for row in rows]) for name in ("positions", "observed", "contacts")
+    )
+    return floor_height(positions, observed, contacts, facts.skeleton.joint_names, facts.skeleton.height, facts.level)
 
 
 def landmark_errors(facts: Facts, rows: list[PersonRow]) -> tuple[np.ndarray, np.ndarray]:

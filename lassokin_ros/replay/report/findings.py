@@ -301,7 +301,6 @@ VIDEO_RULES: tuple[Rule, ...] = (
     video_findings.place,
     video_findings.upside_down,
     video_findings.absences,
-    video_findings.height,
     doubt_findings.likely_wrong,
     doubt_findings.bent_knees,
     doubt_findings.unseen_limbs,

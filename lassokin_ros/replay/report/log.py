@@ -47,7 +47,8 @@ class PersonRow:
     outline: (n, 2) px, joints in the image. These three are of the first camera; `in_view` returns those of others.
     positions: (n, 3) m, camera frame. angles: (n, 3) deg, as in `joint_states`. bends: (n,) deg, rotation angle of each
     joint. lengths: (n,) m, length of the bone that ends at each joint. deviations: (n,) m, see `JointUncertainty`.
-    observed: (n,) bool, see `ObservedJoints`. doubt: None for a rejected frame.
+    observed: (n,) bool, see `ObservedJoints`. contacts: (n,) bool, ankles of feet that stand still. doubt: None for a
+    rejected frame.
     """
 
     time: float
@@ -70,6 +71,7 @@ class PersonRow:
     lengths = _stored("lengths")
     deviations = _stored("deviations")
     observed = _stored("observed")
+    contacts = _stored("contacts")
 
     def in_view(self, name: str, number: int) -> np.ndarray | None:
         """Return `detected`, `reprojected` or `outline` in the image of a camera, by its number."""
@@ -198,6 +200,7 @@ def person_row(
         "bends": np.degrees(np.linalg.norm(logarithm(estimate.state.rotations), axis=-1)),
         "deviations": frame.uncertainty.deviation,
         "observed": frame.observed,
+        "contacts": frame.contacts,
     }
     for number, (_, newest) in enumerate(views):
         if newest is not None:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.replay.report.absences import NO_MESSAGE, NOBODY, Span
 from lassokin_ros.replay.report.facts import Facts
@@ -105,13 +104,3 @@ def heads_below(facts: Facts) -> bool:
     heights = [np.array(seen)[:, group, 1].mean(axis=1) for group in groups]
     both = np.isfinite(heights[0]) & np.isfinite(heights[1])
     return bool(both.any() and np.mean(heights[0][both] > heights[1][both]) > 0.5)
-
-
-def height(facts: Facts) -> Iterator[Finding]:
-    """Report a height that nobody gave."""
-    if facts.tracks and len(facts.cameras) == 1 and facts.tracker.height == TrackerConfig().height:
-        yield Finding(
-            NOTE,
-            f"The person is taken to be {facts.tracker.height:g} m tall. One camera cannot see size: with another "
-            "height, all lengths and the distance change by the same factor; set `--height`.",
-        )
