@@ -111,6 +111,8 @@ class Tracker:
         observed = ObservedJoints(body, self.layout.joints)
         self._ankles = tuple(body.index(ankle) for ankle in ANKLES) if self.frame_model.foot_contact else ()
         self._ankle_points = [self.layout.joints == ankle for ankle in self._ankles]
+        self.floor_below: float | None = None
+        """m: how far a flat floor is below the origin of the skeleton's frame; None for `camera_height`."""
         self._uncertainty = UncertaintyModel(self.frame_model, prior, self.learned.lengths.proportions, observed)
         self.reset()
 
@@ -166,6 +168,12 @@ class Tracker:
     def skeleton(self) -> Skeleton:
         """The body with the lengths as they are known now."""
         return self.kinematics.skeleton
+
+    @property
+    def floor(self) -> np.ndarray | None:
+        """See `FrameData.floor`. The learned vertical is not used: it is off by 5 degrees in the median."""
+        below = self.config.camera_height or None if self.floor_below is None else self.floor_below
+        return None if below is None else np.append(self.learned.vertical.mount, below)
 
     @property
     def layout(self) -> Layout:
@@ -331,7 +339,7 @@ class Tracker:
             else camera.predicted_view(together.stamp, vertical, body, error)
             for camera in self._cameras
         )
-        return replace(main, extra=observation.extra, others=tuple(others))
+        return replace(main, extra=observation.extra, floor=self.floor, others=tuple(others))
 
     def _start(self, measurement: Measurement, frame: FrameData) -> tuple[EvaluatedState, bool]:
         """The state about which the frame is linearised, and whether it is a first one, fitted to this frame alone."""

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.bone_lengths import Calibration
@@ -61,6 +62,7 @@ class Pipeline:
         """
         self.config = node_config.checked()
         tracker_config = _without_held_feet_if_mounted(tracker_config, self.config)
+        _check_camera_height(tracker_config, self.config)
         skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         check_names(skeleton)
         up = np.array([0.0, 0.0, 1.0]) if self.config.fixed_frame else None
@@ -170,6 +172,15 @@ class Pipeline:
         if self.mount is not None and self.mount.angles is not None:
             return self.mount.angles
         return self.tracker.config.camera_roll, self.tracker.config.camera_pitch
+
+    @property
+    def camera_height(self) -> float | None:
+        """m: height of the first camera above the floor; None if it is not known where the floor is."""
+        floor = self.tracker.floor
+        if floor is None:
+            return None
+        pose = self.places.newest.get(self.first.name) if self.places is not None else None
+        return float(floor[3] + (0.0 if pose is None else floor[:3] @ pose.centre))
 
     @property
     def ids(self) -> list[str] | None:
@@ -284,6 +295,7 @@ class Pipeline:
         Raises ConfigurationError, before anything is changed, for a setting out of its range.
         """
         config, resized = node_config.checked(), tracker_config.height != self.tracker.config.height
+        _check_camera_height(tracker_config, config)
         for tracked in self._trackable:
             tracked.tracker.tune(_without_held_feet_if_mounted(tracker_config, config))
         self.config = config
@@ -385,6 +397,8 @@ class Pipeline:
             placed, frame_id = self._placed(images)
             if self.first.mount is not None:
                 self._follow_mount(self.first.mount, images[0])
+            for tracked in self._trackable:
+                tracked.tracker.floor_below = self._floor_below
             frames = self.people.update(placed, frame_id, self.config.forget_after)
         except AdapterError as error:
             self._refused = self._sets is None
@@ -461,6 +475,13 @@ class Pipeline:
         frames = [frame for images in waiting for frame in self._track_sets([images], images[0].stamp_ns)]
         return [*frames, *self.people.flush()]
 
+    @property
+    def _floor_below(self) -> float | None:
+        """m: how far the floor is below the origin of the skeleton's frame by TF; None if TF does not tell."""
+        if not self.config.floor:
+            return None
+        return 0.0 if self.first.mount is None else self.first.mount.height
+
     def _follow_mount(self, mount: CameraMount, image: PeopleImage) -> None:
         """Use the camera's mount at the time of the image. Without TF, the present one stays."""
         if (angles := mount.at(image.frame_id, image.stamp_ns)) is not None:
@@ -471,6 +492,16 @@ class Pipeline:
 def _without_held_feet_if_mounted(tracker: TrackerConfig, node: NodeSettings) -> TrackerConfig:
     """The settings for a camera that may move: feet are not held, because nobody tells how it moves."""
     return replace(tracker, hold_feet=False) if node.camera_mount_frame else tracker
+
+
+def _check_camera_height(tracker: TrackerConfig, node: NodeSettings) -> None:
+    """Raise ConfigurationError for a camera's height beside the one that TF gives."""
+    for name in ("fixed_frame", "camera_mount_frame"):
+        if tracker.camera_height and (frame := getattr(node, name)):
+            raise ConfigurationError(
+                f"camera_height is {tracker.camera_height:g} and {name} '{frame}'; expected one of them: with {name}, "
+                "TF gives the camera's height, and floor says that its height 0 is the floor"
+            )
 
 
 def _people_tracker(people: Sequence[TrackedPerson], counts: Counter[str], config: NodeSettings) -> PeopleTracker:

@@ -73,6 +73,11 @@ class NodeSettings:
         "frame with z up, such as base_footprint, over which TF gives the camera's roll and pitch at each image; "
         "empty: camera_roll and camera_pitch are used",
     )
+    floor: bool = setting(
+        False,
+        "a flat floor is at height 0 of fixed_frame or camera_mount_frame; feet are then on it, or not near it",
+        live=True,
+    )
     base_frame: str = setting(
         OPTICAL_FRAME, "base link of robot_description until the first keypoints give their frame_id"
     )
@@ -254,6 +259,11 @@ class NodeSettings:
             raise ConfigurationError(
                 f"fixed_frame is '{self.fixed_frame}' and camera_mount_frame '{self.camera_mount_frame}'; expected one "
                 "of them: fixed_frame gives the vertical, too"
+            )
+        if self.floor and not (self.fixed_frame or self.camera_mount_frame):
+            raise ConfigurationError(
+                "floor is true, but no frame is named whose height 0 it is; expected fixed_frame or "
+                "camera_mount_frame, or camera_height in place of floor"
             )
         if self.several_cameras and self.topic_per_body:
             raise ConfigurationError(
