@@ -115,11 +115,11 @@ PITCH = 0.35
 """rad by which the camera looks down."""
 
 
-def tracked(above=0.0, jump=False, told=True, wrong=0.0, seconds=1.5):
+def tracked(above=0.0, jump=False, told=True, seconds=1.5):
     """Mean errors of the root's place, of the joints, and of the ankles' height, m; and the tracker.
 
-    The person stands `above` m above the floor, or jumps. told: whether the tracker is told the height, `wrong`
-    m too large. The keypoints are those of a body that is 4 % taller, at the distance that the height says.
+    The person stands `above` m above the floor, or jumps. told: whether the tracker is told the camera's
+    height. The keypoints are those of a body that is 4 % taller, at the distance that the height says.
     """
     config = replace(CONFIG, camera_pitch=PITCH, calibrate=False)
     skeleton = Tracker(config).skeleton
@@ -133,7 +133,7 @@ def tracked(above=0.0, jump=False, told=True, wrong=0.0, seconds=1.5):
     shift = np.stack([0 * times, raised - lift, 0.5 + 0 * times], axis=-1)[:, None]
     positions, landmarks = ((part + shift) @ into for part in (truth.positions, truth.landmarks))
     height = camera_height + raised
-    tracker = Tracker(replace(config, camera_height=height + wrong if told else 0.0))
+    tracker = Tracker(replace(config, camera_height=height if told else 0.0))
     random, errors = np.random.default_rng(3), []
     for index, time in enumerate(times):
         body_centre = landmarks[index].mean(axis=0)

@@ -359,8 +359,8 @@ class Diagnostics:
             values["people beyond max_people"] = str(counts["people beyond max_people"])
         if self._pipeline.mount is not None and (angles := self._pipeline.mount.angles) is not None:
             values["camera roll, pitch from TF [rad]"] = "{:.3f}, {:.3f}".format(*angles)
-        if (height := self._pipeline.camera_height) is not None:
-            values["camera height above the floor [m]"] = f"{height:.3f}"
+        if (above := self._pipeline.camera_height) is not None:
+            values["camera height above the floor [m]"] = f"{above:.3f}"
         if self._pipeline.depth is not None:
             values |= {f"{key} [messages]": str(counts[key]) for key in DEPTH_COUNTS}
         listed = (LATE, MISFIT, OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, UNUSED, UNSCORED, DEPTH_IN_MESSAGE, LEADING_SLASH)
