@@ -93,6 +93,15 @@ class TrackerConfig:
         100.0,
         live=True,
     )
+    tilt_deviation: float = setting(
+        0.0,
+        "standard deviation of the camera's tilt; above 0, feet on the floor measure the height if that is 0, where "
+        "the tilt allows 5 %",
+        "rad",
+        0.0,
+        0.2,
+        live=True,
+    )
     noise_px: float = setting(
         3.0, "standard deviation of a confident keypoint in the image", "px", 0.1, 100.0, live=True
     )

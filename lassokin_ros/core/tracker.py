@@ -47,6 +47,7 @@ from lassokin_ros.core.increment import Increment, IncrementSolver
 from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.learned.bone_lengths import OBSERVED_STATURE_DEVIATION
 from lassokin_ros.core.learned.depth_noise import DepthNoise
+from lassokin_ros.core.learned.floor_size import FloorSize, floor_size
 from lassokin_ros.core.learned.height import PEOPLE_DEVIATION
 from lassokin_ros.core.learned.learned import Learned
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
@@ -529,12 +530,19 @@ class Tracker:
             self._solved = self._evaluated_again()  # the prior's mean has changed
         if height is None:
             return
-        ratios = np.empty(0)
+        ratios, floor = np.empty(0), None if several or measurement.repeated else self._floor_size(frame, solved)
         if several:
             places = triangulate(seen)
             ratios = self.learned.size_check.ratios(places, np.isfinite(places[:, 0]))
-        if height.update(measurement, solved, self.skeleton.height, ratios):
+        if height.update(measurement, solved, self.skeleton.height, ratios, floor):
             self._adopt_height(height.height / self.skeleton.height, several)
+
+    def _floor_size(self, frame: FrameData, solved: EvaluatedState) -> FloorSize | None:
+        """The size by the feet that stand on the floor; None if it is not asked for, or none does."""
+        if frame.floor is None or not self.config.tilt_deviation:
+            return None
+        ankles, centre = solved.pose.positions[self._contacts()], frame.camera.centre
+        return floor_size(ankles, frame.floor, centre, self.skeleton.height, self.config.tilt_deviation)
 
     def _adopt_lengths(self) -> None:
         """Use the lengths as they are known now."""

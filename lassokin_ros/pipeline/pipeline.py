@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.bone_lengths import Calibration
@@ -62,7 +61,7 @@ class Pipeline:
         """
         self.config = node_config.checked()
         tracker_config = _without_held_feet_if_mounted(tracker_config, self.config)
-        _check_camera_height(tracker_config, self.config)
+        self.config.check_with(tracker_config)
         skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         check_names(skeleton)
         up = np.array([0.0, 0.0, 1.0]) if self.config.fixed_frame else None
@@ -295,7 +294,7 @@ class Pipeline:
         Raises ConfigurationError, before anything is changed, for a setting out of its range.
         """
         config, resized = node_config.checked(), tracker_config.height != self.tracker.config.height
-        _check_camera_height(tracker_config, config)
+        config.check_with(tracker_config)
         for tracked in self._trackable:
             tracked.tracker.tune(_without_held_feet_if_mounted(tracker_config, config))
         self.config = config
@@ -492,16 +491,6 @@ class Pipeline:
 def _without_held_feet_if_mounted(tracker: TrackerConfig, node: NodeSettings) -> TrackerConfig:
     """The settings for a camera that may move: feet are not held, because nobody tells how it moves."""
     return replace(tracker, hold_feet=False) if node.camera_mount_frame else tracker
-
-
-def _check_camera_height(tracker: TrackerConfig, node: NodeSettings) -> None:
-    """Raise ConfigurationError for a camera's height beside the one that TF gives."""
-    for name in ("fixed_frame", "camera_mount_frame"):
-        if tracker.camera_height and (frame := getattr(node, name)):
-            raise ConfigurationError(
-                f"camera_height is {tracker.camera_height:g} and {name} '{frame}'; expected one of them: with {name}, "
-                "TF gives the camera's height, and floor says that its height 0 is the floor"
-            )
 
 
 def _people_tracker(people: Sequence[TrackedPerson], counts: Counter[str], config: NodeSettings) -> PeopleTracker:

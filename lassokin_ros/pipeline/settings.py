@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-from lassokin_ros.core.config import OFF, check_setting, setting
+from lassokin_ros.core.config import OFF, TrackerConfig, check_setting, setting
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.yaml_files import SUFFIXES
 from lassokin_ros.pipeline.people.choice import CONFIDENT, RULES, number_named
@@ -240,6 +240,20 @@ class NodeSettings:
                 f"{' or '.join(SUFFIXES)}"
             )
         return self
+
+    def check_with(self, tracker: TrackerConfig) -> None:
+        """Raise ConfigurationError if these settings and the tracker's contradict each other."""
+        if tracker.tilt_deviation and (self.camera_mount_frame or not (tracker.camera_height or self.floor)):
+            raise ConfigurationError(
+                f"tilt_deviation is {tracker.tilt_deviation:g}, but no feet are known to stand on a floor; expected "
+                "camera_height, or floor with fixed_frame (with camera_mount_frame feet are not held), or 0"
+            )
+        for name in ("fixed_frame", "camera_mount_frame"):
+            if tracker.camera_height and (frame := getattr(self, name)):
+                raise ConfigurationError(
+                    f"camera_height is {tracker.camera_height:g} and {name} '{frame}'; expected one of them: with "
+                    f"{name}, TF gives the camera's height, and floor says that its height 0 is the floor"
+                )
 
     def _check_cameras(self) -> None:
         names = self.camera_names

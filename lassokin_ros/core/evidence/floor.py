@@ -28,7 +28,7 @@ SCALE = 2.0
 class Floor(Evidence):
     """One row per ankle: (ANKLE_HEIGHT - its height above the floor) / DEVIATION."""
 
-    name, count = "floor", len(ANKLES)
+    name, count = "feet on the floor", len(ANKLES)
 
     @staticmethod
     def fits(names: tuple[str, ...]) -> bool:

@@ -246,6 +246,9 @@ def test_a_floor_that_cannot_be_is_refused(frame):
     with pytest.raises(ConfigurationError, match="expected one of them"):
         pipeline.tune(TrackerConfig(camera_height=1.2), NodeSettings(**{frame: "odom"}))
     assert pipeline.tracker.config.camera_height == 0
+    for settings in ({}, {"camera_mount_frame": "odom", "floor": True}, {"fixed_frame": "odom"}):
+        with pytest.raises(ConfigurationError, match="tilt_deviation is 0.01, but no feet are known to stand"):
+            Pipeline(TrackerConfig(tilt_deviation=0.01), NodeSettings(**settings))
     with pytest.raises(ConfigurationError, match="camera_height is -0.1; expected 0 to 100 m"):
         TrackerConfig(camera_height=-0.1).checked()
 
