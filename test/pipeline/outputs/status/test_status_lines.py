@@ -59,6 +59,7 @@ def pipeline():
         camera_angles=(0.0, 0.0),
         depth_check=SimpleNamespace(fault=""),
         mount=None,
+        camera_height=None,
         calibrations=dict,
         heights=dict,
         evidence_faults={},
