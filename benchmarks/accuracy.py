@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.accuracy_run import failure_probability
 from benchmarks.accuracy_run.experiment import METHODS, Job, run
 from benchmarks.accuracy_run.leave_one_out import under_its_prior
-from benchmarks.accuracy_run.options import depth_sensor, parsed, unheeded
+from benchmarks.accuracy_run.options import depth_sensor, parsed, told, unheeded
 from benchmarks.accuracy_run.people import person_of, seen_by_network, test_clips, validation_clips
 from benchmarks.accuracy_run.special import initialise_frames, run_gap
 from benchmarks.accuracy_run.table import detections_head, given_settings, head, report
@@ -131,7 +131,7 @@ def measure(options: argparse.Namespace) -> list[Record]:
     methods = ["lasso"] if o.uncertainty or o.failure_probability else o.methods
     jobs = [
         Job(file, view, method, condition, o.landmarks, seed, o.generic_skeleton, o.bone_error, o.symmetric,
-            given_settings(o), o.score_from, o.leave_one_out)
+            given_settings(o), o.score_from, o.leave_one_out, told(o))
         for seed in range(o.seed, o.seed + o.seeds)
         for file in clip_files(options) for view in range(o.views) for method in methods
     ]  # fmt: skip

@@ -14,7 +14,7 @@ from benchmarks.accuracy_run.people import person_of
 from benchmarks.accuracy_run.runs import Follower, Track, follow
 from benchmarks.common.report import Record
 from benchmarks.data.mocap import EVALUATED, SMPL_NAME, Clip, clip_height, clip_skeleton, load_clip
-from benchmarks.data.simulated_camera import Condition, View, view_of
+from benchmarks.data.simulated_camera import Condition, Told, View, view_of
 from benchmarks.data.strangers import with_peoples_proportions
 from benchmarks.methods.baselines import FOLLOWERS
 from benchmarks.methods.smplify import fit_clip
@@ -34,6 +34,7 @@ class Job:
     bone_error: standard deviation of the bones' relative error; symmetric: left and right bones get the same one.
     settings: of TrackerConfig, beside height, landmarks and noise_px. score_from: s, earlier frames are not scored.
     left_out: the prior is learned from the folder's other clips (benchmarks/accuracy_run/leave_one_out.py).
+    told: of the camera's mount, None for nothing.
     """
 
     file: Path
@@ -48,6 +49,7 @@ class Job:
     settings: Mapping[str, Any] | None = None
     score_from: float = 0.0
     left_out: bool = False
+    told: Told | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +103,8 @@ def scene_of(job: Job) -> Scene:
     if config.height == 0:
         given = Skeleton.load(config.skeleton, config.assumed_height)
     view = view_of(clip, Layout.load(job.landmarks, own), own, job.condition, job.view, job.seed, person)
+    if job.told is not None:
+        config = replace(config, **job.told.settings(view)).checked()
     return Scene(clip, view, given, config)
 
 
@@ -189,14 +193,27 @@ def score(track: Track, scene: Scene, score_from: float = 0.0) -> Record:
         "rejected": int(np.sum(track.rejected[scored])),
         "ends_lost": bool(track.rejected[-1]),
         "before_first": first,
+        "penetration_mm": penetration_mm(track, scene, scored),
         "joints_mm": joint_errors(estimate, truth, own_root, true_root, EVALUATED),
         **anatomy.body_figures(estimate, truth, EVALUATED, np.arange(len(truth)) / view.fps),
     }
 
 
+def penetration_mm(track: Track, scene: Scene, scored: slice) -> float:
+    """Mean over frames and feet of how far an ankle is below the true ankles' lowest place, mm.
+
+    That place is the 5th percentile of the height of the lower one.
+    """
+    up = scene.view.floor[:3]
+    ankles = [EVALUATED.index(f"{side}_ankle") for side in "lr"]
+    lowest = np.percentile((scene.view.truth[:, ankles] @ up).min(axis=1), 5)
+    found = track.positions[scored][:, scene.evaluated][:, ankles] @ up
+    return 1000 * _mean(np.maximum(lowest - found, 0.0))
+
+
 FIGURES = (
     "mpjpe_mm pa_mpjpe_mm root_mm accel_error reprojection_px frames_over_100mm over_100mm_percent flips flips_percent "
-    "init_ms init_mpjpe_mm frame_ms_p50 frame_ms_p99"
+    "init_ms init_mpjpe_mm frame_ms_p50 frame_ms_p99 penetration_mm"
 ).split()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +13,7 @@ from benchmarks.accuracy_run.experiment import METHODS
 from benchmarks.common.option_types import count, finite, names, output_file, positive, seed, share, size
 from benchmarks.data.depth_images import DepthCamera
 from benchmarks.data.depth_sensor import DepthSensor
+from benchmarks.data.simulated_camera import Told
 from lassokin_ros.core.config import TrackerConfig
 
 SWITCH = {**dict.fromkeys(("true", "1", "yes", "on"), True), **dict.fromkeys(("false", "0", "no", "off"), False)}
@@ -48,6 +50,9 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--duplicates", type=count, default=1, metavar="K", help="each detection is sent K times (1)")
     add("--camera-roll", type=finite, default=0.0, metavar="RAD", help="true roll of the mount (0)")
     add("--camera-pitch", type=finite, default=0.0, metavar="RAD", help="true pitch of the mount (0)")
+    add("--mount", choices=("tilt", "floor"), help="tell the tracker the true tilt; or this and the camera's height")
+    add("--tilt-off", type=size, default=0.0, metavar="DEG", help="with --mount: error of the tilt told (0)")
+    add("--floor-off", type=finite, default=0.0, metavar="M", help="with --mount floor: error of the height told (0)")
     add("--lying", action="store_true", help="people lie, on a random side")
     add("--fps", type=positive, default=60.0, help="frame rate, by leaving out frames; or the nearest there is (60)")
     add("--landmarks", default="coco17", help="landmark layout (coco17)")
@@ -109,6 +114,13 @@ def depth_sensor(options: argparse.Namespace) -> DepthSensor | DepthCamera | Non
         return DepthCamera(covered=o.depth_covered or 0.0)
     given = o.depth_noise, o.depth_bias, o.depth_occluded, o.depth_noise_z2
     return None if given == (None,) * 4 else DepthSensor(*(value or 0.0 for value in given))
+
+
+def told(options: argparse.Namespace) -> Told | None:
+    """What the tracker is told of the camera's mount; None for nothing."""
+    if options.mount is None:
+        return None
+    return Told(options.mount == "floor", math.radians(options.tilt_off), options.floor_off)
 
 
 def unheeded(options: argparse.Namespace) -> list[str]:

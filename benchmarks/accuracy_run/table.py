@@ -35,6 +35,8 @@ LEARNED = {"lengths_given": ".3f", "lengths_learned": ".3f"}
 """Root mean square of seven log-lengths about the person's own, at the same size: at the start and at the end."""
 HEIGHT = {"height_percent": ".1f"}
 """Error of the measured height, of the clip's."""
+FLOOR = {"penetration_mm": ".1f"}
+"""How far ankles are below the floor."""
 GAP = {"before_mm": ".1f", "gap_end_mm": ".1f", "after_mm": ".1f", "after_no_gap_mm": ".1f", "rise_mm": ".1f"}
 INITIALISATION = {"init_median_mm": ".1f", "init_p90_mm": ".1f", "front_back_percent": ".1f", "ms_p50": ".0f"}
 
@@ -62,6 +64,8 @@ def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
         print(f"\n{joint_table(records)}" if options.joints else "", end="")
         return
     columns = GAP if options.gap else COLUMNS | (HEIGHT if options.unknown_height else {})
+    if options.mount and not options.gap:
+        columns |= FLOOR
     if not options.initialisation:
         shown = [{**r, "clip": r["clip"] + (" *" if r.get("training") else "")} for r in records]
         seed = {"seed": "d"} if options.seeds > 1 else {}
@@ -164,6 +168,9 @@ def head(options: argparse.Namespace) -> str:
     ]
     if options.camera_roll or options.camera_pitch:
         lines.append(f"Camera rolled by {options.camera_roll:g} rad and looking down by {options.camera_pitch:g} rad.")
+    if options.mount:
+        height = f", and its height, off by {options.floor_off:g} m" if options.mount == "floor" else ""
+        lines.append(f"Told of each camera: its tilt, off by {options.tilt_off:g} degrees{height}.")
     if options.wander_px or options.offset_px:
         lines.append(
             f"Beside the noise keypoints are off by {options.wander_px:g} px for {WANDERS:g} s on end, and by "

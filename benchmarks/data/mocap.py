@@ -193,6 +193,16 @@ def clip_height(clip: Clip) -> float:
     return float(length / 0.96)
 
 
+SOLE = 0.018
+"""Height of the toe joint of a standing person above the floor, in heights."""
+
+
+def floor_height(clip: Clip) -> float:
+    """World y of the floor, m: that of the lowest toe in the lowest frames, less `SOLE`. Captures do not state it."""
+    toes = np.minimum(clip.position("l_toe")[:, 1], clip.position("r_toe")[:, 1])
+    return float(np.percentile(toes, 5)) - SOLE * clip_height(clip)
+
+
 def clip_skeleton(clip: Clip, generic: bool) -> Skeleton:
     """A skeleton from what a user could measure: only the height (generic), or also bone lengths and the trunk at rest.
 

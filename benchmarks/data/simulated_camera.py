@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.data.depth_images import DepthCamera
 from benchmarks.data.depth_sensor import DepthSensor
-from benchmarks.data.mocap import EVALUATED, Clip, clip_fps, clip_height, landmark_positions
+from benchmarks.data.mocap import EVALUATED, Clip, clip_fps, clip_height, floor_height, landmark_positions
 from benchmarks.data.strangers import displaced, displacements
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
@@ -25,6 +25,7 @@ class View:
     truth: (f, 14, 3) m and root: (f, 3) m in the camera frame; orientation: (3, 3), from the world to the camera;
     pixels: (f, l, 2); confidence: (f, l), 0 = missing; depth: (f, l) m, measured along the optical axis, None without a
     depth sensor. depth_of_surface: as in Observation.
+    floor: (4,) n and h: a point p (3,) m in the camera frame is n p + h m above the floor.
     """
 
     clip: Clip
@@ -38,6 +39,7 @@ class View:
     confidence: np.ndarray
     depth: np.ndarray | None = None
     depth_of_surface: bool = False
+    floor: np.ndarray = field(default_factory=lambda: np.zeros(4))
 
     @property
     def normalised(self) -> np.ndarray:
@@ -75,6 +77,32 @@ class Condition:
     hidden: tuple[str, ...] = ()
     landmark_mm: float = 0.0
     proportions: bool = False
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the tracker is told of the camera's mount: its tilt, and with `floor` its height above the floor.
+
+    tilt_off: rad by which the vertical is wrong, in a direction drawn by the clip. floor_off: m by which the height is
+    too large.
+    """
+
+    floor: bool = False
+    tilt_off: float = 0.0
+    floor_off: float = 0.0
+
+    def settings(self, view: View) -> dict[str, float]:
+        """Settings of the tracker for a view."""
+        direction = np.random.default_rng([7, *view.clip.name.encode()]).uniform(0, 2 * np.pi)
+        axis = np.array([np.cos(direction), 0.0, np.sin(direction)])
+        right, down, forward = Rotation.from_rotvec(self.tilt_off * axis).apply(view.floor[:3])
+        found = {
+            "camera_roll": float(np.arctan2(-right, -down)),
+            "camera_pitch": float(np.arctan2(-forward, np.hypot(right, down))),
+        }
+        if self.floor:
+            found["camera_height"] = max(float(view.floor[3]) + self.floor_off, 0.01)
+        return found
 
 
 def step_for(clip_fps: float, fps: float) -> int:
@@ -143,8 +171,10 @@ def view_of(
         size = (2 * int(centre_px[0]), 2 * int(centre_px[1]))
         depth = condition.depth.sampled(joints, clip_height(clip), focal, pixels, size, sensor)
     of_surface = isinstance(condition.depth, DepthCamera)
+    up = mount @ flip @ R @ np.array([0.0, 1.0, 0.0])
+    floor = np.append(up, -up @ to_camera(np.array([0.0, floor_height(clip), 0.0])))
     return View(
-        clip, clip.fps / step, focal, centre_px, truth, root, orientation, pixels, confidence, depth, of_surface
+        clip, clip.fps / step, focal, centre_px, truth, root, orientation, pixels, confidence, depth, of_surface, floor
     )
 
 

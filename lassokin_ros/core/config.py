@@ -84,6 +84,24 @@ class TrackerConfig:
         PI / 2,
         live=True,
     )
+    camera_height: float = setting(
+        0.0,
+        "height of the camera above a flat floor, for one on a tripod with known roll and pitch; feet are then on this "
+        "floor, or not near it; 0 = unknown",
+        "m",
+        0.0,
+        100.0,
+        live=True,
+    )
+    tilt_deviation: float = setting(
+        0.0,
+        "standard deviation of the camera's tilt; above 0, feet on the floor measure the height if that is 0, where "
+        "the tilt allows 5 %",
+        "rad",
+        0.0,
+        0.2,
+        live=True,
+    )
     noise_px: float = setting(
         3.0, "standard deviation of a confident keypoint in the image", "px", 0.1, 100.0, live=True
     )

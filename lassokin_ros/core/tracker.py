@@ -48,6 +48,7 @@ from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.learned.bone_lengths import OBSERVED_STATURE_DEVIATION
 from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.learned.extrinsics import Extrinsics
+from lassokin_ros.core.learned.floor_size import FloorSize, floor_size
 from lassokin_ros.core.learned.height import PEOPLE_DEVIATION
 from lassokin_ros.core.learned.learned import Learned
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
@@ -112,6 +113,8 @@ class Tracker:
         observed = ObservedJoints(body, self.layout.joints)
         self._ankles = tuple(body.index(ankle) for ankle in ANKLES) if self.frame_model.foot_contact else ()
         self._ankle_points = [self.layout.joints == ankle for ankle in self._ankles]
+        self.floor_below: float | None = None
+        """m: how far a flat floor is below the origin of the skeleton's frame; None for `camera_height`."""
         self._uncertainty = UncertaintyModel(self.frame_model, prior, self.learned.lengths.proportions, observed)
         self.reset()
 
@@ -168,6 +171,12 @@ class Tracker:
     def skeleton(self) -> Skeleton:
         """The body with the lengths as they are known now."""
         return self.kinematics.skeleton
+
+    @property
+    def floor(self) -> np.ndarray | None:
+        """See `FrameData.floor`. The learned vertical is not used: it is off by 5 degrees in the median."""
+        below = self.config.camera_height or None if self.floor_below is None else self.floor_below
+        return None if below is None else np.append(self.learned.vertical.mount, below)
 
     @property
     def layout(self) -> Layout:
@@ -362,7 +371,7 @@ class Tracker:
             else camera.predicted_view(together.stamp, vertical, body, error)
             for camera in self._cameras
         )
-        return replace(main, extra=observation.extra, others=tuple(others))
+        return replace(main, extra=observation.extra, floor=self.floor, others=tuple(others))
 
     def _start(self, measurement: Measurement, frame: FrameData) -> tuple[EvaluatedState, bool]:
         """The state about which the frame is linearised, and whether it is a first one, fitted to this frame alone."""
@@ -552,12 +561,19 @@ class Tracker:
             self._solved = self._evaluated_again()  # the prior's mean has changed
         if height is None:
             return
-        ratios = np.empty(0)
+        ratios, floor = np.empty(0), None if several or measurement.repeated else self._floor_size(frame, solved)
         if several:
             places = triangulate(seen)
             ratios = self.learned.size_check.ratios(places, np.isfinite(places[:, 0]))
-        if height.update(measurement, solved, self.skeleton.height, ratios):
+        if height.update(measurement, solved, self.skeleton.height, ratios, floor):
             self._adopt_height(height.height / self.skeleton.height, several)
+
+    def _floor_size(self, frame: FrameData, solved: EvaluatedState) -> FloorSize | None:
+        """The size by the feet that stand on the floor; None if it is not asked for, or none does."""
+        if frame.floor is None or not self.config.tilt_deviation:
+            return None
+        ankles, centre = solved.pose.positions[self._contacts()], frame.camera.centre
+        return floor_size(ankles, frame.floor, centre, self.skeleton.height, self.config.tilt_deviation)
 
     def _adopt_lengths(self) -> None:
         """Use the lengths as they are known now."""

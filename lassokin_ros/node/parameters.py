@@ -142,7 +142,9 @@ class LiveParameters:
 
     def _changed(self, parameters: Sequence[Parameter]) -> Settings:
         tracker, node = self.settings
-        return _with_values(tracker, parameters).checked(), _with_values(node, parameters).checked()
+        tracker, node = _with_values(tracker, parameters).checked(), _with_values(node, parameters).checked()
+        node.check_with(tracker)
+        return tracker, node
 
 
 def _with_values(config: Any, parameters: Sequence[Parameter]) -> Any:

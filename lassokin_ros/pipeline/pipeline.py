@@ -66,6 +66,7 @@ class Pipeline:
         """
         self.config = node_config.checked()
         tracker_config = _without_held_feet_if_mounted(tracker_config, self.config)
+        self.config.check_with(tracker_config)
         skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         check_names(skeleton)
         up = np.array([0.0, 0.0, 1.0]) if self.config.fixed_frame else None
@@ -172,6 +173,15 @@ class Pipeline:
         if self.mount is not None and self.mount.angles is not None:
             return self.mount.angles
         return self.tracker.config.camera_roll, self.tracker.config.camera_pitch
+
+    @property
+    def camera_height(self) -> float | None:
+        """m: height of the first camera above the floor; None if it is not known where the floor is."""
+        floor = self.tracker.floor
+        if floor is None:
+            return None
+        pose = self.places.newest.get(self.first.name) if self.places is not None else None
+        return float(floor[3] + (0.0 if pose is None else floor[:3] @ pose.centre))
 
     @property
     def ids(self) -> list[str] | None:
@@ -287,6 +297,7 @@ class Pipeline:
         Raises ConfigurationError, before anything is changed, for a setting out of its range.
         """
         config, resized = node_config.checked(), tracker_config.height != self.tracker.config.height
+        config.check_with(tracker_config)
         for tracked in self._trackable:
             tracked.tracker.tune(_without_held_feet_if_mounted(tracker_config, config))
         self.config = config
@@ -391,6 +402,8 @@ class Pipeline:
                 return []
             if self.first.mount is not None:
                 self._follow_mount(self.first.mount, images[0])
+            for tracked in self._trackable:
+                tracked.tracker.floor_below = self._floor_below
             frames = self.people.update(placed, frame_id, self.config.forget_after)
         except AdapterError as error:
             self._refused = self._sets is None
@@ -504,6 +517,13 @@ class Pipeline:
         waiting = [] if self._sets is None else self._sets.flush()
         frames = [frame for images in waiting for frame in self._track_sets([images], images[0].stamp_ns)]
         return [*frames, *self.people.flush()]
+
+    @property
+    def _floor_below(self) -> float | None:
+        """m: how far the floor is below the origin of the skeleton's frame by TF; None if TF does not tell."""
+        if not self.config.floor:
+            return None
+        return 0.0 if self.first.mount is None else self.first.mount.height
 
     def _follow_mount(self, mount: CameraMount, image: PeopleImage) -> None:
         """Use the camera's mount at the time of the image. Without TF, the present one stays."""

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-from lassokin_ros.core.config import OFF, check_setting, setting
+from lassokin_ros.core.config import OFF, TrackerConfig, check_setting, setting
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.yaml_files import SUFFIXES
 from lassokin_ros.pipeline.people.choice import CONFIDENT, RULES, number_named
@@ -72,6 +72,11 @@ class NodeSettings:
         "",
         "frame with z up, such as base_footprint, over which TF gives the camera's roll and pitch at each image; "
         "empty: camera_roll and camera_pitch are used",
+    )
+    floor: bool = setting(
+        False,
+        "a flat floor is at height 0 of fixed_frame or camera_mount_frame; feet are then on it, or not near it",
+        live=True,
     )
     base_frame: str = setting(
         OPTICAL_FRAME, "base link of robot_description until the first keypoints give their frame_id"
@@ -236,6 +241,20 @@ class NodeSettings:
             )
         return self
 
+    def check_with(self, tracker: TrackerConfig) -> None:
+        """Raise ConfigurationError if these settings and the tracker's contradict each other."""
+        if tracker.tilt_deviation and (self.camera_mount_frame or not (tracker.camera_height or self.floor)):
+            raise ConfigurationError(
+                f"tilt_deviation is {tracker.tilt_deviation:g}, but no feet are known to stand on a floor; expected "
+                "camera_height, or floor with fixed_frame (with camera_mount_frame feet are not held), or 0"
+            )
+        for name in ("fixed_frame", "camera_mount_frame"):
+            if tracker.camera_height and (frame := getattr(self, name)):
+                raise ConfigurationError(
+                    f"camera_height is {tracker.camera_height:g} and {name} '{frame}'; expected one of them: with "
+                    f"{name}, TF gives the camera's height, and floor says that its height 0 is the floor"
+                )
+
     def _check_cameras(self) -> None:
         names = self.camera_names
         for name in names:
@@ -254,6 +273,11 @@ class NodeSettings:
             raise ConfigurationError(
                 f"fixed_frame is '{self.fixed_frame}' and camera_mount_frame '{self.camera_mount_frame}'; expected one "
                 "of them: fixed_frame gives the vertical, too"
+            )
+        if self.floor and not (self.fixed_frame or self.camera_mount_frame):
+            raise ConfigurationError(
+                "floor is true, but no frame is named whose height 0 it is; expected fixed_frame or "
+                "camera_mount_frame, or camera_height in place of floor"
             )
         if self.several_cameras and self.topic_per_body:
             raise ConfigurationError(

@@ -49,8 +49,8 @@ Configs = tuple[TrackerConfig, NodeSettings]
 Messages = Iterator[tuple[float, Any]]
 """Time in s and keypoint message of each image."""
 HEIGHT_ASSUMED = (
-    f"The person is taken to be {TrackerConfig().height:g} m tall. The images do not show the size: with another height, "
-    "all lengths and the distance change by the same factor; set `--height`."
+    f"The person is taken to be {TrackerConfig().height:g} m tall. The images do not show the size: with another "
+    "height, all lengths and the distance change by the same factor; set `--height`."
 )
 CAMERA, KEYPOINTS = "camera_info", "keypoints"
 """Names of the messages in the first pass."""
@@ -259,6 +259,7 @@ def _height_line(config: TrackerConfig, options: argparse.Namespace) -> str:
 
 
 def height_given(options: argparse.Namespace) -> bool:
+    """Return whether the options give the person's height, or settings that may."""
     named = any(parameter.startswith("height:=") for parameter in options.p)
     return options.height is not None or bool(options.params_file) or named
 

@@ -91,3 +91,18 @@ def test_files_that_are_gone_do_not_matter_to_a_running_node(tmp_path):
         (result,) = node.set_parameters([Parameter("height", value=0.0)])
         assert result.successful and node._pipeline.tracker.learned.height is not None
         feed(node, 15, 5)
+
+
+def test_the_floor_is_live():
+    with node_in_this_process("/floor") as (node, _):
+        feed(node, count=5)
+        assert node._pipeline.camera_height is None
+        (result,) = node.set_parameters([Parameter("tilt_deviation", value=0.01)])
+        assert not result.successful and "no feet are known to stand on a floor" in result.reason
+        (result,) = node.set_parameters([Parameter("floor", value=True)])
+        assert not result.successful and "no frame is named" in result.reason
+        for name, value in (("camera_height", 1.2), ("tilt_deviation", 0.01)):
+            (result,) = node.set_parameters([Parameter(name, value=value)])
+            assert result.successful, result.reason
+        feed(node, 5, 5)
+        assert node._pipeline.camera_height == 1.2 and values(node)["camera height above the floor [m]"] == "1.200"

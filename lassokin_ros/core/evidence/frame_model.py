@@ -16,6 +16,7 @@ from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.evidence.balance import Balance
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
+from lassokin_ros.core.evidence.floor import Floor
 from lassokin_ros.core.evidence.foot_contact import FootContact
 from lassokin_ros.core.evidence.image_points import ImagePoints
 from lassokin_ros.core.evidence.learned_depth import LearnedDepth
@@ -40,8 +41,8 @@ class FrameModel:
     """The pieces of evidence for one kinematics, by name: `pieces` has all, the attributes have those that are built
     in.
 
-    learned_depth is None for a skeleton without the joints that the depth network needs, foot_contact for one without
-    ankles.
+    learned_depth is None for a skeleton without the joints that the depth network needs, foot_contact and floor for one
+    without ankles.
     """
 
     def __init__(self, kinematics: Kinematics, prior: PoseDistribution, users: Sequence[Evidence] = ()) -> None:
@@ -52,10 +53,11 @@ class FrameModel:
         self.measured_depth = MeasuredDepth(kinematics.landmark_count)
         self.learned_depth = LearnedDepth(kinematics) if LearnedDepth.fits(kinematics.skeleton) else None
         self.foot_contact = FootContact(kinematics) if FootContact.fits(kinematics.skeleton.joint_names) else None
+        self.floor = Floor(kinematics) if Floor.fits(kinematics.skeleton.joint_names) else None
         self._users = [UsersEvidence(evidence) for evidence in users]
         built_in = self.image, self.prior, self.upright, self.balance, self.measured_depth, self.learned_depth
         self.pieces: dict[str, Evidence] = {}
-        for piece in (*built_in, self.foot_contact, *self._users):
+        for piece in (*built_in, self.foot_contact, self.floor, *self._users):
             if piece is not None:
                 if piece.name in self.pieces:
                     raise ConfigurationError(f"two pieces of evidence are named '{piece.name}'; expected unique names")

@@ -1,4 +1,4 @@
-"""The person's height, measured with depth.
+"""The person's height, measured with depth, with several cameras, or on request with feet on the floor.
 
 One camera does not observe size: a body twice as tall at twice the distance gives the same keypoints. Measured depths
 remove this ambiguity. In each frame the body's pose is kept fixed. Its scale s and translation t are fitted to the
@@ -17,6 +17,7 @@ import numpy as np
 from lassokin_ros.core.config import TYPICAL_HEIGHT
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.image.measurement import Measurement
+from lassokin_ros.core.learned.floor_size import FloorSize
 
 PEOPLE_DEVIATION = 0.15
 """Standard deviation of the logarithm of people's heights about that of `TYPICAL_HEIGHT`, children included."""
@@ -28,6 +29,11 @@ LIMB_DEVIATION = 0.1
 """Standard deviation of the logarithm of one limb's length as two cameras measure it, with people's proportions."""
 CORRELATED_S = 0.1
 """s: frames closer than this count as one, because their errors are correlated."""
+LARGEST_FLOOR_DEVIATION = 0.05
+"""Standard deviation of the logarithm, by tilt and distance, above which feet on the floor do not measure the size."""
+FLOOR_AFTER = 0.5
+"""s after the first foot on the floor before the floor is used: with the poses and lengths before, validation people
+are 2 to 3 % too tall."""
 TIME_CONSTANT_S = 5.0
 """s: time constant of the average. The first frames' poses are the least exact."""
 LEAST_DEVIATION = 0.035
@@ -58,6 +64,10 @@ class HeightEstimator:
         """Forget the person."""
         self._information = self._weighted = 0.0
         self._stamp = self._adopted_at = -np.inf
+        self._floor_since = np.inf
+        self.floor_deviation = 0.0
+        """Standard deviation of the logarithm by the camera's tilt and the distance in the last frame with feet on the
+        floor, whether it was used or not; 0 if there was none."""
 
     def resize(self, ratio: float) -> None:
         """The estimate does not depend on the size in use."""
@@ -75,22 +85,31 @@ class HeightEstimator:
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of `height`, m."""
-        return self.height * float(np.hypot(LEAST_DEVIATION, (self._information + PEOPLE_DEVIATION**-2) ** -0.5))
+        """Standard deviation of `height`, m. The camera's tilt is wrong by the same in all frames."""
+        floor = min(self.floor_deviation, LARGEST_FLOOR_DEVIATION)
+        averaged = (self._information + PEOPLE_DEVIATION**-2) ** -0.5
+        return self.height * float(np.sqrt(LEAST_DEVIATION**2 + averaged**2 + floor**2))
 
     def update(
-        self, measurement: Measurement, solved: EvaluatedState, height: float, ratios: np.ndarray = np.empty(0)
+        self,
+        measurement: Measurement,
+        solved: EvaluatedState,
+        height: float,
+        ratios: np.ndarray = np.empty(0),
+        floor: FloorSize | None = None,
     ) -> bool:
         """Use a tracked frame. Returns True if the estimate should replace the height in use.
 
         height: m, of the skeleton in use. ratios: of limbs that several cameras measure and those of that skeleton;
-        empty with one camera.
+        empty with one camera. floor: from feet on the floor; it is used in frames without measured depth.
         """
         if len(ratios) >= FEWEST:
             deviation = LIMB_DEVIATION / np.sqrt(len(ratios))
             self._add(measurement.stamp, float(np.median(np.log(ratios * height / TYPICAL_HEIGHT))), deviation)
-        else:
+        elif measurement.depth is not None:
             self._learn(measurement, solved, height)
+        elif floor is not None:
+            self._learn_from_floor(measurement.stamp, floor, height)
         stamp = measurement.stamp
         if not self.measured or stamp - self._adopted_at < PAUSE_S or abs(np.log(self.height / height)) < CHANGE:
             return False
@@ -107,6 +126,13 @@ class HeightEstimator:
         if not RANGE[0] < scale * height < RANGE[1]:
             return
         self._add(measurement.stamp, float(np.log(scale * height / TYPICAL_HEIGHT)), deviation)
+
+    def _learn_from_floor(self, stamp: float, floor: FloorSize, height: float) -> None:
+        self.floor_deviation, self._floor_since = floor.deviation, min(self._floor_since, stamp)
+        if stamp < self._floor_since + FLOOR_AFTER:
+            return
+        if floor.deviation < LARGEST_FLOOR_DEVIATION and RANGE[0] < floor.ratio * height < RANGE[1]:
+            self._add(stamp, float(np.log(floor.ratio * height / TYPICAL_HEIGHT)), floor.deviation)
 
     def _add(self, stamp: float, log_height: float, deviation: float) -> None:
         """Average a frame's logarithm of the height / `TYPICAL_HEIGHT`, with the standard deviation of its fit."""

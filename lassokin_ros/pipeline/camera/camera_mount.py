@@ -1,4 +1,4 @@
-"""The camera's mount from TF: its roll and pitch over a frame whose z axis points up, such as base_footprint."""
+"""The camera's mount from TF: its roll, pitch and height over a frame with its z axis up, such as base_footprint."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lassokin_ros.pipeline.camera.transforms import TransformError, Transforms
 
 
 class CameraMount:
-    """Roll and pitch of the camera at the time of an image."""
+    """Roll, pitch and height of the camera at the time of an image."""
 
     subject = "the camera's mount"
     """What TF gives."""
@@ -23,6 +23,8 @@ class CameraMount:
         """Why there was no mount for the last image, in words; empty if there was one, or before the first image."""
         self.angles: tuple[float, float] | None = None
         """Roll and pitch of the last image for which TF gave them, rad; None before."""
+        self.height: float | None = None
+        """m: height of the camera above the base at that image; None before."""
 
     def at(self, frame_id: str, stamp_ns: int) -> tuple[float, float] | None:
         """Return roll and pitch, rad, for an image; None if TF does not give them, see `fault`.
@@ -32,7 +34,8 @@ class CameraMount:
         try:
             if not frame_id:
                 raise TransformError("neither keypoints nor camera_info have a frame_id")
-            self.angles = roll_and_pitch(self.transforms.rotation(frame_id.lstrip("/"), self.base, stamp_ns))
+            rotation, place = self.transforms.pose(frame_id.lstrip("/"), self.base, stamp_ns, continued=False)
+            self.angles, self.height = roll_and_pitch(rotation), float(place[2])
         except TransformError as error:
             self.fault = f"camera_mount_frame is '{self.base}': {error}"
             return None

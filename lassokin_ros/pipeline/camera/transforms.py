@@ -78,22 +78,13 @@ class Transforms:
         """Forget the moving frames, after a jump of the clock."""
         self._frames = {name: frame for name, frame in self._frames.items() if frame.static}
 
-    def rotation(self, frame: str, base: str, stamp_ns: int) -> np.ndarray:
-        """Return the rotation (3, 3) from `frame` to `base` at a time: a vector v in `frame` is R v in `base`.
-
-        Raises TransformError if the frames are not connected, or if a transform is not of this time.
-        """
-        return self._between(frame, base, stamp_ns, continued=False)[0]
-
-    def pose(self, frame: str, base: str, stamp_ns: int) -> tuple[np.ndarray, np.ndarray]:
+    def pose(self, frame: str, base: str, stamp_ns: int, continued: bool = True) -> tuple[np.ndarray, np.ndarray]:
         """Return rotation (3, 3) and translation (3,) m from `frame` to `base`: a point p in `frame` is R p + t.
 
-        Transforms that have not arrived up to the time are continued for up to EXTRAPOLATED_NS. Raises TransformError
-        as `rotation` does.
+        continued: transforms that have not arrived up to the time are continued for up to EXTRAPOLATED_NS; otherwise
+        the nearest within STALE_NS is used. Raises TransformError if the frames are not connected, or if a transform is
+        not of this time.
         """
-        return self._between(frame, base, stamp_ns, continued=True)
-
-    def _between(self, frame: str, base: str, stamp_ns: int, continued: bool) -> tuple[np.ndarray, np.ndarray]:
         of_frame, of_base = list(self._chain(frame)), list(self._chain(base))
         common = next((name for name in of_frame if name in of_base), None)
         if common is None:

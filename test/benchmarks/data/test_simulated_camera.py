@@ -11,7 +11,7 @@ from benchmarks.accuracy_run.experiment import Job, scene_of
 from benchmarks.common.report import data_folder
 from benchmarks.data.depth_sensor import DepthSensor
 from benchmarks.data.mocap import EVALUATED
-from benchmarks.data.simulated_camera import WANDERS, Condition
+from benchmarks.data.simulated_camera import WANDERS, Condition, Told
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
@@ -142,3 +142,25 @@ def test_hidden_landmarks_are_never_detected_and_their_joints_evaluated(capsys, 
     assert counts[1]["predicted_mm"] > 2 * counts[0]["predicted_mm"]
     with pytest.raises(LassokinError, match="left_tail"):
         scene_of(replace(job, condition=Condition(hidden=("left_tail",))))
+
+
+@needs_clips
+def test_the_mount_that_is_told_is_the_true_one_or_off_by_what_is_given(capsys):
+    job = Job(MOCAP / "exp_walking_1.npz", 0, "lasso", Condition(noise_px=0.0, camera_roll=0.3, camera_pitch=0.2))
+    view = scene_of(job).view
+    up, height = view.floor[:3], view.floor[3]
+    feet = view.truth[:, [EVALUATED.index(f"{side}_ankle") for side in "lr"]] @ up + height
+    assert 0.04 < np.percentile(feet.min(axis=1), 5) < 0.12
+    config = scene_of(replace(job, told=Told(floor=True))).config
+    assert np.allclose(vertical_of(config.camera_roll, config.camera_pitch), up)
+    assert config.camera_height == pytest.approx(height)
+    config = scene_of(replace(job, told=Told(floor=True, tilt_off=0.02, floor_off=-0.1))).config
+    assert config.camera_height == pytest.approx(height - 0.1)
+    off = np.arccos(vertical_of(config.camera_roll, config.camera_pitch) @ up)
+    assert 0 < off <= 0.02 + 1e-9
+    assert scene_of(replace(job, told=Told())).config.camera_height == 0
+    assert (
+        main(["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--mount", "floor", "--floor-off", "0.1"]) == 0
+    )
+    said = capsys.readouterr().out
+    assert "its tilt, off by 0 degrees, and its height, off by 0.1 m" in said and "penetration_mm" in said

@@ -6,6 +6,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("tf2_msgs", reason="tf2_msgs is not installed: apt, or `make messages`")
 
 from live import BACKEND, NodeProcess, Peer, values_of  # noqa: E402
+from live_session import set_parameters  # noqa: E402
 from messages import FRAME, pixels_of_motion  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
@@ -46,6 +47,23 @@ def test_the_mount_follows_a_nodding_head():
             assert "camera_mount_frame" not in status.message
     lines = [line for line in node.said.splitlines() if "mount" in line]
     assert len(lines) == 1 and "[INFO]" in lines[0] and f"follows TF over '{BASE}'" in lines[0], node.said
+
+
+def test_the_floor_follows_tf_and_is_live():
+    namespace, figure = "/floor", "camera height above the floor [m]"
+    with NodeProcess(namespace, "-p", f"camera_mount_frame:={BASE}") as node, Peer(namespace, outputs=False) as peer:
+        lifted = tf_message(BACKEND, 0, ("head", FRAME, OPTICAL))
+        lifted.transforms[0].transform.translation.z = 1.5
+        robot = Robot(peer)
+        robot.static.publish(lifted)
+        robot.diagnostics(lambda s: FIGURE in values_of(s) and figure not in values_of(s))
+        assert set_parameters(peer, floor=True)[0].successful
+        robot.diagnostics(lambda s: values_of(s).get(figure) == "1.500")
+        (refused,) = set_parameters(peer, camera_height=1.2)
+        assert not refused.successful and "camera_height is 1.2 and camera_mount_frame" in refused.reason
+        assert set_parameters(peer, floor=False)[0].successful
+        robot.diagnostics(lambda s: FIGURE in values_of(s) and figure not in values_of(s))
+    assert "Traceback" not in node.said
 
 
 def test_frames_that_are_not_connected_are_one_warning():

@@ -12,6 +12,7 @@ from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.vertical import Vertical, level_from_camera, vertical_of
 from lassokin_ros.demo.synthetic import motion
@@ -24,6 +25,7 @@ pytest.importorskip("rosbags")
 BACKEND = rosbags_backend()
 BASE, SECOND = "base_footprint", 1_000_000_000
 DOWN = np.radians(30)
+HIGH = 2.73  # m, of the camera above the floor on which the person of PIXELS stands if it looks down by DOWN
 SKELETON = Skeleton.load("anthropometric", 1.75)
 PIXELS = pixels_of_motion(3)
 
@@ -59,30 +61,34 @@ def robot(pitch_now=DOWN, stamp_ns=SECOND, transforms=None, hanging=np.pi):
 def test_a_chain_of_fixed_and_moving_frames():
     transforms = robot()
     expected = rpy(0, DOWN) * rpy(np.pi, 0) * OPTICAL
-    assert np.allclose(transforms.rotation(FRAME, BASE, SECOND), expected.as_matrix())
-    assert np.allclose(transforms.rotation(BASE, FRAME, SECOND), expected.inv().as_matrix())
-    assert np.allclose(transforms.rotation(FRAME, FRAME, SECOND), np.eye(3))
+    assert np.allclose(transforms.pose(FRAME, BASE, SECOND, continued=False)[0], expected.as_matrix())
+    assert np.allclose(transforms.pose(BASE, FRAME, SECOND, continued=False)[0], expected.inv().as_matrix())
+    assert np.allclose(transforms.pose(FRAME, FRAME, SECOND, continued=False)[0], np.eye(3))
 
 
 def test_a_nodding_head_is_interpolated_at_the_time_of_the_image():
     transforms = robot(0.2)
     robot(0.4, SECOND + 100_000_000, transforms)
     for ms, pitch in ((-400, 0.2), (0, 0.2), (50, 0.3), (75, 0.35), (100, 0.4), (500, 0.4)):
-        found = roll_and_pitch(transforms.rotation("head", BASE, SECOND + ms * 1_000_000) @ OPTICAL.as_matrix())
+        found = roll_and_pitch(
+            transforms.pose("head", BASE, SECOND + ms * 1_000_000, continued=False)[0] @ OPTICAL.as_matrix()
+        )
         assert np.allclose(found, (0, pitch), atol=1e-4)
     for ms in (-600, 700):
         with pytest.raises(TransformError, match="'head' is more than 0.5 s"):
-            transforms.rotation(FRAME, BASE, SECOND + ms * 1_000_000)
+            transforms.pose(FRAME, BASE, SECOND + ms * 1_000_000, continued=False)[0]
 
 
 def test_time_that_starts_again():
     transforms = robot(0.2, 100 * SECOND)
     robot(0.4, SECOND, transforms)  # a bag in a loop
-    assert roll_and_pitch(transforms.rotation("head", BASE, SECOND) @ OPTICAL.as_matrix())[1] == pytest.approx(0.4)
+    assert roll_and_pitch(transforms.pose("head", BASE, SECOND, continued=False)[0] @ OPTICAL.as_matrix())[
+        1
+    ] == pytest.approx(0.4)
     transforms.clear()
-    assert transforms.rotation(FRAME, "camera", 0) is not None
+    assert transforms.pose(FRAME, "camera", 0, continued=False)[0] is not None
     with pytest.raises(TransformError, match="not connected"):
-        transforms.rotation(FRAME, BASE, SECOND)
+        transforms.pose(FRAME, BASE, SECOND, continued=False)[0]
 
 
 def test_what_does_not_connect_is_named():
@@ -94,7 +100,7 @@ def test_what_does_not_connect_is_named():
         (FRAME, "odom", f"'{FRAME}' and 'odom' are not connected: .* '{BASE}', .* 'map'"),
     ):
         with pytest.raises(TransformError, match=words):
-            transforms.rotation(frame, base, SECOND)
+            transforms.pose(frame, base, SECOND, continued=False)[0]
 
 
 def test_a_loop_and_invalid_transforms_do_no_harm():
@@ -103,10 +109,10 @@ def test_a_loop_and_invalid_transforms_do_no_harm():
     bad.transforms[0].transform.rotation.w = float("nan")
     transforms.add(bad, static=True)
     with pytest.raises(TransformError, match="no transform of 'x'"):
-        transforms.rotation("x", BASE, SECOND)
+        transforms.pose("x", BASE, SECOND, continued=False)[0]
     transforms.add(tf_message(BACKEND, 0, ("a", "b", rpy(0, 0)), ("b", "a", rpy(0, 0))), static=True)
     with pytest.raises(TransformError, match="not connected"):
-        transforms.rotation("a", BASE, SECOND)
+        transforms.pose("a", BASE, SECOND, continued=False)[0]
 
 
 def test_only_a_few_seconds_are_kept():
@@ -115,7 +121,7 @@ def test_only_a_few_seconds_are_kept():
         transforms.add(tf_message(BACKEND, i * 10_000_000, (BASE, "head", rpy(0, i * 1e-3))), static=False)
     assert len(transforms._frames["head"]._stamps) <= 301
     with pytest.raises(TransformError, match="newer than the image"):
-        transforms.rotation("head", BASE, SECOND)
+        transforms.pose("head", BASE, SECOND, continued=False)[0]
 
 
 def test_the_learned_vertical_moves_with_the_camera():
@@ -187,6 +193,66 @@ def test_without_tf_the_parameters_are_used():
     assert pipeline.mount.angles is None and "no transform of" in pipeline.mount.fault
 
 
+def above(height, pitch=DOWN):
+    """TF of a camera at a height, m, above the base."""
+    moved, transforms = tf_message(BACKEND, 0, (BASE, FRAME, rpy(0, pitch) * OPTICAL)), Transforms()
+    moved.transforms[0].transform.translation.z = height
+    transforms.add(moved, static=True)
+    return transforms
+
+
+def test_the_floor_is_at_height_0_of_the_base():
+    mounted = NodeSettings(camera_mount_frame=BASE, floor=True)
+    told, expected = estimates(TrackerConfig(camera_pitch=DOWN, camera_height=HIGH, hold_feet=False), NodeSettings())
+    pipeline, found = estimates(TrackerConfig(), mounted, above(HIGH))
+    assert np.allclose(found, expected, atol=1e-6)
+    assert pipeline.camera_height == pytest.approx(HIGH) == told.camera_height
+    pipeline, without = estimates(TrackerConfig(), NodeSettings(camera_mount_frame=BASE), above(HIGH))
+    assert pipeline.camera_height is None and not np.allclose(found, without, atol=1e-3)
+
+
+def test_the_floor_is_at_height_0_of_the_fixed_frame():
+    pipeline = Pipeline(TrackerConfig(), NodeSettings(fixed_frame=BASE, floor=True))
+    pipeline.set_camera(camera_info(BACKEND))
+    pipeline.places.transforms = above(HIGH)
+    assert pipeline.process(cloud(BACKEND, SECOND, PIXELS[0]), 0).accepted
+    assert pipeline.camera_height == pytest.approx(HIGH)
+    assert np.allclose(pipeline.tracker.floor, (0, 0, 1, 0))
+
+
+def test_the_floor_is_live():
+    pipeline, _ = estimates(TrackerConfig(), NodeSettings(camera_mount_frame=BASE), above(HIGH))
+    for floor, height in ((True, HIGH), (False, None)):
+        pipeline.tune(TrackerConfig(), NodeSettings(camera_mount_frame=BASE, floor=floor))
+        pipeline.process(cloud(BACKEND, SECOND + (2 - floor) * 100_000_000, PIXELS[0]), 0)
+        assert pipeline.camera_height == height
+    tripod = Pipeline(TrackerConfig(), NodeSettings())
+    tripod.tune(TrackerConfig(camera_height=1.4), NodeSettings())
+    assert tripod.camera_height == pytest.approx(1.4)
+
+
+def test_without_tf_the_floor_is_unknown():
+    pipeline, _ = estimates(TrackerConfig(), NodeSettings(camera_mount_frame=BASE, floor=True))
+    assert pipeline.camera_height is None
+
+
+@pytest.mark.parametrize("frame", ["fixed_frame", "camera_mount_frame"])
+def test_a_floor_that_cannot_be_is_refused(frame):
+    with pytest.raises(ConfigurationError, match="floor is true, but no frame is named .* camera_height in place"):
+        NodeSettings(floor=True).checked()
+    with pytest.raises(ConfigurationError, match=f"camera_height is 1.2 and {frame} 'odom'; expected one of them"):
+        Pipeline(TrackerConfig(camera_height=1.2), NodeSettings(**{frame: "odom"}))
+    pipeline = Pipeline(TrackerConfig(), NodeSettings(**{frame: "odom"}))
+    with pytest.raises(ConfigurationError, match="expected one of them"):
+        pipeline.tune(TrackerConfig(camera_height=1.2), NodeSettings(**{frame: "odom"}))
+    assert pipeline.tracker.config.camera_height == 0
+    for settings in ({}, {"camera_mount_frame": "odom", "floor": True}, {"fixed_frame": "odom"}):
+        with pytest.raises(ConfigurationError, match="tilt_deviation is 0.01, but no feet are known to stand"):
+            Pipeline(TrackerConfig(tilt_deviation=0.01), NodeSettings(**settings))
+    with pytest.raises(ConfigurationError, match="camera_height is -0.1; expected 0 to 100 m"):
+        TrackerConfig(camera_height=-0.1).checked()
+
+
 def test_a_mount_without_a_frame_id():
     mount = CameraMount(BASE)
     assert mount.at("", SECOND) is None and "have a frame_id" in mount.fault
@@ -227,7 +293,7 @@ def test_memory_of_transforms_is_limited():
         transforms.add(tf_message(BACKEND, SECOND, ("map", f"more_{number}", Rotation.identity())), static=False)
         if number % 100 == 0:
             robot(transforms=transforms)
-    assert transforms.rotation(FRAME, BASE, SECOND).shape == (3, 3)
+    assert transforms.pose(FRAME, BASE, SECOND, continued=False)[0].shape == (3, 3)
     transforms.add(tf_message(BACKEND, SECOND, ("map", "x" * (LONGEST_NAME + 1), Rotation.identity())), static=True)
     assert not any(len(name) > LONGEST_NAME for name in transforms._frames)
     for number in range(MOST_FRAMES):
@@ -240,7 +306,7 @@ def test_a_publisher_that_repeats_a_stamp_needs_no_memory():
     for turn in range(5):
         transforms.add(tf_message(BACKEND, SECOND, (BASE, FRAME, rpy(0, 0.1 * turn))), static=False)
     assert len(transforms._frames[FRAME]._stamps) == 1
-    assert np.allclose(transforms.rotation(FRAME, BASE, SECOND), rpy(0, 0.4).as_matrix())
+    assert np.allclose(transforms.pose(FRAME, BASE, SECOND, continued=False)[0], rpy(0, 0.4).as_matrix())
     for number in range(MOST_STAMPS + 10):
         transforms._frames[FRAME].add(SECOND - number, (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
     assert len(transforms._frames[FRAME]._stamps) == MOST_STAMPS

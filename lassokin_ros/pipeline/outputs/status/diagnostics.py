@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lassokin_ros.core.learned.height import LARGEST_FLOOR_DEVIATION
 from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.camera_images import DEPTH_IN_MESSAGE, NOBODY, UNSCORED, UNUSED, CameraImages
@@ -319,8 +320,18 @@ class Diagnostics:
         """Return why the person's height is probably wrong, as measured depth shows; empty if it is not."""
         pipeline, config = self._pipeline, self._pipeline.tracker.config
         if config.height == 0:
-            waiting = self._tracked and not any(height.measured for height in pipeline.heights().values())
-            return f"height is 0, but no depth is measured: {config.assumed_height:g} m is assumed" if waiting else ""
+            heights = pipeline.heights().values()
+            if not self._tracked or any(height.measured for height in heights):
+                return ""
+            assumed = f"{config.assumed_height:g} m is assumed"
+            floor = max((height.floor_deviation for height in heights), default=0.0)
+            if floor < LARGEST_FLOOR_DEVIATION:
+                return f"height is 0, but no depth is measured: {assumed}"
+            return (
+                f"height is 0, but with a tilt known to {config.tilt_deviation:g} rad the floor gives it to "
+                f"{100 * floor:.0f} % from here, more than {100 * LARGEST_FLOOR_DEVIATION:.0f} %: {assumed}; come "
+                "nearer, raise the camera, or set height"
+            )
         checks = [tracker.learned.size_check for tracker in pipeline.trackers.values()]
         wrong = [check for check in checks if check.wrong]
         if wrong:
@@ -359,6 +370,8 @@ class Diagnostics:
             values["people beyond max_people"] = str(counts["people beyond max_people"])
         if self._pipeline.mount is not None and (angles := self._pipeline.mount.angles) is not None:
             values["camera roll, pitch from TF [rad]"] = "{:.3f}, {:.3f}".format(*angles)
+        if (above := self._pipeline.camera_height) is not None:
+            values["camera height above the floor [m]"] = f"{above:.3f}"
         if self._pipeline.depth is not None:
             values |= {f"{key} [messages]": str(counts[key]) for key in DEPTH_COUNTS}
         listed = (LATE, MISFIT, OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, UNUSED, UNSCORED, DEPTH_IN_MESSAGE, LEADING_SLASH)

@@ -1,5 +1,7 @@
 """The status for keypoints that fit no body, and for other unusual inputs."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -18,9 +20,9 @@ BACKEND = rosbags_backend()
 PIXELS = pixels_of_motion(60)
 
 
-def status_of(pixels, silence_s=0.0, confidence=None):
+def status_of(pixels, silence_s=0.0, confidence=None, **settings):
     """The status after a second of such messages, or the second of two statuses after a period without them."""
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline = Pipeline(TrackerConfig(**settings), NodeSettings())
     pipeline.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(pipeline, "tracker", 0.0)
     for i, xy in enumerate(pixels):
@@ -31,6 +33,14 @@ def status_of(pixels, silence_s=0.0, confidence=None):
     if silence_s:
         status = diagnostics.line(1.0 + silence_s, pipeline.presence_at(6_000_000_000 + int(1e9 * silence_s)))
     return status
+
+
+def test_a_height_that_the_floor_does_not_give_is_a_warning():
+    still = PIXELS[:1] + 0.1 * np.random.default_rng(0).normal(size=PIXELS.shape)
+    status = status_of(still, height=0.0, camera_height=0.9, tilt_deviation=0.02)
+    assert status.level == WARN
+    assert re.search(r"a tilt known to 0.02 rad the floor gives it to 1?\d % from here, more than 5 %", status.message)
+    assert "no depth is measured" in status_of(still, height=0.0, camera_height=0.9).message
 
 
 @pytest.mark.parametrize("layout", ["h36m17", "openpose18"])

@@ -58,6 +58,7 @@ def pipeline():
         landmark_ids=SimpleNamespace(warning=""),
         camera_angles=(0.0, 0.0),
         mount=None,
+        camera_height=None,
         calibrations=dict,
         heights=dict,
         evidence_faults={},
