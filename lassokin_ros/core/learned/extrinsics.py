@@ -171,18 +171,16 @@ class Extrinsics:
             return  # the camera whose pose is right has not been seen
         if not self._given.keys() >= {view.camera.name for view in frame.views}:
             return  # a camera that was never seen
-        for view in frame.views:
-            if view is first:
-                continue
-            weights = _common(first, view)
-            if np.count_nonzero(weights) < FEWEST_POINTS:
-                continue
+        common = [(view, _common(first, view)) for view in frame.views if view is not first]
+        common = [(view, weights) for view, weights in common if np.count_nonzero(weights) >= FEWEST_POINTS]
+        self._count += bool(common)
+        due = self._count % (SOLVED_EVERY if self._used else CHECKED_EVERY) == 0
+        for view, weights in common:
             name = view.camera.name
             a, b = self._given[first.camera.name], self._given[name]
             frames = self._frames.setdefault(name, deque(maxlen=LONGEST))
             frames.append((first.points, view.points, weights, *_relative(a, b)))
-            self._count += 1
-            if len(frames) >= FEWEST and self._count % (SOLVED_EVERY if self._used else CHECKED_EVERY) == 0:
+            if due and len(frames) >= FEWEST:
                 deviation = FOUND_DEVIATION if name in self.found else GIVEN_DEVIATION
                 self._solutions[name] = self._solved(frames, self._solutions.get(name, np.zeros(6)), deviation, STEPS)
                 self.wrong[name] = self._what_is_wrong(frames, first.camera.name, name)

@@ -244,6 +244,15 @@ def test_a_camera_that_was_moved_is_noticed_and_with_learn_corrected(extrinsics)
     assert exact.pipeline.tracker.learned.extrinsics.moved("right") is None and exact.error(3.0) < 20
 
 
+@pytest.mark.parametrize("moved", ["right", "back"])
+def test_of_three_cameras_each_one_is_checked(moved):
+    eyes = [LEFT, RIGHT, eye("back", 180)]
+    poses = {one.name: off(one, 3.0, 0.0) if one.name == moved else one.pose_at(0) for one in eyes}
+    play = Play(eyes, NodeSettings(cameras=("left", "right", "back"), fixed_frame=MAP), poses=poses).run(4.0)
+    extrinsics = play.pipeline.tracker.learned.extrinsics
+    assert [extrinsics.moved(name) is not None for name in ("right", "back")] == [moved == "right", moved == "back"]
+
+
 def test_an_inverse_transform_is_named():
     pose = RIGHT.pose_at(0)
     inverse = CameraPose("right", pose.rotation.T, pose.centre)
