@@ -8,10 +8,12 @@ from scipy.spatial.transform import Rotation
 from sequences import CONFIG, FOCAL, RATE
 
 from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.cameras import Camera
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.image.triangulation import triangulate
+from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.observation import CameraPose, Observation, Rejection
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
@@ -180,3 +182,41 @@ def test_triangulation_is_exact_and_needs_two_views():
     one, *others = (FrameData(project(c.into_camera(points)), w, camera=c) for c, w in zip(cameras, weights))
     found = triangulate(replace(one, others=tuple(others)))
     assert np.isnan(found[:2]).all() and np.allclose(found[2:], points[2:], atol=1e-9)
+
+
+class RecordingNetwork:
+    """Stands in for `DepthEstimator`: keeps what it was told."""
+
+    joint_depths = None
+
+    def __init__(self):
+        self.told, self.resets = [], 0
+
+    def reset(self):
+        self.resets += 1
+
+    def update(self, stamp, points, seen, up, mount):
+        self.told.append((up, mount))
+
+
+def test_the_network_of_each_camera_is_told_the_vertical_in_its_own_frame():
+    tracker = Tracker(CONFIG, up=np.array([0.0, 0.0, 1.0]))
+    _, front, side, observe = scene(0.2)
+    network = RecordingNetwork()
+    camera = Camera(tracker.kinematics, network, DepthNoise())
+    observation = observe(side, 0)
+    weights = np.ones(len(observation.points))
+    measurement = camera.measure(observation, weights, None, 0.0, tracker.config, alone=True)
+    camera.view(measurement, tracker.learned.vertical, sized=True)
+    (up, mount) = network.told[-1]
+    assert np.allclose(mount, side.rotation @ [0.0, 0.0, 1.0]) and (up is None or np.allclose(up, mount))
+    before = network.resets
+    camera.reset()
+    assert network.resets == before + 1
+
+
+def test_a_depth_of_the_surface_may_be_announced_and_missing():
+    tracker = Tracker(CONFIG)
+    _, front, _, observe = scene(0.2)
+    assert tracker.track(replace(observe(front, 0), depth_of_surface=True)).accepted
+    assert tracker.track(replace(observe(front, 1), depth_of_surface=True)).accepted

@@ -39,7 +39,7 @@ FEWEST, FEWEST_POINTS = 10, 6
 STEPS, FIRST_STEPS = 3, 15
 """Gauss-Newton steps of a solution, which starts from the last one, and of one that starts from the joints."""
 OUTLIER = 3.0
-"""Distance from an epipolar line, in standard deviations, from which its weight decreases."""
+"""Distance r from an epipolar line, in standard deviations, from which its weight decreases, with r^-2."""
 FOLLOWING = 0.1
 """Share of the way to the solution that a correction moves in PERIOD_S, so that the body does not jump."""
 NORMAL = 1.48
@@ -240,7 +240,7 @@ class Extrinsics:
             r = base[0].reshape(-1)
             scale = max(1.0, NORMAL * float(np.median(np.abs(r[weights.reshape(-1) > 0]))))
             J, r = J / scale, r / scale
-            robust = share * np.minimum(1.0, OUTLIER / np.maximum(np.abs(r), 1e-9)) ** 0.5
+            robust = share * np.minimum(1.0, OUTLIER / np.maximum(np.abs(r), 1e-9))
             J, r = J * robust[:, None], r * robust
             H, g = J.T @ J, J.T @ r
             H[np.arange(6), np.arange(6)] += 1 / deviation**2

@@ -13,6 +13,7 @@ from lassokin_ros.core.body.skeleton import HEIGHT_RANGE, Skeleton, built_in_ske
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError, LassokinError, LayoutError, SkeletonError, SolverError
 from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.core.yaml_files import finite_numbers
 
 SMPL_PARENTS = [-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21]
 LANDMARKS = {
@@ -325,3 +326,10 @@ def test_all_errors_have_a_common_base_class():
         assert issubclass(error, LassokinError)
     with pytest.raises(SolverError, match="'gurobi2' is not available"):
         Tracker(TrackerConfig(solver="gurobi2"))
+
+
+@pytest.mark.parametrize(
+    "value", [[1.0, 2.0], [1.0, 2.0, 3.0, 4.0], [1, "2", 3], [1, float("nan"), 3], [10**400, 1, 1], 3]
+)
+def test_only_a_list_of_the_right_length_is_numbers(value):
+    assert finite_numbers(value, 3) is None and finite_numbers([1, 2.5, -3], 3) == [1.0, 2.5, -3.0]

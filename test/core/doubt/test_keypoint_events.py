@@ -97,3 +97,13 @@ def test_a_layout_without_pairs_has_no_events():
     meter.update(0.0, np.zeros((2, 2)))
     motion = meter.update(0.03, np.ones((2, 2)))
     assert motion is None and exchange.update(motion) == ""
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, -1.9])
+def test_motion_is_measured_in_lengths_of_the_trunk_wherever_the_person_is(turn):
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    meter, trunk = MotionMeter(NAMES), 60.0
+    shown = [STANDING @ rotation.T + place for place in ([300.0, 200.0], [306.0, 208.0])]
+    meter.update(0.0, shown[0])
+    motion = meter.update(0.1, shown[1])
+    assert np.allclose(motion.points - motion.last, np.array([6.0, 8.0]) / trunk)

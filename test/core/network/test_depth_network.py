@@ -103,3 +103,13 @@ def test_the_file_is_small_and_names_its_sources():
     assert network.weights[-1].shape == (4 * DEPTHS + DEPTHS * (DEPTHS - 1) // 2 + DEPTHS,)
     assert any("mocap.cs.cmu.edu" in licence for licence in provenance["licences"])
     assert provenance["held_out"] and not set(provenance["people"]) & set(provenance["held_out"])
+
+
+def test_the_virtual_camera_looks_at_the_newest_points():
+    points = np.tile(np.linspace(-0.1, 0.1, len(NAMES))[:, None], (len(TIMES), 1, 2))
+    points[0] += [0.5, -0.3]
+    known = np.ones(points.shape[:2], bool)
+    scene = Scene(points, known, np.zeros(3), np.array(False), lengths_of(SKELETON), np.array(True))
+    _, rotation = features(scene)
+    sight = rotation @ np.append(points[0].mean(axis=0), 1.0)
+    assert np.allclose(sight[:2] / sight[2], 0.0, atol=0.02)
