@@ -220,3 +220,18 @@ def test_a_depth_of_the_surface_may_be_announced_and_missing():
     _, front, _, observe = scene(0.2)
     assert tracker.track(replace(observe(front, 0), depth_of_surface=True)).accepted
     assert tracker.track(replace(observe(front, 1), depth_of_surface=True)).accepted
+
+
+def test_two_cameras_state_a_smaller_error_than_one():
+    truth, front, side, observe = scene(1.0)
+    stated, errors = [], []
+    for cameras in ([front], [front, side]):
+        tracker = Tracker(CONFIG)
+        for frame in range(int(RATE)):
+            estimate = tracker.track([observe(camera, frame) for camera in cameras])
+        deviation = tracker.uncertainty(estimate).deviation[1:]
+        apart = estimate.pose.positions - truth.positions[int(RATE) - 1]
+        stated.append(deviation.mean())
+        errors.append(np.linalg.norm(apart - apart[0], axis=1)[1:].mean())
+    assert stated[1] < 0.65 * stated[0]
+    assert 0.5 * errors[1] < stated[1] < 4 * errors[1]

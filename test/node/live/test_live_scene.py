@@ -80,10 +80,15 @@ def test_the_state_changes_when_a_person_comes_and_leaves_without_messages():
 
         send_until(peer, send, lambda: len(states) > 1 and people, "tracking")
         peer.spin_until(lambda: said(states)[-1] == "lost", what="lost, in silence")
-        stamp = peer.start_ns + 10**11
+        stamp, sent, sent_at = peer.start_ns + 10**11, [], 0.0
 
         def send_nobody(i):
-            peer.send(stamp + i * 100_000_000, NOWHERE)
+            """Send the next one when the last one is answered: none is left for the time after."""
+            nonlocal sent_at
+            if not sent or stamp_of(people[-1]) == sent[-1] or time.monotonic() - sent_at > 2.0:
+                sent.append(stamp + i * 100_000_000)
+                sent_at = time.monotonic()
+                peer.send(sent[-1], NOWHERE)
 
         send_until(peer, send_nobody, lambda: said(states)[-1] == "nobody", "nobody, from images")
         peer.spin_until(lambda: said(states)[-1] == "lost", what="lost, without images")

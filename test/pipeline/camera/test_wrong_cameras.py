@@ -77,7 +77,7 @@ def turned(one, degrees):
 
 
 WRONG = {
-    "images of another camera": (dict(instead={"right": "back"}), {}, "they are those of 'back': check its topics"),
+    "images of another camera": ({"instead": {"right": "back"}}, {}, "they are those of 'back': check its topics"),
     "inverse transform": ({}, {"right": inverse(RIGHT)}, "they do with the inverse transform"),
     "another pose": ({}, {"right": turned(RIGHT, 40)}, "check TF, and that the topics"),
 }
@@ -127,11 +127,11 @@ def test_good_cameras_and_a_small_error_of_a_pose_are_used(poses):
 @pytest.mark.parametrize(
     "how, poses, words",
     [
-        (dict(instead={"right": "left"}), {}, "cameras 'left' and 'right' have the same keypoints"),
+        ({"instead": {"right": "left"}}, {}, "cameras 'left' and 'right' have the same keypoints"),
         ({}, {"left": inverse(LEFT)}, "keypoints of 'left' and 'right' do not fit"),
         ({}, {"right": inverse(RIGHT)}, "keypoints of 'left' and 'right' do not fit"),
         ({}, {"right": turned(RIGHT, 40)}, "'left' and 'right' do not fit"),
-        (dict(late={"right": 0.1}), {}, "keypoints of 'right' arrive 0.10 s later after their stamps than"),
+        ({"late": {"right": 0.1}}, {}, "keypoints of 'right' arrive 0.10 s later after their stamps than"),
     ],
 )
 def test_of_two_cameras_both_are_named_and_used_because_it_cannot_be_told_which_is_wrong(how, poses, words):

@@ -36,6 +36,10 @@ def spoilt(rejection, used):
         Rejection.NOT_CERTIFIED: (later, "the optimum was not proved, its KKT residual is "),
         Rejection.OLD_STAMP: (used, "the stamp is not newer than the last one; expected a newer one"),
         Rejection.LATE: (replace(used, camera=CameraPose("other")), "is not newer than the last one used, of another"),
+        Rejection.UNPLACED: (
+            replace(later, camera=CameraPose("right", known=False)),
+            "where camera 'right' is; expected",
+        ),
         Rejection.NOT_FINITE: (replace(later, focal=np.inf), "the focal length inf px; expected finite numbers"),
         Rejection.WRONG_SHAPE: (replace(later, points=later.points[:5]), "points (5, 2), confidence (17,); "),
     }[rejection]
