@@ -27,7 +27,10 @@ def feed(peer, count=1, **options):
 
 
 def feed_in_time(peer, condition):
-    """Feed frames, each at the time of its stamp, until `condition()` holds; a slow machine skips frames."""
+    """Feed frames, each at the time of its stamp, until `condition()` holds; a slow machine skips frames.
+
+    The motion repeats after `len(PIXELS)` frames, where the person jumps.
+    """
     began, first = time.monotonic(), peer.frames_sent
 
     def due():

@@ -215,11 +215,14 @@ def test_a_disabled_node_reports_this_and_publishes_nothing(running):
 
 
 def test_diagnostics_while_tracking_are_complete(running):
+    restart(running)  # the motion is that of 3 s
+    feed(running)
     running.settle()
     running.got[topics.DIAGNOSTICS].clear()
     feed_in_time(running, lambda: len(running.got[topics.DIAGNOSTICS]) > 1)
     message = running.got[topics.DIAGNOSTICS][1]
     status, values = message.status[0], values_of(message)
+    assert status.message == "tracking"
     assert (status.level, status.name, status.message, status.hardware_id) == (
         OK,
         "running/tracker: person",
