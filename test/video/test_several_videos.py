@@ -13,9 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.learned import camera_finder
 from lassokin_ros.detector.backend import Detected
-from lassokin_ros.pipeline.camera.calibration_file import read_cameras
+from lassokin_ros.pipeline.camera.calibration_file import Calibration, read_cameras
 from lassokin_ros.video import several_videos
 from lassokin_ros.video.command import main
+from lassokin_ros.video.found_cameras import calibration_toml
 from lassokin_ros.video.output_video import HEIGHT_OF_SEVERAL
 from lassokin_ros.video.sources import open_source
 
@@ -106,6 +107,18 @@ def test_without_a_calibration_the_places_are_found_and_written(rig, capsys, tmp
     assert np.median(np.linalg.norm(apart - apart[:, :1], axis=-1)) < 0.04
     rig.clear()
     assert main(["left", "right", "--cameras", "found.toml", "--height", "1.75", "--export", "again.npz"]) == 0
+
+
+@pytest.mark.parametrize(
+    "model, count", [("plumb_bob", 4), ("plumb_bob", 5), ("equidistant", 4), ("rational_polynomial", 8)]
+)
+def test_a_written_lens_is_read_again_as_it_was(tmp_path, model, count):
+    K, pose = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1.0]]), EYES[1].pose_at(0)
+    lens = Calibration(K, 0.01 * np.arange(1, count + 1), model, (WIDTH, HEIGHT))
+    (tmp_path / "lens.toml").write_text(calibration_toml([("right", lens)], {"right": pose}))
+    read, where = read_cameras(tmp_path / "lens.toml", ["right"])["right"]
+    assert (read.model, read.size) == (model, lens.size) and np.allclose(read.K, K) and np.allclose(read.D, lens.D)
+    assert np.allclose(where.rotation, pose.rotation) and np.allclose(where.centre, pose.centre)
 
 
 def test_videos_too_short_to_find_the_places_say_so(rig, capsys, monkeypatch):
