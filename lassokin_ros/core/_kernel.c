@@ -491,26 +491,30 @@ FUNCTION(eliminate, 7)
     }
 END
 
-/* The lower Cholesky factor of a symmetric matrix, in place; 0 if it fails, else min / max of its diagonal. */
-static double cholesky(Matrix L, int n)
+/* The factor U of a symmetric matrix U^T U, in place of its upper triangle; 0 if it fails, else min / max of its
+ * diagonal. */
+static double cholesky(Matrix U, int n)
 {
     double least = INFINITY, largest = 0;
-    for (int i = 0; i < n; i++) {
-        for (int j = 0; j < i; j++) L[i][j] = (L[i][j] - dot(L[i], L[j], j)) / L[j][j];
-        double pivot = L[i][i] - dot(L[i], L[i], i);
-        if (!(pivot > 0) || !isfinite(pivot)) return 0;
-        L[i][i] = sqrt(pivot);
-        least = fmin(least, L[i][i]), largest = fmax(largest, L[i][i]);
+    for (int k = 0; k < n; k++) {
+        if (!(U[k][k] > 0) || !isfinite(U[k][k])) return 0;
+        double root = sqrt(U[k][k]), *restrict row = U[k];
+        least = fmin(least, root), largest = fmax(largest, root);
+        for (int j = k; j < n; j++) row[j] /= root;
+        for (int i = k + 1; i < n; i++) {
+            double *restrict other = U[i], factor = row[i];
+            for (int j = i; j < n; j++) other[j] -= factor * row[j];
+        }
     }
     return n ? least / largest : 1;
 }
-static void substitute(Matrix L, int n, double *b) /* b <- (L L^T)^-1 b */
+static void substitute(Matrix U, int n, double *b) /* b <- (U^T U)^-1 b */
 {
-    for (int i = 0; i < n; i++) b[i] = (b[i] - dot(L[i], b, i)) / L[i][i];
-    for (int i = n - 1; i >= 0; i--) {
-        b[i] /= L[i][i];
-        for (int j = 0; j < i; j++) b[j] -= L[i][j] * b[i];
+    for (int i = 0; i < n; i++) {
+        b[i] /= U[i][i];
+        for (int j = i + 1; j < n; j++) b[j] -= U[i][j] * b[i];
     }
+    for (int i = n - 1; i >= 0; i--) b[i] = (b[i] - dot(U[i] + i + 1, b + i + 1, n - i - 1)) / U[i][i];
 }
 
 /* predict_solution, then solve_active_set: H, g, alpha, guess, (NEGLIGIBLE, ENTERING_TOGETHER, ALONE_FROM, steps); omega */
@@ -521,17 +525,17 @@ FUNCTION(predicted, 6)
     double *constants = in(&a, o[4], 4), *omega = out(&a, o[5], n);
     IF_REGULAR
     if (n > MOST) return done(&a, 0);
-    Matrix L;
+    Matrix U;
     double nearly[MOST], sign[MOST], penalty = 0, largest = 0;
     for (int i = 0; i < n; i++) penalty += alpha[i] * fabs(guess[i]);
     if (!(penalty > 0) || !isfinite(penalty)) return done(&a, 0);
     for (int i = 0; i < n; i++) {
-        memcpy(L[i], H + (Py_ssize_t)i * n, (i + 1) * sizeof *H);
-        L[i][i] += alpha[i] / (fabs(guess[i]) + constants[0] * penalty / n / alpha[i]);
+        memcpy(U[i] + i, H + (Py_ssize_t)i * n + i, (n - i) * sizeof *H);
+        U[i][i] += alpha[i] / (fabs(guess[i]) + constants[0] * penalty / n / alpha[i]);
         nearly[i] = g[i];
     }
-    if (!cholesky(L, n)) return done(&a, 0);
-    substitute(L, n, nearly);
+    if (!cholesky(U, n)) return done(&a, 0);
+    substitute(U, n, nearly);
     for (int i = 0; i < n; i++) {
         if (fabs(nearly[i]) <= constants[0] * penalty / n / alpha[i]) nearly[i] = 0;
         largest = fmax(largest, fabs(nearly[i]));
@@ -543,11 +547,11 @@ FUNCTION(predicted, 6)
         for (int i = 0; i < n; i++)
             if (sign[i] != 0) support[v++] = i;
         for (int i = 0; i < v; i++) {
-            for (int j = 0; j <= i; j++) L[i][j] = H[(Py_ssize_t)support[i] * n + support[j]];
+            for (int j = i; j < v; j++) U[i][j] = H[(Py_ssize_t)support[i] * n + support[j]];
             values[i] = g[support[i]] - alpha[support[i]] * sign[support[i]];
         }
-        if (!(cholesky(L, v) >= 1e-6)) return done(&a, 0);
-        substitute(L, v, values);
+        if (!(cholesky(U, v) >= 1e-6)) return done(&a, 0);
+        substitute(U, v, values);
         memcpy(correlation, g, n * sizeof *g);
         for (int i = 0; i < v; i++)
             for (int k = 0; k < n; k++) correlation[k] -= values[i] * H[(Py_ssize_t)support[i] * n + k];
@@ -577,22 +581,25 @@ FUNCTION(condensed, 7)
     double *scaled = out(&a, o[4], (Py_ssize_t)n * n), *linear = out(&a, o[5], n), *norm = out(&a, o[6], 1);
     IF_REGULAR
     if (n > MOST || n < 1) return done(&a, 0);
-    Matrix L;
-    double *T = scaled; /* first the transposed inverse of L */
-    for (int i = 0; i < n; i++) memcpy(L[i], H + (Py_ssize_t)i * n, (i + 1) * sizeof *H);
-    double ratio = cholesky(L, n), trace = 0;
+    Matrix U;
+    double *V = scaled; /* first the inverse of U */
+    for (int i = 0; i < n; i++) memcpy(U[i] + i, H + (Py_ssize_t)i * n + i, (n - i) * sizeof *H);
+    double ratio = cholesky(U, n), trace = 0;
     if (!(ratio * ratio * condition[0] >= 1)) return done(&a, 0);
-    for (int i = 0; i < n; i++) { /* column i of L^-1 */
-        double *row = T + i * n;
-        row[i] = 1 / L[i][i];
-        for (int j = i + 1; j < n; j++) row[j] = -dot(L[j] + i, row + i, j - i) / L[j][j];
+    for (int i = n - 1; i >= 0; i--) {
+        double *restrict row = V + i * n;
+        memset(row + i, 0, (n - i) * sizeof *row);
+        row[i] = 1;
+        for (int k = i + 1; k < n; k++)
+            for (int j = k; j < n; j++) row[j] -= U[i][k] * V[k * n + j];
+        for (int j = i; j < n; j++) row[j] /= U[i][i];
     }
     for (int i = 0; i < n; i++)
-        for (int j = 0; j <= i; j++) L[i][j] = dot(T + i * n + i, T + j * n + i, n - i) * alpha[i] * alpha[j];
-    for (int i = 0; i < n; i++) trace += L[i][i];
+        for (int j = i; j < n; j++) U[i][j] = dot(V + i * n + j, V + j * n + j, n - j) * alpha[i] * alpha[j];
+    for (int i = 0; i < n; i++) trace += U[i][i];
     norm[0] = trace / n;
     for (int i = 0; i < n; i++)
-        for (int j = 0; j <= i; j++) scaled[i * n + j] = scaled[j * n + i] = L[i][j] / norm[0];
+        for (int j = i; j < n; j++) scaled[i * n + j] = scaled[j * n + i] = U[i][j] / norm[0];
     for (int i = 0; i < n; i++) {
         linear[i] = 0;
         for (int j = 0; j < n; j++) linear[i] -= scaled[i * n + j] * g[j] / alpha[j];
@@ -765,6 +772,20 @@ FUNCTION(features, 8)
     for (Py_ssize_t i = 0; i < others; i++) inputs[4 + i] = (float)rest[i];
 END
 
+/* activated, after the bias of the even part is added: even and odd part, changed in place; bias */
+FUNCTION(activate, 2)
+    float *bias = any_array(&a, o[1], "f", -1, PyBUF_C_CONTIGUOUS);
+    Py_ssize_t k = a.regular ? a.views[0].len / 4 : 0;
+    float *even = any_array(&a, o[0], "f", 2 * k, PyBUF_C_CONTIGUOUS | PyBUF_WRITABLE), *odd;
+    IF_REGULAR
+    odd = even + k;
+    for (Py_ssize_t i = 0; i < k; i++) {
+        float left = even[i] + bias[i] + odd[i], right = even[i] + bias[i] - odd[i];
+        left *= 0.5f / (1 + expf(-left)), right *= 0.5f / (1 + expf(-right));
+        even[i] = left + right, odd[i] = left - right;
+    }
+END
+
 /* interpreted, in metres: outputs, (height,), index of the whitening's lower part; places, depths, whitening */
 FUNCTION(decode, 6)
     double *height = in(&a, o[1], 1), *depths = out(&a, o[4], -1);
@@ -787,6 +808,7 @@ END
 static PyMethodDef methods[] = {
     METHOD(pose), METHOD(posture), METHOD(retract), METHOD(twists), METHOD(point_columns), METHOD(linearise),
     METHOD(cost), METHOD(smooth), METHOD(eliminate), METHOD(predicted), METHOD(condensed), METHOD(certify),
-    METHOD(follow), METHOD(sampled), METHOD(features), METHOD(decode), {NULL, NULL, 0, NULL}};
+    METHOD(follow), METHOD(sampled), METHOD(features), METHOD(activate),
+    METHOD(decode), {NULL, NULL, 0, NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_kernel", NULL, 0, methods, NULL, NULL, NULL, NULL};
 PyMODINIT_FUNC PyInit__kernel(void) { return PyModuleDef_Init(&module); }

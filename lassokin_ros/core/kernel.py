@@ -40,6 +40,7 @@ class Kernel:
     follow: Callable[..., bool]
     sampled: Callable[..., bool]
     features: Callable[..., bool]
+    activate: Callable[..., bool]
     decode: Callable[..., bool]
 
     def __init__(self) -> None:

@@ -65,6 +65,7 @@ class FrameModel:
                 self.pieces[piece.name] = piece
         self._compiled = CompiledEvidence(kinematics, self.prior, self.balance, self.learned_depth)
         self._compiled.add_camera(self.image, self.learned_depth)
+        self._layouts: dict[tuple[str, ...], tuple[dict[str, slice], int]] = {}
         self.image_pieces = [self.image]
         """The reprojection errors of each camera."""
         #: Indices of the estimated degrees of freedom. The root's come first; the prior has no rows for them.
@@ -114,13 +115,15 @@ class FrameModel:
         return LinearisedFrame(columns, z, rows)
 
     def _rows(self, frame: FrameData) -> tuple[dict[str, slice], int]:
-        """The rows of each piece that is present in a frame, and their number."""
-        rows, end = {}, 0
-        for name, piece in self.pieces.items():
-            if piece.present(frame):
-                begin, end = end, end + piece.count
+        """The rows of each piece that is present in a frame, and their number; computed once for the same pieces."""
+        present = tuple([name for name, piece in self.pieces.items() if piece.present(frame)])
+        if present not in self._layouts:
+            rows, end = {}, 0
+            for name in present:
+                begin, end = end, end + self.pieces[name].count
                 rows[name] = slice(begin, end)
-        return rows, end
+            self._layouts[present] = rows, end
+        return self._layouts[present]
 
     def length_rows(
         self, linearised: LinearisedFrame, states: EvaluatedState, frame: FrameData, motion: LengthMotion

@@ -70,7 +70,7 @@ class NetworkPose:
 
     def _apart(self, places: np.ndarray, pose: BodyPose) -> float:
         joints = self._relative.dot(pose.positions.take(self._joints, axis=0))
-        return float(norm(places.take(self._shared, axis=0) - joints).mean())
+        return float(norm(places.take(self._shared, axis=0) - joints).sum()) / len(joints)
 
 
 def _from_the_hips(names: Sequence[str]) -> np.ndarray:

@@ -286,6 +286,15 @@ def activated(h: np.ndarray) -> np.ndarray:
     return np.asarray(_HALF_SIDES @ sides).reshape(h.shape)
 
 
+def layer(h: np.ndarray, W: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """`activated` of `linear`."""
+    if kernel.active:
+        result = np.asarray(h @ W)
+        if kernel.activate(result, b):
+            return result
+    return activated(linear(h, W, b))
+
+
 class Network:
     """A perceptron with residual blocks. For the mirror image of a person it gives the mirror image of its places.
 
@@ -306,10 +315,10 @@ class Network:
     def __call__(self, inputs: np.ndarray) -> np.ndarray:
         """(..., OUTPUTS) of inputs (..., INPUTS), float32."""
         w = self.weights
-        h = activated(linear(inputs.reshape(-1, INPUTS), w[0], w[1]))
+        h = layer(inputs.reshape(-1, INPUTS), w[0], w[1])
         for block in range(2, len(w) - 2, 4):
             A, a, B, b = w[block : block + 4]
-            h += linear(activated(linear(h, A, a)), B, b)
+            h += linear(layer(h, A, a), B, b)
         outputs = np.concatenate((h[0], h[1]), axis=-1) @ w[-2] + w[-1]
         return np.asarray(outputs.reshape(*inputs.shape[:-1], OUTPUTS))
 
