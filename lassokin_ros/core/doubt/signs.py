@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.observation import HERE, CameraPose
+from lassokin_ros.core.record import record
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Signs:
     """What is known of one tracked frame; a figure that is not known is NaN.
 
