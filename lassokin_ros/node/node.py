@@ -186,8 +186,7 @@ class TrackerNode(Node):
         started = time.monotonic()
         clock: Any = self.get_clock()  # a ROSClock, contrary to rclpy's type hints
         # Messages that waited in the queue have different arrival times.
-        waited = received_ns and not clock.ros_time_is_active
-        arrival_ns = received_ns if waited else clock.now().nanoseconds
+        arrival_ns = clock.now().nanoseconds if clock.ros_time_is_active else received_ns or time.time_ns()
         try:
             frames = (frames_in or self._pipeline.frames)(message, arrival_ns)
             self._publish(frames)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from lassokin_ros.core.doubt.doubt import Doubt, Event
 from lassokin_ros.core.doubt.facing import CORNERS, FastTurn, LastingReversal, facing_of
@@ -28,8 +30,16 @@ EXCHANGES = {"body": Event.SIDES_EXCHANGED, "legs": Event.LEGS_EXCHANGED, "arms"
 class DoubtMonitor:
     """Follows one person frame by frame."""
 
-    def __init__(self, landmarks: Sequence[str], joints: Sequence[str]) -> None:
-        """landmarks: l names in layout order. joints: n names in the skeleton's order."""
+    def __init__(
+        self,
+        landmarks: Sequence[str],
+        joints: Sequence[str],
+        observe: Callable[[np.ndarray], np.ndarray] | None = None,
+    ) -> None:
+        """landmarks: l names in layout order. joints: n names in the skeleton's order. observe: returns (n,) bool, the
+        joints that (l,) bool, the visible keypoints, observe; without it no limb counts as unseen.
+        """
+        self._observe = observe
         self._landmarks = tuple(landmarks)
         self._corners = [list(joints).index(name) for name in CORNERS] if set(CORNERS) <= set(joints) else []
         self._motions: dict[str, MotionMeter] = {}  # by camera
@@ -67,7 +77,8 @@ class DoubtMonitor:
         events = self._of_keypoints(signs) + self._of_pose(signs)
         reversed_, turned = self._facing(signs)
         probability = self._model.update(signs.stamp, signs.prior_cost, signs.network_distance)
-        unseen = self._limbs.update(signs.stamp, signs.observed)
+        observed = None if self._observe is None or signs.visible is None else self._observe(signs.visible)
+        unseen = self._limbs.update(signs.stamp, observed)
         doubt = Doubt(tuple(events + turned), reversed_, probability, unseen)
         self._marks.forget_before(signs.stamp)
         if doubt.likely_wrong:
@@ -81,7 +92,7 @@ class DoubtMonitor:
     def _of_keypoints(self, signs: Signs) -> list[Event]:
         if signs.camera not in self._motions:
             self._motions[signs.camera] = MotionMeter(self._landmarks)
-        motion = self._motions[signs.camera].update(signs.stamp, signs.keypoints)
+        motion = self._motions[signs.camera].update(signs.stamp, signs.used_keypoints)
         if motion is None or not motion.largest > LEAST_MOTION:
             return []  # neither event is that small; this is most of the frames
         events = [Event.PERSON_CHANGED] if is_person_change(motion) else []

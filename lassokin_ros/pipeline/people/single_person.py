@@ -121,11 +121,11 @@ class SinglePersonTracker:
         """Track the followed person; see PeopleTracker.update. A refused message gives a result with the reason."""
         found = [self._select(image, forget_after) for image in images]
         sights = [Sight(image.stamp_ns, one, image.lens, image.camera) for image, one in zip(images, found)]
-        sights = [sight for sight in sights if _has_points(sight.seen)] or sights
-        results = self._person.track(sights, frame_id)
+        if len(sights) > 1:
+            sights = [sight for sight in sights if _has_points(sight.seen)] or sights
         number = found[0].number if images[0].persistent else -1
-        results = [replace(one, label=self._id, detector_id=number, guessed=self._guessed) for one in results]
-        rejected = any(not result.accepted for result in results)
+        results = self._person.track(sights, frame_id, label=self._id, detector_id=number, guessed=self._guessed)
+        rejected = results and not results[-1].accepted
         if rejected and (absence := self._absence(images[0], forget_after)):
             results[-1] = replace(results[-1], rejection=PERSON_ABSENT, detail=absence)
         if self._lock_next and self.tracked_at(max(image.stamp_ns for image in images)):
