@@ -91,8 +91,10 @@ class Keypoints:
         if self.persons is None:
             points, confidence = self.as_landmarks(count)
             return np.zeros(1, dtype=np.int64), points[None], confidence[None]
-        numbers, index = np.unique(self.persons, return_inverse=True)
-        rows = index.reshape(-1) * count + self.ids
+        numbers, rows = self.persons[:1], self.ids
+        if np.count_nonzero(self.persons != numbers) or not len(numbers):
+            numbers, index = np.unique(self.persons, return_inverse=True)
+            rows = index.reshape(-1) * count + self.ids
         points, confidence = self._placed(rows, self.present, count, len(numbers) * count)
         return numbers, points.reshape(-1, count, 2), confidence.reshape(-1, count)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -160,9 +161,7 @@ class SinglePersonTracker:
         if image.persistent and view.followed is not None:  # the followed person may be seen in part
             number = view.followed.detection.number
             usable += [one for one in people if one.number == number and one not in usable and _has_points(one)]
-        expected = None
-        if view.followed is not None:
-            expected = self._person.predicted_landmarks(image.stamp_ns, image.camera)
+        expected = partial(self._person.predicted_landmarks, image.stamp_ns, image.camera)
         view.tracks.update(image.stamp_ns, usable, image.persistent, patience, view.followed, expected)
 
     def _sight_elsewhere(self, view: _View) -> Sight | None:
