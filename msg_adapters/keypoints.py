@@ -129,7 +129,8 @@ class Keypoints:
 
         rows: (k,) row of each point. count: number of landmarks in the layout.
         """
-        points, confidence = np.full((total, 2), np.nan), np.zeros(total)
+        points, confidence = np.empty((total, 2)), np.zeros(total)
+        points.fill(np.nan)
         chosen, scores = self._usable(present, count)
         rows = rows.take(chosen)
         points[rows] = self.xy.take(chosen, axis=0)

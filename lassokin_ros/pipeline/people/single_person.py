@@ -136,7 +136,9 @@ class SinglePersonTracker:
     def _select(self, image: PeopleImage, forget_after: float) -> Detection:
         """Return the detection of the followed person; an empty detection if the person is not in the message."""
         keypoints, stamp_ns = image.keypoints, image.stamp_ns
-        view = self._newest = self._views.setdefault(image.camera.name, _View())
+        if image.camera.name not in self._views:
+            self._views[image.camera.name] = _View()
+        view = self._newest = self._views[image.camera.name]
         view.seen_ns, view.persistent = stamp_ns, image.persistent
         view.lens, view.camera = image.lens, image.camera
         if keypoints.persons is None or len(keypoints.persons) == 0:
@@ -276,4 +278,4 @@ class _View:
 
 
 def _has_points(one: Detection) -> bool:
-    return bool(np.isfinite(one.points).any())
+    return bool(np.count_nonzero(np.isfinite(one.points)))

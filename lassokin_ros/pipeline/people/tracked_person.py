@@ -184,10 +184,12 @@ class TrackedPerson:
 
     def _frozen_s(self, sight: Sight) -> float:
         """Return s for which a camera's keypoints have been the same, if it is more than `lost_after`; else 0."""
-        if not np.isfinite(sight.seen.points).any():
+        if not np.count_nonzero(np.isfinite(sight.seen.points)):
             return 0.0
-        repeats = self._repeats.setdefault(sight.camera.name, Repeats())
-        repeated = repeats.age(sight.stamp_ns, sight.seen.points)
+        name = sight.camera.name
+        if name not in self._repeats:
+            self._repeats[name] = Repeats()
+        repeated = self._repeats[name].age(sight.stamp_ns, sight.seen.points)
         return repeated if repeated > self.tracker.config.lost_after else 0.0
 
     def mark_absent(self, sight: Sight) -> list[FrameResult]:
