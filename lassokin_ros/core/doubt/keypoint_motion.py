@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from lassokin_ros.core.image.robust_loss import norm
+from lassokin_ros.core.record import record
 
 PAIRS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 """Landmarks that exist on both sides."""
@@ -26,7 +26,7 @@ def partners(names: Sequence[str]) -> np.ndarray:
     )
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class KeypointMotion:
     """The motion between two frames, in trunk lengths of the image (middle of the shoulders to middle of the hips).
 
@@ -42,6 +42,11 @@ class KeypointMotion:
     def straight(self) -> np.ndarray:
         """(l,) distance of each keypoint from its own last place, NaN if one of them is missing."""
         return norm(self.points - self.last)
+
+    @property
+    def largest(self) -> float:
+        """The largest of these distances, NaN if there is none."""
+        return float(np.fmax.reduce(self.straight))
 
     @cached_property
     def crossed(self) -> np.ndarray:
@@ -80,5 +85,5 @@ class MotionMeter:
     def _trunk_length(self, points: np.ndarray) -> float:
         if not self._trunk:
             return np.nan
-        (a, b), (c, d), (e, f), (g, h) = points[self._trunk].tolist()
+        (a, b), (c, d), (e, f), (g, h) = points.take(self._trunk, axis=0).tolist()
         return 0.5 * math.hypot(a + c - e - g, b + d - f - h)
