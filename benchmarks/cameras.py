@@ -29,12 +29,13 @@ from scipy.signal import butter, filtfilt, lfilter
 from benchmarks.accuracy import in_parallel
 from benchmarks.accuracy_run.metrics import pa_mpjpe
 from benchmarks.accuracy_run.options import setting
-from benchmarks.accuracy_run.people import test_clips, validation_clips
+from benchmarks.accuracy_run.people import person_of, test_clips, validation_clips
 from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
 from benchmarks.data.mocap import EVALUATED, SMPL_NAME, clip_height, clip_skeleton, load_clip
 from benchmarks.data.rig import Rig, moved, rig_of
 from benchmarks.data.simulated_camera import Condition
+from benchmarks.data.strangers import with_peoples_proportions
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import CameraPose, Observation
@@ -102,6 +103,8 @@ def parser() -> argparse.ArgumentParser:
     add("--longest", type=option_types.positive, default=LONGEST, metavar="S", help="s of a clip that are used (10)")
     add("--occluded", type=option_types.share, default=0.0, help="share of the time that the second camera sees nobody")
     add("--swaps", type=option_types.share, default=0.0, help="share of the first camera's frames with exchanged sides")
+    add("--strangers", action="store_true",
+        help="people's own proportions and places of landmarks on the body (15 mm at hips and shoulders)")  # fmt: skip
     add("--measured-bones", action="store_true", help="give the person's bone lengths (default: the height alone)")
     add("--unknown-height", action="store_true", help="give not even the height: height 0")
     add("--scaled", type=_pair, metavar="LOW,HIGH", help="scale people by factors in this range, such as 0.7,1.15")
@@ -132,10 +135,14 @@ def run(job: Job) -> list[Record]:
     if o.scaled:
         factor = np.random.default_rng([o.seed, 43, *clip.name.encode()]).uniform(*o.scaled)
         clip = replace(clip, standard=factor * clip.standard, rest=factor * clip.rest)
+    person = person_of(job.file) or job.file.stem
+    if o.strangers:
+        clip = with_peoples_proportions(clip, person, o.seed)
     own = clip_skeleton(clip, generic=False)
     layout = Layout.load("coco17", own)
-    condition = Condition(DETECTOR.noise_px, 0.0, 0.0, o.fps, o.swaps, wander_px=2.5, offset_px=2.5)
-    rig = rig_of(clip, layout, own, condition, o.cameras, np.radians(o.angle), o.seed)
+    condition = Condition(DETECTOR.noise_px, 0.0, 0.0, o.fps, o.swaps, wander_px=2.5, offset_px=2.5,
+                          landmark_mm=15.0 * o.strangers)  # fmt: skip
+    rig = rig_of(clip, layout, own, condition, o.cameras, np.radians(o.angle), o.seed, person)
     count = min(len(rig.truth), int(o.longest * rig.fps))
     if o.scored_from > SCORED_FROM and count < (o.scored_from + 1) * rig.fps:
         return []

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.data.mocap import EVALUATED, Clip, landmark_positions
+from benchmarks.data.mocap import EVALUATED, Clip, clip_height, landmark_positions
 from benchmarks.data.simulated_camera import Condition, _lasting, _spoil, step_for, swap_sides
+from benchmarks.data.strangers import displaced, displacements
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.observation import CameraPose, Observation
@@ -47,9 +48,16 @@ class Rig:
 
 
 def rig_of(
-    clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition, cameras: int, angle: float, seed: int
+    clip: Clip,
+    layout: Layout,
+    skeleton: Skeleton,
+    condition: Condition,
+    cameras: int,
+    angle: float,
+    seed: int,
+    person: str = "",
 ) -> Rig:
-    """Level cameras around the middle of a clip, `angle` rad apart, f 1000-1400 px."""
+    """Level cameras around the middle of a clip, `angle` rad apart, f 1000-1400 px. person: as in `view_of`."""
     random = np.random.default_rng([seed, 31, *clip.name.encode()])
     step = step_for(clip.fps, condition.fps)
     frames = slice(None, None, step)
@@ -58,7 +66,11 @@ def rig_of(
     distance = DISTANCE + np.linalg.norm((pelvis - centre)[:, [0, 2]], axis=1).max()
     first, flip = random.uniform(-np.pi, np.pi), np.diag([1.0, -1.0, -1.0])
     truth = (np.stack([clip.position(name)[frames] for name in EVALUATED], axis=1) - centre) @ Z_UP.T
-    marks = (landmark_positions(clip, layout, skeleton)[frames] - centre) @ Z_UP.T
+    landmarks = landmark_positions(clip, layout, skeleton)
+    if condition.landmark_mm > 0:
+        off = displacements(layout, person, condition.landmark_mm / 1000, clip_height(clip), seed)
+        landmarks = displaced(landmarks, clip, layout, skeleton, off)
+    marks = (landmarks[frames] - centre) @ Z_UP.T
     poses, points, confidences, focals = [], [], [], []
     for camera in range(cameras):
         pitch = Rotation.from_euler("x", random.uniform(-0.15, 0.15)).as_matrix()

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ from lassokin_ros.common.atomic_files import refuse_existing
 from lassokin_ros.core.body.rotations import logarithm, to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.outputs.frame_messages import principal_axes
 from lassokin_ros.replay.analysis.capsules import capsules
 
-CAMERA, IMAGE, BODY = "camera", "camera/image", "body"
+CAMERA, BODY = "camera", "body"
 ANGLES, ERRORS = "angles", "errors"
 PLOTS = {ANGLES: "angles, degrees", ERRORS: "errors"}
 PLOTTED = ("left_knee", "right_knee", "left_elbow", "right_elbow")
@@ -41,59 +43,77 @@ class ViewError(LassokinError):
 class RerunScene:
     """Logs to a viewer window, or records for the viewer. A recording has its name only after `finish`.
 
-    `place` in the methods is empty for one person, else "/" and the person's id.
+    `place` in the methods is empty for one person, else "/" and the person's id. `camera` is empty for one camera, else
+    its name.
     """
 
-    def __init__(self, path: Path | None, name: str, option: str, replace: bool, timeline: str) -> None:
+    def __init__(
+        self,
+        path: Path | None,
+        name: str,
+        option: str,
+        replace: bool,
+        timeline: str,
+        cameras: Sequence[str] = ("",),
+        z_up: bool = False,
+    ) -> None:
         """path: of the recording (.rrd); None opens a window. name: of the recording in the viewer.
 
         option: the option or command that asks for the scene, for errors. replace: an existing file may be replaced.
+        cameras: their names. z_up: whether the body's frame has z up, and is not the optical frame of a camera.
         Raises ViewError.
         """
         self._rerun = _rerun(option)
         self._path, self._part = path, None if path is None else path.with_name(f".{path.stem}.{os.getpid()}.part.rrd")
         self._option, self._timeline = option, timeline
-        self._scale: float | None = None
+        self._cameras, self._scales = tuple(cameras), dict[str, float]()
         self._stream = self._rerun.RecordingStream("lassokin")
         self._stream.send_recording_name(name)
         self._open(replace)
-        self._log_styles()
+        self._log_styles(z_up)
 
     def set_time(self, **time: Any) -> None:
         """Set the time of what is logged next: duration in s, or timestamp in s or as datetime64."""
         self._stream.set_time(self._timeline, **time)
 
-    def set_camera(self, K: np.ndarray, size: tuple[int, int]) -> None:
-        """Log the camera. K: (3, 3) px; size: (width, height) px of the images."""
-        self._scale = min(1.0, LONGEST_SIDE / max(size))
-        matrix = K * np.array([[self._scale], [self._scale], [1.0]])
-        resolution = [side * self._scale for side in size]
+    def set_camera(self, K: np.ndarray, size: tuple[int, int], camera: str = "") -> None:
+        """Log a camera. K: (3, 3) px; size: (width, height) px of the images."""
+        scale = self._scales[camera] = min(1.0, LONGEST_SIDE / max(size))
+        matrix = K * np.array([[scale], [scale], [1.0]])
+        resolution = [side * scale for side in size]
         pinhole = self._rerun.Pinhole(image_from_camera=matrix, resolution=resolution, image_plane_distance=0.5)
-        self._log(IMAGE, pinhole, static=True)
+        self._log(_image(camera), pinhole, static=True)
 
-    def add_image(self, rgb: np.ndarray) -> None:
+    def add_place(self, camera: str, pose: CameraPose) -> None:
+        """Log where a camera is in the body's frame."""
+        self._log(_camera(camera), self._rerun.Transform3D(translation=pose.centre, mat3x3=pose.rotation.T))
+
+    def add_image(self, rgb: np.ndarray, camera: str = "") -> None:
         """Log an image (height, width, 3), uint8 RGB."""
         import cv2
 
         scale = min(1.0, LONGEST_SIDE / max(rgb.shape[:2]))
-        self._scale = scale if self._scale is None else self._scale
+        self._scales.setdefault(camera, scale)
         if scale < 1.0:
             rgb = cv2.resize(rgb, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        self._log(IMAGE, self._rerun.Image(rgb).compress(jpeg_quality=JPEG_QUALITY))
+        self._log(_image(camera), self._rerun.Image(rgb).compress(jpeg_quality=JPEG_QUALITY))
 
-    def add_keypoints(self, place: str, pixels: np.ndarray) -> None:
+    def add_keypoints(self, place: str, pixels: np.ndarray, camera: str = "") -> None:
         """Log keypoints (l, 2) px, NaN = missing."""
-        points = pixels[np.isfinite(pixels).all(axis=1)] * (self._scale or 1.0)
-        self._log(f"{IMAGE}/keypoints{place}", self._rerun.Points2D(points, colors=KEYPOINT, radii=POINT_SIZE))
+        points = pixels[np.isfinite(pixels).all(axis=1)] * self._scales.get(camera, 1.0)
+        self._log(f"{_image(camera)}/keypoints{place}", self._rerun.Points2D(points, colors=KEYPOINT, radii=POINT_SIZE))
 
-    def add_skeleton(self, place: str, skeleton: Skeleton, joints: np.ndarray, outline: np.ndarray | None) -> None:
-        """Log the body at joints (n, 3) m. outline: the joints in the image (n, 2) px, None without a camera."""
+    def add_skeleton(self, place: str, skeleton: Skeleton, joints: np.ndarray) -> None:
+        """Log the body at joints (n, 3) m."""
+        self._log(f"{BODY}/skeleton{place}", self._capsules(skeleton, joints))
+
+    def add_outline(self, place: str, skeleton: Skeleton, pixels: np.ndarray, camera: str = "") -> None:
+        """Log the body in an image. pixels: its joints (n, 2) px."""
         bones = np.array([(parent, joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0])
         colours = [COLOURS[_side(skeleton.joint_names[joint])] for _, joint in bones]
-        if outline is not None:
-            lines = self._rerun.LineStrips2D(outline[bones] * (self._scale or 1.0), colors=colours, radii=LINE_SIZE)
-            self._log(f"{IMAGE}/skeleton{place}", lines)
-        self._log(f"{BODY}/skeleton{place}", self._capsules(skeleton, joints))
+        points = pixels[bones] * self._scales.get(camera, 1.0)
+        lines = self._rerun.LineStrips2D(points, colors=colours, radii=LINE_SIZE)
+        self._log(f"{_image(camera)}/skeleton{place}", lines)
 
     def _capsules(self, skeleton: Skeleton, joints: np.ndarray) -> Any:
         """Return the body as capsules. Rerun's capsule lies along z from its translation."""
@@ -130,7 +150,8 @@ class RerunScene:
 
     def clear(self, place: str) -> None:
         """Remove the skeleton from the view."""
-        for path in (f"{IMAGE}/skeleton{place}", f"{BODY}/skeleton{place}", f"{BODY}/uncertainty{place}"):
+        images = (f"{_image(camera)}/skeleton{place}" for camera in self._cameras)
+        for path in (*images, f"{BODY}/skeleton{place}", f"{BODY}/uncertainty{place}"):
             self._log(path, self._rerun.Clear(recursive=False))
 
     def finish(self) -> None:
@@ -173,16 +194,17 @@ class RerunScene:
         from rerun import blueprint
 
         plots = [blueprint.TimeSeriesView(origin=place, name=name) for place, name in PLOTS.items()]
-        image = blueprint.Spatial2DView(origin=IMAGE, name="image")
+        images = [blueprint.Spatial2DView(origin=_image(name), name=name or "image") for name in self._cameras]
         space = blueprint.Spatial3DView(origin="/", contents=[f"/{CAMERA}/**", f"/{BODY}/**"], name="skeleton")
         return blueprint.Blueprint(
-            blueprint.Vertical(blueprint.Horizontal(image, space), blueprint.Horizontal(*plots), row_shares=[2, 1]),
+            blueprint.Vertical(blueprint.Horizontal(*images, space), blueprint.Horizontal(*plots), row_shares=[2, 1]),
             collapse_panels=True,
         )
 
-    def _log_styles(self) -> None:
+    def _log_styles(self, z_up: bool) -> None:
         rerun = self._rerun
-        self._log("/", rerun.ViewCoordinates.RDF, static=True)
+        axes = rerun.ViewCoordinates
+        self._log("/", axes.RIGHT_HAND_Z_UP if z_up else axes.RDF, static=True)
         for name in PLOTTED:
             colour = COLOURS[name.split("_")[0]]
             self._log(f"{ANGLES}/{name}", rerun.SeriesLines(colors=colour, names=name), static=True)
@@ -202,6 +224,14 @@ def turns_of_z(directions: np.ndarray) -> np.ndarray:
     across = np.cross(aside, directions)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     return np.stack([across, np.cross(directions, across), directions], axis=2)
+
+
+def _camera(name: str) -> str:
+    return f"{CAMERA}/{name}" if name else CAMERA
+
+
+def _image(camera: str) -> str:
+    return f"{_camera(camera)}/image"
 
 
 def _side(name: str) -> str:

@@ -67,8 +67,8 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     make = partial(OfflineTracker, node_config=node_config, types=types, only_track=True)
     first = make(tracker_config, poses=poses)
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
-        sizes = {camera.name: camera.source.size for camera in cameras}
-        outputs = TrackOutputs(options, cameras[0].source, cameras[0].calibration, first, stack, sizes)
+        views = {camera.name: (camera.calibration, camera.source.size) for camera in cameras}
+        outputs = TrackOutputs(options, cameras[0].source, cameras[0].calibration, first, stack, views)
         if unplaced and not height_given(options):
             outputs.remarks.append(HEIGHT_ASSUMED)
         backend = RosbagsBackend(types)
@@ -113,8 +113,6 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
 
     Without a file, the place of the first camera is the origin, and those of the others are not known.
     """
-    if options.view is not None:
-        raise CameraError("--view is for one video; expected --report, --video or --export with several")
     if options.cameras is None:
         return _unplaced_cameras(options)
     if options.camera_info is not None or options.fov is not None:

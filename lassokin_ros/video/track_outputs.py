@@ -42,18 +42,19 @@ class TrackOutputs:
         camera: Calibration,
         tracker: OfflineTracker,
         stack: ExitStack,
-        sizes: Mapping[str, tuple[int, int]] | None = None,
+        several: Mapping[str, tuple[Calibration, tuple[int, int]]] | None = None,
     ) -> None:
         """Open the outputs before anything is tracked. tracker: of the first pass. stack: removes what is not finished.
 
-        sizes: (width, height) px of the images of several cameras, by name. Raises a LassokinError for a path that
-        cannot be written.
+        several: lens and (width, height) px of the images of several cameras, by name. Raises a LassokinError for a
+        path that cannot be written.
         """
+        cameras = several or {"": (camera, source.size)}
         self._options, self._source = options, source
         self.remarks: list[str] = []
         """Sentences for the report, to be added before `write`."""
         self._waiting: deque[tuple[int, Mapping[str, Image]]] = deque()
-        self._apart_ns = 0 if sizes is None else SAME_INSTANT_NS
+        self._apart_ns = 0 if several is None else SAME_INSTANT_NS
         self._given: Skeleton = tracker.pipeline.tracker.skeleton
         self._report: Report | None = None
         pipeline = tracker.pipeline
@@ -63,24 +64,25 @@ class TrackOutputs:
             self._report_images = {name: ReportImages() for name in pipeline.cameras}
         self._level = pipeline.level
         names = pipeline.tracker.layout.names
-        config, cameras = pipeline.tracker.config, pipeline.config.camera_names
-        self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, cameras)
-        several = pipeline.config.several_people
-        self._exports = Exports(options.export, self._motion, several, options.force) if options.export else None
+        config, topics = pipeline.tracker.config, pipeline.config.camera_names
+        self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, topics)
+        people = pipeline.config.several_people
+        self._exports = Exports(options.export, self._motion, people, options.force) if options.export else None
         self._video = self._view = None
         if options.video is not None:
-            self._video = OutputVideo(options.video, sizes or {"": source.size}, source.fps, options.force, self._level)
+            sizes = {name: size for name, (_, size) in cameras.items()}
+            self._video = OutputVideo(options.video, sizes, source.fps, options.force, self._level)
             stack.callback(self._video.discard)
             if not self._video.browsers_play:
                 print_note(f"{PROGRAM}: {WITHOUT_H264}")
         if options.view is not None:
             path = options.view if options.view.name else None
-            self._view = LiveView(path, source.name, camera, source.size, options.force)
+            self._view = LiveView(path, source.name, cameras, options.force, bool(pipeline.config.fixed_frame))
             stack.callback(self._view.discard)
 
     @property
     def needs_images(self) -> bool:
-        """Whether `add_image` must be called in the pass that `follow` follows."""
+        """Whether `add_images` must be called in the pass that `follow` follows."""
         return self._video is not None or self._view is not None
 
     def add_report_image(self, image: Image, camera: str = "") -> None:
@@ -104,13 +106,13 @@ class TrackOutputs:
     def add_image(self, image: Image) -> None:
         """Add an image before its keypoints are tracked."""
         self.add_images({"": image})
-        if self._view is not None:
-            self._view.add_image(image)
 
     def add_images(self, images: Mapping[str, Image]) -> None:
         """Add the images of several cameras at one instant, before their keypoints are tracked."""
         if self._video is not None:
             self._waiting.append((stamp_of(next(iter(images.values())).seconds), images))
+        if self._view is not None:
+            self._view.add_images(images)
 
     def _draw(self, frames: Sequence[FrameResult], time_ns: int, _seconds: float) -> None:
         assert self._video is not None

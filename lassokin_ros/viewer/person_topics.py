@@ -77,8 +77,9 @@ class PersonTopics:
         turns = Rotation.from_quat([(q.x, q.y, q.z, q.w) for _, q in poses])
         parents = np.maximum(skeleton.parents, 0)
         relative = (turns[parents].inv() * turns).as_matrix()
-        outline = None if self.lens is None else self.lens.distort(project(joints))
-        self._scene.add_skeleton(self._place, skeleton, joints, outline)
+        self._scene.add_skeleton(self._place, skeleton, joints)
+        if self.lens is not None:
+            self._scene.add_outline(self._place, skeleton, self.lens.distort(project(joints)))
         self._scene.add_angles(self._place, skeleton, relative)
 
     def _on_uncertainty(self, message: Any) -> None:

@@ -18,6 +18,7 @@ from lassokin_ros.video import several_videos
 from lassokin_ros.video.command import main
 from lassokin_ros.video.found_cameras import calibration_toml
 from lassokin_ros.video.output_video import HEIGHT_OF_SEVERAL
+from lassokin_ros.video.rerun_scene import LONGEST_SIDE
 from lassokin_ros.video.sources import open_source
 
 cv2 = pytest.importorskip("cv2")
@@ -158,11 +159,44 @@ def test_the_video_shows_the_skeleton_in_the_image_of_each_camera(rig, frame):
         assert np.median(apart) < 3 and 300 < len(drawn) < 0.1 * half.shape[0] * half.shape[1]
 
 
+@pytest.mark.parametrize("frame", [[], ["-p", "fixed_frame:=world"]])
+def test_the_view_shows_the_skeleton_in_the_image_of_each_camera_and_where_the_cameras_are(rig, tmp_path, frame):
+    pytest.importorskip("rerun", reason="--view needs rerun-sdk")
+    command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--causal", "--view", "walk.rrd"]
+    assert main([*command, *frame]) == 0
+    reader = pytest.importorskip("rerun.chunk", reason="this rerun-sdk cannot read recordings").RrdReader
+    counts, columns = {}, {}
+    for chunk in reader(tmp_path / "walk.rrd").stream().to_chunks():
+        path = chunk.entity_path
+        counts[path] = counts.get(path, 0) + (0 if chunk.is_static else chunk.num_rows)
+        batch = chunk.to_record_batch()
+        shown = [name for name in batch.schema.names if name.startswith(("Transform3D", "LineStrips2D:strips"))]
+        columns.setdefault(path, {}).update({name: batch.column(name).to_pylist() for name in shown})
+    assert counts["/body/skeleton"] > FRAMES - 4
+    for camera in EYES:
+        path = f"/camera/{camera.name}"
+        assert counts[f"{path}/image"] == FRAMES
+        assert min(counts[f"{path}/image/{part}"] for part in ("keypoints", "skeleton")) > FRAMES - 4
+        pose, origin = camera.pose_at(0), EYES[0].pose_at(0)
+        rotation, where = (pose.rotation, pose.centre) if frame else relative(origin, pose)
+        centre, axes = (columns[path][f"Transform3D:{part}"][-1][0] for part in ("translation", "mat3x3"))
+        assert np.allclose(centre, where, atol=1e-3)
+        assert np.allclose(np.reshape(axes, (3, 3)), rotation, atol=1e-3)  # Rerun's matrices are column-major
+        outline = np.array(columns[f"{path}/image/skeleton"]["LineStrips2D:strips"][-1])
+        joints = pixels(camera, 0, TRUTH.positions[-1], np.random.default_rng(0), 0.0)
+        scale = min(1.0, LONGEST_SIDE / max(WIDTH, HEIGHT))
+        assert np.median(np.linalg.norm(outline[:, None, 1] - scale * joints, axis=-1).min(axis=1)) < 6
+
+
+def relative(origin, pose):
+    """Rotation and centre of a camera in the frame of another one."""
+    return pose.rotation @ origin.rotation.T, origin.into_camera(pose.centre)
+
+
 @pytest.mark.parametrize(
     "options, words",
     [
         (["--fov", "60", "--height", "0"], "nothing shows the size; give --height"),
-        (["--cameras", "calib.toml", "--view", "out.rrd"], "--view is for one video"),
         (["--cameras", "calib.toml", "--fov", "60"], "expected neither --camera-info nor --fov"),
         (["--cameras", "others.toml"], "has no camera 'left'; its cameras are: right, lft"),
         (["--cameras", "one.toml"], "expected one for each of 2 videos"),

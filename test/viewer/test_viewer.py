@@ -31,9 +31,10 @@ PATHS = (
 
 @pytest.fixture
 def logged(monkeypatch):
-    """What the scene logs: stamp in ns and path; and, of the skeletons, stamp and arguments."""
-    result, skeletons, now = [], [], [None]
+    """What the scene logs: stamp in ns and path; stamp and arguments of the skeletons; arguments of the outlines."""
+    result, skeletons, outlines, now = [], [], [], [None]
     set_time, log, add_skeleton = RerunScene.set_time, RerunScene._log, RerunScene.add_skeleton
+    add_outline = RerunScene.add_outline
 
     def keep_time(self, timestamp):
         now[0] = int(timestamp.astype(np.int64))
@@ -48,10 +49,15 @@ def logged(monkeypatch):
         skeletons.append((now[0], arguments))
         add_skeleton(self, place, *arguments)
 
+    def keep_outline(self, place, *arguments):
+        outlines.append(arguments)
+        add_outline(self, place, *arguments)
+
     monkeypatch.setattr(RerunScene, "set_time", keep_time)
     monkeypatch.setattr(RerunScene, "_log", keep)
     monkeypatch.setattr(RerunScene, "add_skeleton", keep_skeleton)
-    return result, skeletons
+    monkeypatch.setattr(RerunScene, "add_outline", keep_outline)
+    return result, skeletons, outlines
 
 
 @pytest.fixture
@@ -70,7 +76,7 @@ def viewer(tmp_path):
 
 def test_a_recording_contains_the_published_messages_at_their_stamps(viewer, logged):
     node, serve, file = viewer
-    log, skeletons = logged
+    log, skeletons, outlines = logged
     pixels, sent = pixels_of_motion(100, hz=30.0), []
     with NodeProcess("/view", "-p", "height:=1.75"), Peer("/view") as peer:
         images = peer.node.create_publisher(Image, "image_raw", 5)
@@ -98,10 +104,12 @@ def test_a_recording_contains_the_published_messages_at_their_stamps(viewer, log
     ours = Skeleton.load("anthropometric", 1.75)
     both = [(stamp, shown) for stamp, shown in skeletons if stamp in published]  # one peer may lag behind the other
     assert len(both) >= LEAST - 2 and {stamp for stamp, _ in both} <= set(sent)
-    for stamp, (skeleton, joints, outline) in both:
+    for stamp, (skeleton, joints) in both:
         assert np.allclose(joints, published[stamp])
         assert list(skeleton.joint_names) == list(ours.joint_names) and list(skeleton.parents) == list(ours.parents)
+    for _, outline in outlines:
         assert np.nanmax(np.abs(outline - outline.mean(axis=0))) > 20  # px
+    assert len(outlines) >= LEAST - 2
     assert {stamp for stamp, path in log if path in PATHS[:4]} & set(sent)
     assert not file.exists()
     node.destroy_node()
