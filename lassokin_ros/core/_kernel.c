@@ -733,13 +733,13 @@ FUNCTION(sampled, 7)
     }
 END
 
-/* features: points, seen, trunk, gains, vertical, rest of the inputs; inputs, rotation */
+/* features: points (overwritten), seen, trunk, gains, vertical, rest of the inputs; inputs, rotation */
 FUNCTION(features, 8)
     double *trunk = in(&a, o[2], -1);
     Py_ssize_t k = size(&a);
     double *gains = in(&a, o[3], -1);
     Py_ssize_t values = k * (size(&a) + 1);
-    double *points = in(&a, o[0], 2 * values), *up = in(&a, o[4], 3), *rest = in(&a, o[5], -1);
+    double *points = out(&a, o[0], 2 * values), *up = in(&a, o[4], 3), *rest = in(&a, o[5], -1);
     Py_ssize_t others = size(&a);
     char *seen = any_array(&a, o[1], "?", values, PyBUF_C_CONTIGUOUS);
     float *inputs = any_array(&a, o[6], "f", 3 * values + 4 + others, PyBUF_C_CONTIGUOUS | PyBUF_WRITABLE);
