@@ -372,11 +372,9 @@ class Tracker:
             for camera in self._cameras
         )
         floor, extra = self.floor, observation.extra
-        return (
-            main
-            if floor is None and not (extra or others)
-            else replace(main, extra=extra, floor=floor, others=tuple(others))
-        )
+        if floor is None and not (extra or others):
+            return main
+        return replace(main, extra=extra, floor=floor, others=tuple(others))
 
     def _start(self, measurement: Measurement, frame: FrameData) -> tuple[EvaluatedState, bool]:
         """The state about which the frame is linearised, and whether it is a first one, fitted to this frame alone."""
