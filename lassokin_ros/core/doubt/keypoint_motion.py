@@ -30,18 +30,20 @@ def partners(names: Sequence[str]) -> np.ndarray:
 class KeypointMotion:
     """The motion between two frames, in trunk lengths of the image (middle of the shoulders to middle of the hips).
 
-    step: s. points, last: (l, 2) keypoints now and before, in trunk lengths, NaN if missing. partner: see `partners`.
+    step: s. points, last: (l, 2) keypoints now and before, NaN if missing. trunk: its length in their unit. partner:
+    see `partners`.
     """
 
     step: float
     points: np.ndarray
     last: np.ndarray
+    trunk: float
     partner: np.ndarray
 
     @cached_property
     def straight(self) -> np.ndarray:
         """(l,) distance of each keypoint from its own last place, NaN if one of them is missing."""
-        return norm(self.points - self.last)
+        return norm(self.points - self.last) / self.trunk
 
     @property
     def largest(self) -> float:
@@ -51,7 +53,7 @@ class KeypointMotion:
     @cached_property
     def crossed(self) -> np.ndarray:
         """(l,) distance of each keypoint from its counterpart's last place, NaN if one of them is missing."""
-        return norm(self.points - self.last[self.partner])
+        return norm(self.points - self.last[self.partner]) / self.trunk
 
 
 class MotionMeter:
@@ -80,7 +82,7 @@ class MotionMeter:
         scale = max(size, present) if size == size and present == present else self._size
         if last is None or not 0 < stamp - last[0] <= LONGEST_S or not scale > 0:
             return None
-        return KeypointMotion(stamp - last[0], points / scale, last[1] / scale, self._partner)
+        return KeypointMotion(stamp - last[0], points, last[1], scale, self._partner)
 
     def _trunk_length(self, points: np.ndarray) -> float:
         if not self._trunk:

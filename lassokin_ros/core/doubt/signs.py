@@ -36,7 +36,9 @@ class Signs:
     @property
     def used_keypoints(self) -> np.ndarray:
         """(l, 2) the keypoints that are used, NaN = missing."""
-        return self.keypoints if self.visible is None else np.where(self.visible[:, None], self.keypoints, np.nan)
+        if self.visible is None or np.count_nonzero(self.visible) == len(self.visible):
+            return self.keypoints
+        return np.where(self.visible[:, None], self.keypoints, np.nan)
 
 
 def signs_of(

@@ -334,7 +334,7 @@ def _scaled(problem: Lasso, shares: Sequence[tuple[slice | np.ndarray, float]]) 
     """The problem with rows multiplied by factors: `shares` has the rows and the factor of each."""
     if not shares:
         return problem
-    A, B = problem.A.copy(), problem.B.copy()
+    A, B = problem.A.T.copy().T, problem.B.T.copy().T  # the columns stay contiguous, as the kernel takes them
     for rows, share in shares:
         A[rows] *= share
         B[rows] *= share
