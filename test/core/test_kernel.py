@@ -234,7 +234,13 @@ def test_sanitizers_find_nothing(tmp_path):
         "-lm",
     ]
     subprocess.run(command, check=True)
-    environment = {**os.environ, module.SWITCH: "1", "LD_PRELOAD": runtime, "ASAN_OPTIONS": "detect_leaks=0", "OMP_NUM_THREADS": "1"}
+    environment = {
+        **os.environ,
+        module.SWITCH: "1",
+        "LD_PRELOAD": runtime,
+        "ASAN_OPTIONS": "detect_leaks=0",
+        "OMP_NUM_THREADS": "1",
+    }
     places = {"support": str(ROOT / "test/support"), "root": str(ROOT), "tests": str(ROOT / "test/core")}
     for code in (DRIVE.format(folder=str(tmp_path), **places), FUZZ.format(folder=str(tmp_path), seed=9, cases=20_000)):
         done = subprocess.run(
