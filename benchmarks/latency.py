@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
 from benchmarks.data.motion import FOCAL, HEIGHT, Motion, load_motion, observe, on_skeleton
-from benchmarks.methods.robot_ik import PinkTracker, PinocchioLeastSquares, available
+from benchmarks.methods.robot_ik import TRUE_PLACES, MinkTracker, PinkTracker, PinocchioLeastSquares, available
 from benchmarks.timing.callback import measure_callback
 from benchmarks.timing.stages import percentiles, profile
 from lassokin_ros.core.body.kinematics import BodyState
@@ -46,6 +46,9 @@ COLUMNS = {
     "p99_us": ".0f",
     "cpu_us": ".0f",
     "ratio": ".2f",
+    "given": "<",
+    "error_mm": ".0f",
+    "certificate": "<",
 }
 Step = Callable[[int], bool]
 """Run the step on frame i; return False if this frame must not be counted."""
@@ -105,8 +108,13 @@ def step_together(runs: Sequence[Run], frame: int) -> bool:
     return not any(estimate.initialised for estimate in estimates)
 
 
-def interleaved(steps: Mapping[str, Step], frames: int) -> list[Record]:
-    """Run each step on each frame, in a rotating order; one record per step, with its ratio to the first."""
+def interleaved(
+    steps: Mapping[str, Step], frames: int, after: Callable[[str, int], None] = lambda name, frame: None
+) -> list[Record]:
+    """Run each step on each frame, in a rotating order; one record per step, with its ratio to the first.
+
+    after: called with name and frame after each step; it is not timed.
+    """
     names = list(steps)
     wall: dict[str, list[float]] = {name: [] for name in names}
     cpu: dict[str, list[float]] = {name: [] for name in names}
@@ -115,6 +123,7 @@ def interleaved(steps: Mapping[str, Step], frames: int) -> list[Record]:
             start, cpu_start = time.perf_counter(), time.thread_time()
             counts = steps[name](frame)
             cpu_end, end = time.thread_time(), time.perf_counter()
+            after(name, frame)
             if counts:
                 wall[name].append(end - start)
                 cpu[name].append(cpu_end - cpu_start)
@@ -204,21 +213,51 @@ def peers(motion: Motion) -> tuple[str, list[Record]]:
     run = Run(motion)
     truth = run.tracker.kinematics.pose(run.state).landmarks
     start = BodyState(run.state.rotations[0], run.state.translation[0])
-    steps: dict[str, Step] = {"tracker step": run.step}
-    for name in available():
-        steps[name] = _peer(name, run, start, truth)
-    missing = "" if len(steps) > 1 else " (pinocchio and pink are not installed: pip install pin pin-pink)"
+    others = {name: _peer(name, run, start) for name in available()}
+    errors: dict[str, list[float]] = {name: [] for name in ("tracker step", *others)}
+    hips = [run.tracker.layout.index(f"{side}_hip") for side in ("left", "right")]
+
+    def tracked(frame: int) -> bool:
+        counts = run.step(frame)
+        tracked_pose.append(run.tracker.published[-1].pose.landmarks)
+        return counts
+
+    def score(name: str, frame: int) -> None:
+        found = tracked_pose[-1] if name == "tracker step" else others[name].landmarks()
+        apart = (found - found[hips].mean(0)) - (truth[frame] - truth[frame][hips].mean(0))
+        errors[name].append(1000 * float(np.linalg.norm(apart, axis=-1).mean()))
+
+    tracked_pose: list[np.ndarray] = []
+    steps: dict[str, Step] = {"tracker step": tracked}
+    for name, peer in others.items():
+        steps[name] = _step_of(peer, run, truth)
+    missing = "" if "mink, daqp" in others else " (not all peers are installed: pip install pin pin-pink mink)"
     frames = motion.starts[1] if len(motion.starts) > 1 else len(truth)
-    note = "pink is given the landmarks' true 3D places, not the image"
-    return f"robot inverse kinematics, COCO-17, {frames} frames; {note}{missing}", interleaved(steps, frames)
+    records = interleaved(steps, frames, score)
+    for record in records:
+        name = str(record["what"])
+        record["error_mm"] = float(np.mean(errors[name]))
+        record["given"] = "image" if name == "tracker step" else others[name].given
+        record["certificate"] = "yes" if name == "tracker step" else "no"
+    return f"robot inverse kinematics, COCO-17, {frames} frames; landmarks, hips on hips{missing}", records
 
 
-def _peer(name: str, run: Run, start: BodyState, truth: np.ndarray) -> Step:
-    if name.startswith("pink"):
-        peer: Any = PinkTracker(run.tracker.kinematics, start, name.removeprefix("pink, "))
-        return lambda frame: peer.track(truth[frame]) is not None
-    peer = PinocchioLeastSquares(run.tracker.kinematics, start)
-    return lambda frame: peer.track(run.observations[frame].points, FOCAL / NOISE_PX) is not None
+def _peer(name: str, run: Run, start: BodyState) -> Any:
+    kinematics, (tool, _, solver) = run.tracker.kinematics, name.partition(", ")
+    if tool == "pink":
+        return PinkTracker(kinematics, start, solver)
+    return MinkTracker(kinematics, start, solver) if tool == "mink" else PinocchioLeastSquares(kinematics, start)
+
+
+def _step_of(peer: Any, run: Run, truth: np.ndarray) -> Step:
+    def step(frame: int) -> bool:
+        if peer.given == TRUE_PLACES:
+            peer.track(truth[frame])
+        else:
+            peer.track(run.observations[frame].points, FOCAL / NOISE_PX)
+        return True
+
+    return step
 
 
 MEASURES: dict[str, Callable[[Motion], tuple[str, list[Record]]]] = {

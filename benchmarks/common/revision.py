@@ -1,9 +1,12 @@
-"""Another revision of this repository, unpacked into a folder."""
+"""Another revision of this repository, unpacked into a folder, with its compiled kernel if this tree has its own."""
 
 from __future__ import annotations
 
 import subprocess
+import sys
 from pathlib import Path
+
+from lassokin_ros.core.kernel import kernel
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -19,4 +22,7 @@ def check_out(revision: str, folder: Path) -> str:
     folder.mkdir()
     archive = subprocess.run(["git", "archive", revision], cwd=ROOT, capture_output=True, check=True)
     subprocess.run(["tar", "-x", "-C", str(folder)], input=archive.stdout, check=True)
+    if kernel.active and (folder / "lassokin_ros" / "core" / "_kernel.c").is_file():
+        build = [sys.executable, "setup.py", "-q", "build_ext", "--inplace"]
+        subprocess.run(build, cwd=folder, capture_output=True, check=True)
     return found.stdout.strip()

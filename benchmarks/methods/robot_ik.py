@@ -1,9 +1,12 @@
-"""Robot inverse kinematics on the same body, with pinocchio: the usual tools without this package.
+"""Robot inverse kinematics on the same body: the usual tools without this package.
 
-The body is the URDF that the node publishes, 75 revolute and prismatic joints. There are two methods:
-- pink (differential inverse kinematics as a QP): one position task per landmark, a light posture task. It has no
-  camera model, so its input are the landmarks' true positions in 3D: an easier task.
+The body is the URDF that the node publishes, 75 revolute and prismatic joints. There are three methods:
+- pink and mink (differential inverse kinematics as a QP, with pinocchio and with MuJoCo): one position task per
+  landmark, a light posture task. They have no camera model, so their input are the landmarks' true positions in 3D: an
+  easier task.
 - damped least squares on the image, one step per frame, with pinocchio's Jacobians.
+
+Each starts in the true pose, which the tracker has to find.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from lassokin_ros.pipeline.outputs.description.urdf import joint_names, urdf
 
 DAMPING = 30.0  # as in benchmarks/methods/baselines.py
 PINK_SOLVERS = ("proxqp", "daqp")
+TRUE_PLACES = "true places in 3D"
 
 
 def available() -> list[str]:
@@ -28,7 +32,8 @@ def available() -> list[str]:
     if find_spec("pinocchio") is None:
         return []
     pink = [f"pink, {solver}" for solver in PINK_SOLVERS] if find_spec("pink") else []
-    return [*pink, "pinocchio, damped least squares"]
+    mink = ["mink, daqp"] if find_spec("mink") else []
+    return [*pink, *mink, "pinocchio, damped least squares"]
 
 
 class _Robot:
@@ -63,11 +68,13 @@ class _Robot:
 class PinkTracker:
     """One pink step per frame towards the positions of the landmarks in 3D."""
 
+    given = TRUE_PLACES
+
     def __init__(self, kinematics: Kinematics, start: BodyState, solver: str) -> None:
         import pink
 
         robot = _Robot(kinematics, start)
-        self._pink, self._solver = pink, solver
+        self._pink, self._solver, self._robot = pink, solver, robot
         self._configuration = pink.Configuration(robot.model, robot.data, robot.q)
         names = [robot.model.frames[frame].name for frame in robot.frames]
         self._tasks = [pink.tasks.FrameTask(name, position_cost=1.0, orientation_cost=0.0) for name in names]
@@ -76,26 +83,74 @@ class PinkTracker:
         self._all: list[Any] = [*self._tasks, posture]
         self._pin = robot.pin
 
-    def track(self, landmarks: np.ndarray) -> np.ndarray:
-        """One frame; landmarks (l, 3) m. Returns the model's joint vector."""
+    def track(self, landmarks: np.ndarray) -> None:
+        """One frame; landmarks (l, 3) m."""
         for task, point in zip(self._tasks, landmarks):
             task.set_target(self._pin.SE3(np.eye(3), point))
-        velocity = self._pink.solve_ik(self._configuration, self._all, 1 / 60, solver=self._solver)
+        options = {"solver": self._solver, "limits": (), "safety_break": False}  # people exceed the URDF's limits
+        velocity = self._pink.solve_ik(self._configuration, self._all, 1 / 60, **options)
         self._configuration.integrate_inplace(velocity, 1 / 60)
-        q: np.ndarray = self._configuration.q
-        return q
+
+    def landmarks(self) -> np.ndarray:
+        """(l, 3) m after the last frame."""
+        return np.array([self._configuration.data.oMf[frame].translation for frame in self._robot.frames])
+
+
+class MinkTracker:
+    """One mink step per frame towards the positions of the landmarks in 3D."""
+
+    given = TRUE_PLACES
+
+    def __init__(self, kinematics: Kinematics, start: BodyState, solver: str) -> None:
+        import mink
+        import mujoco
+
+        skeleton, layout = kinematics.skeleton, kinematics.layout
+        # MuJoCo refuses bodies without mass.
+        masses = '<mujoco><compiler boundmass="0.001" boundinertia="0.001" fusestatic="false"/></mujoco></robot>'
+        spec = mujoco.MjSpec.from_string(urdf(skeleton, "camera").replace("</robot>", masses))
+        for name, joint, offset in zip(layout.names, layout.joints, layout.offsets):
+            spec.body(skeleton.joint_names[joint]).add_site(name=f"landmark_{name}", pos=offset)
+        model = spec.compile()
+        values = np.concatenate([start.translation, JointAngleReader(skeleton.axes).read(start.rotations).ravel()])
+        q = np.zeros(model.nq)
+        for name, value in zip(joint_names(skeleton), values):
+            q[model.joint(name).qposadr[0]] = value
+        self._mink, self._solver = mink, solver
+        self._configuration = mink.Configuration(model)
+        self._configuration.update(q)
+        self._sites = [model.site(f"landmark_{name}").id for name in layout.names]
+        self._tasks = [
+            mink.FrameTask(f"landmark_{name}", "site", position_cost=1.0, orientation_cost=0.0) for name in layout.names
+        ]
+        posture = mink.PostureTask(model, cost=1e-3)
+        posture.set_target(q)
+        self._all: list[Any] = [*self._tasks, posture]
+
+    def track(self, landmarks: np.ndarray) -> None:
+        """One frame; landmarks (l, 3) m."""
+        for task, point in zip(self._tasks, landmarks):
+            task.set_target(self._mink.SE3.from_translation(point))
+        velocity = self._mink.solve_ik(self._configuration, self._all, 1 / 60, solver=self._solver, limits=[])
+        self._configuration.integrate_inplace(velocity, 1 / 60)
+
+    def landmarks(self) -> np.ndarray:
+        """(l, 3) m after the last frame."""
+        return np.array(self._configuration.data.site_xpos[self._sites])
 
 
 class PinocchioLeastSquares:
     """(J^T J + lambda^2 I)^-1 J^T e on the image, the rotations damped."""
+
+    given = "image"
 
     def __init__(self, kinematics: Kinematics, start: BodyState) -> None:
         self._robot = _Robot(kinematics, start)
         self._damping = np.full(self._robot.model.nv, DAMPING**2)
         self._damping[:3] = 1e-6
 
-    def track(self, points: np.ndarray, weight: float) -> np.ndarray:
-        """One frame; points (l, 2) normalised, weight 1 / standard deviation. Returns the landmarks (l, 3) before."""
+    def track(self, points: np.ndarray, weight: float) -> None:
+        """One frame; points (l, 2) normalised, weight 1 / standard deviation."""
         robot, pin = self._robot, self._robot.pin
         pin.computeJointJacobians(robot.model, robot.data, robot.q)
         pin.updateFramePlacements(robot.model, robot.data)
@@ -107,4 +162,9 @@ class PinocchioLeastSquares:
         H = J.T @ J
         H.flat[:: len(H) + 1] += self._damping
         robot.q = pin.integrate(robot.model, robot.q, np.linalg.solve(H, J.T @ error))
-        return places
+
+    def landmarks(self) -> np.ndarray:
+        """(l, 3) m after the last frame."""
+        robot = self._robot
+        robot.pin.framesForwardKinematics(robot.model, robot.data, robot.q)
+        return np.array([robot.data.oMf[frame].translation for frame in robot.frames])

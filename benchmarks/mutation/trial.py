@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lassokin_ros.core.kernel import SWITCH
+
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "build", "install", "log", "demo_output", "*.egg-info", "*_cache")
 PRELOADED = ("pytest", "hypothesis", "numpy", "scipy.optimize", "scipy.sparse", "scipy.spatial.transform", "yaml",
              "proxsuite", "qpsolvers", "rosbags.typesys", "rosbags.rosbag2")  # fmt: skip
@@ -46,6 +48,7 @@ class Copy:
         self.repository, self.root = repository, folder / "copy"
         shutil.copytree(repository, self.root, ignore=LEFT_OUT, symlinks=True)
         os.environ["PYTHONPATH"] = str(self.root)
+        os.environ[SWITCH] = "0"  # the mutants are in the Python code
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(list(preloaded))
         self._changes = 0

@@ -7,7 +7,6 @@ that has fallen silent fade out, and fade in when it returns, so that the body d
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -100,20 +99,18 @@ class Camera:
         depths = self._joint_depths() if weights.any() else None
         return FrameData(points, weights, vertical.direction, joint_depths=depths, camera=self.pose)
 
-    def speeds(self, places: np.ndarray, points: Sequence[np.ndarray]) -> np.ndarray:
+    def speeds(self, places: np.ndarray, points: np.ndarray) -> np.ndarray:
         """(k,) m/s across the line of sight, of the fastest keypoint at each of k places (k, 3) m; NaN without any.
 
-        points: (l,) bool for each place, its landmarks.
+        points: (k, l) bool, the landmarks at each place.
         """
-        speeds, depths = self.measurements.speeds(), self.pose.into_camera(places)[:, 2]
-        return np.array([depth * np.fmax.reduce(speeds[own], initial=np.nan) for depth, own in zip(depths, points)])
+        speeds = np.fmax.reduce(np.where(points, self.measurements.speeds(), np.nan), axis=1)
+        return np.asarray(speeds * self.pose.into_camera(places)[:, 2])
 
-    def positions(self) -> dict[str, np.ndarray] | None:
-        """See `DepthEstimator.positions`, but in the frame of the skeleton."""
-        found = None if self.network is None else self.network.positions()
-        if found is None or self.pose.is_identity:
-            return found
-        return {name: self.pose.rotation.T @ position for name, position in found.items()}
+    def network_places(self) -> np.ndarray | None:
+        """See `DepthEstimator.places`, but in the frame of the skeleton."""
+        found = None if self.network is None else self.network.places()
+        return found if found is None or self.pose.is_identity else found @ self.pose.rotation
 
     def _joint_depths(self) -> JointDepths | None:
         """The network's estimate, with its direction in the frame of the skeleton."""
@@ -179,9 +176,9 @@ class Cameras:
         for camera in self._all:
             camera.reset()
 
-    def positions(self) -> dict[str, np.ndarray] | None:
-        """The joints' positions by the network of the first camera that has an estimate, in the skeleton's frame."""
-        return next((found for camera in self._all if (found := camera.positions()) is not None), None)
+    def network_places(self) -> np.ndarray | None:
+        """The places by the network of the first camera that has an estimate, in the skeleton's frame."""
+        return next((found for camera in self._all if (found := camera.network_places()) is not None), None)
 
 
 def _in_front(place: np.ndarray) -> float | None:

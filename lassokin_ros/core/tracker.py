@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import partial, reduce
 
 import numpy as np
 
@@ -112,7 +112,7 @@ class Tracker:
         self._output_filter, self._lag = OutputFilter(self.kinematics.joint_count), FixedLag(self.kinematics)
         observed = ObservedJoints(body, self.layout.joints)
         self._ankles = tuple(body.index(ankle) for ankle in ANKLES) if self.frame_model.foot_contact else ()
-        self._ankle_points = [self.layout.joints == ankle for ankle in self._ankles]
+        self._ankle_points = np.equal.outer(self._ankles, self.layout.joints)  # (2, l)
         self.floor_below: float | None = None
         """m: how far a flat floor is below the origin of the skeleton's frame; None for `camera_height`."""
         self._uncertainty = UncertaintyModel(self.frame_model, prior, self.learned.lengths.proportions, observed)
@@ -371,7 +371,10 @@ class Tracker:
             else camera.predicted_view(together.stamp, vertical, body, error)
             for camera in self._cameras
         )
-        return replace(main, extra=observation.extra, floor=self.floor, others=tuple(others))
+        floor, extra = self.floor, observation.extra
+        if floor is None and not (extra or others):
+            return main
+        return replace(main, extra=extra, floor=floor, others=tuple(others))
 
     def _start(self, measurement: Measurement, frame: FrameData) -> tuple[EvaluatedState, bool]:
         """The state about which the frame is linearised, and whether it is a first one, fitted to this frame alone."""
@@ -499,13 +502,13 @@ class Tracker:
             cost=self._cost,
             keypoint_error_ratio=self.learned.model_error.ratio,
             repeated=measurement.repeated,
-            visible=np.any([one.visible & one.used for one in measured.values()], axis=0),
+            visible=reduce(np.logical_or, [one.visible & one.used for one in measured.values()]),
             measurements=sum(one.count for one in measured.values()),
             depth_measured=any(view.depth_weights is not None for view in frame.views),
             depth_covers=frame.depth_covers,
             length_deviation=self.learned.lengths.deviation,
             joint_depths=frame.joint_depths,
-            cameras=sum(bool(view.weights.any()) for view in frame.views),
+            cameras=frame.seen_by,
             centre=frame.camera.centre,
             contacts=self._contacts(),
             prior_cost=float(self.frame_model.prior.cost(solved, frame)),
@@ -534,9 +537,8 @@ class Tracker:
         self, measured: dict[Camera, Measurement], solved: EvaluatedState
     ) -> tuple[np.ndarray, np.ndarray]:
         """(2, 3) m, the solved ankles, and (2,) m/s, the largest speed of their keypoints in a camera."""
-        ankles = solved.pose.positions[list(self._ankles)]
-        speeds = np.array([camera.speeds(ankles, self._ankle_points) for camera in measured])
-        return ankles, np.fmax.reduce(speeds)
+        ankles = solved.pose.positions.take(self._ankles, axis=0)
+        return ankles, reduce(np.fmax, [camera.speeds(ankles, self._ankle_points) for camera in measured])
 
     def _learn(
         self,
@@ -550,20 +552,20 @@ class Tracker:
     ) -> None:
         """Update all that is learned from an accepted frame, and use it from the next frame on."""
         height = self.learned.height
-        several = sum(bool(view.weights.any()) for view in frame.views) > 1
+        several = frame.seen_by > 1
         if several:
             self.learned.lengths.stature_deviation = OBSERVED_STATURE_DEVIATION if height is None else PEOPLE_DEVIATION
         if self.config.calibrate and (initialised or not measurement.repeated):
             if self.learned.lengths.update(measurement.stamp, solved.state, frame, initialised or self._replaced):
                 self._adopt_lengths()
-        seen = _with_seen_landmarks(frame, [measured.get(camera) for camera in self._cameras])
+        seen = partial(_with_seen_landmarks, frame, [measured.get(camera) for camera in self._cameras])
         if self.learned.update(measurement, seen, start.state, initialised, increment, solved.state):
             self._solved = self._evaluated_again()  # the prior's mean has changed
         if height is None:
             return
         lengths, floor = None, None if several or measurement.repeated else self._floor_size(frame, solved)
         if several:
-            places = triangulate(seen)
+            places = triangulate(seen())
             lengths = self.learned.size_check.lengths(places, np.isfinite(places[:, 0]))
         if height.update(measurement, solved, self.skeleton.height, lengths, floor):
             self._adopt_height(height.height / self.skeleton.height, several)

@@ -45,9 +45,10 @@ class PlaybackError(LassokinError, RuntimeError):
 
 @dataclass(frozen=True)
 class Received:
-    """One serialised output message and its arrival time (s, monotonic)."""
+    """One serialised output message, its arrival time (s, monotonic) and the time at which it was published (ns)."""
 
     arrival: float
+    published: int
     data: bytes
 
 
@@ -120,13 +121,14 @@ class LiveNode:
 
         own = f"{self.namespace.strip('/')}/{NODE_NAME}:".encode()
 
-        def collect(data: bytes) -> None:
+        def collect(data: Any, info: Any) -> None:
             if topic.name != topics.DIAGNOSTICS or own in data:  # every node publishes on /diagnostics
-                collected.append(Received(time.monotonic(), data))
+                collected.append(Received(time.monotonic(), info["source_timestamp"], data))
 
         qos = QoSProfile(depth=100, durability=durability)
         name = topic.name.replace("~", NODE_NAME)
-        self._node.create_subscription(message_class(topic.message_type), name, collect, qos, raw=True)
+        sort = message_class(topic.message_type)
+        self._node.create_subscription(sort, name, collect, qos, raw=True)  # type: ignore[arg-type]
 
     def play(
         self,
@@ -299,8 +301,8 @@ class LiveNode:
 
         A later one may be `lost`, since no more keypoints arrive.
         """
-        last = max((message.arrival for name in FRAME_NAMES for message in self.got[name][-1:]), default=math.inf)
-        states = [message for message in self.got[topics.STATE] if message.arrival <= last]
+        last = max((message.published for name in FRAME_NAMES for message in self.got[name][-1:]), default=math.inf)
+        states = [message for message in self.got[topics.STATE] if message.published <= last]
         return str(self.types.deserialize_cdr(states[-1].data, topics.STATE_OUTPUT.message_type).data) if states else ""
 
     def record(self, path: Path, storage: str = "mcap", replace: bool = False) -> None:

@@ -69,7 +69,7 @@ class TrackerNode(Node):
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._reported_unstamped = self._reported_misplaced = False
         self._reported_unused, self._duplicate_checks = False, 0
-        self._reported_faults: set[str] = set()
+        self._has_evidence, self._reported_faults = bool(evidence), set[str]()
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
@@ -159,7 +159,7 @@ class TrackerNode(Node):
         """Process images of several cameras that have waited for others in vain."""
         self._wait.cancel()
         due_ns = self._pipeline.due_at_ns
-        if due_ns is not None and self.get_clock().now().nanoseconds < due_ns:
+        if due_ns is not None and self._now_ns() < due_ns:
             self._wait.reset()  # simulated time may stand still
         elif due_ns is not None:
             self.work_on(None, lambda _, now_ns: self._pipeline.due(now_ns))
@@ -184,10 +184,7 @@ class TrackerNode(Node):
         received_ns: ns, system clock, 0 if the middleware gives none.
         """
         started = time.monotonic()
-        clock: Any = self.get_clock()  # a ROSClock, contrary to rclpy's type hints
-        # Messages that waited in the queue have different arrival times.
-        waited = received_ns and not clock.ros_time_is_active
-        arrival_ns = received_ns if waited else clock.now().nanoseconds
+        arrival_ns = self._now_ns() if self._clock_is_simulated else received_ns or time.time_ns()
         try:
             frames = (frames_in or self._pipeline.frames)(message, arrival_ns)
             self._publish(frames)
@@ -202,6 +199,15 @@ class TrackerNode(Node):
                 self._wait.reset()
         ended = time.monotonic()
         self._diagnostics.count_message(frames, arrival_ns, ended, ended - started)
+
+    @property
+    def _clock_is_simulated(self) -> bool:
+        """Whether /clock gives the time. `ROSClock.ros_time_is_active` takes four times as long, see `subscribers`."""
+        clock: Any = self.get_clock()  # a ROSClock, contrary to rclpy's type hints
+        return bool(clock.handle.get_ros_time_override_is_enabled())
+
+    def _now_ns(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
 
     def _count_internal_error(self, what: str, error: Exception) -> None:
         if self.context.ok():
@@ -228,10 +234,8 @@ class TrackerNode(Node):
             if not frame.accepted and not self._pipeline.nobody_in_view:
                 self._warning.log(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
         self._log_unused_confidence()
-        for name, fault in self._pipeline.evidence_faults.items():
-            if name not in self._reported_faults:
-                self._reported_faults.add(name)
-                self.get_logger().error(fault)
+        if self._has_evidence:
+            self._log_evidence_faults()
         if self._pipeline.counts["unstamped"] and not self._reported_unstamped:  # only once
             self._reported_unstamped = True
             self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")
@@ -240,6 +244,12 @@ class TrackerNode(Node):
             if words := _misplaced(frames[0].frame_id, camera):
                 self._reported_misplaced = True
                 self.get_logger().warning(words)
+
+    def _log_evidence_faults(self) -> None:
+        for name, fault in self._pipeline.evidence_faults.items():
+            if name not in self._reported_faults:
+                self._reported_faults.add(name)
+                self.get_logger().error(fault)
 
     def _log_unused_confidence(self) -> None:
         """Log once if nobody was tracked yet, because all confidences are slightly below `min_confidence`."""
@@ -257,7 +267,7 @@ class TrackerNode(Node):
         The time of the previous call is used: after a delay of the node itself, unread messages may be waiting.
         """
         self._inputs.poll()
-        self._as_of_ns, self._checked_ns = self._checked_ns, self.get_clock().now().nanoseconds
+        self._as_of_ns, self._checked_ns = self._checked_ns, self._now_ns()
         ids = self._pipeline.presence_at(self._as_of_ns).ids
         if self._people is not None and ids is not None:
             self._people.keep(ids)
@@ -283,7 +293,7 @@ class TrackerNode(Node):
         for keypoints, camera in zip(self._keypoints, self._pipeline.cameras.values()):
             keypoints.check(now, camera.received > 0)
         line = self._diagnostics.line(now, presence, "; ".join(filter(None, concerns)))
-        self._diagnostics_out.publish(self._status.fill(self.get_clock().now().nanoseconds, "", [line]))
+        self._diagnostics_out.publish(self._status.fill(self._now_ns(), "", [line]))
         for words in self._diagnostics.inputs:
             self._warning.log(words[:KEY_LENGTH], words)
 
@@ -336,7 +346,7 @@ class TrackerNode(Node):
     def _on_save_skeleton(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
             path = Path(self._pipeline.config.skeleton_output)
-            written = save_all(self._pipeline.calibrations(), path, self.get_clock().now().nanoseconds)
+            written = save_all(self._pipeline.calibrations(), path, self._now_ns())
             response.success, response.message = True, f"written: {', '.join(str(path.absolute()) for path in written)}"
         except LassokinError as error:
             response.success, response.message = False, str(error)

@@ -11,6 +11,7 @@ import numpy as np
 from lassokin_ros.core.body.rotations import to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.doubt.doubt import Doubt
+from lassokin_ros.core.doubt.live import Judgement
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import HERE, CameraPose
@@ -66,9 +67,7 @@ class FrameResult:
     detector_id: the person's number from the detector; -1 if it has none that lasts.
     guessed: True if the person was found again by place after an absence, and may be somebody else.
     held_s: s, by stamps, how long the result waited for later messages (`smoothing_lag`).
-    doubt: the doubt about this frame. Without a doubt if rejected.
-    doubtful: why the frames of the last moments are doubted, in words (`DoubtMonitor.recent`); empty if they are not.
-    doubtful_s: s for which the person's pose has been doubtful without a break; NaN if it is not.
+    judge: gives the doubt about the pose, see `LiveDoubts.add`; none if rejected.
     """
 
     stamp_ns: int
@@ -92,9 +91,7 @@ class FrameResult:
     detector_id: int = -1
     guessed: bool = False
     held_s: float = 0.0
-    doubt: Doubt = Doubt()
-    doubtful: tuple[str, ...] = ()
-    doubtful_s: float = math.nan
+    judge: Callable[[], Judgement] = Judgement
 
     @property
     def accepted(self) -> bool:
@@ -131,6 +128,21 @@ class FrameResult:
         return self.measure(self.estimate)
 
     @property
+    def doubt(self) -> Doubt:
+        """The doubt about this frame. Without a doubt if rejected."""
+        return self.judge().doubt
+
+    @property
+    def doubtful(self) -> tuple[str, ...]:
+        """Why the frames of the last moments are doubted, see `Judgement`."""
+        return self.judge().reasons
+
+    @property
+    def doubtful_s(self) -> float:
+        """s for which the person's pose has been doubtful without a break; NaN if it is not."""
+        return self.judge().seconds
+
+    @property
     def likely_wrong(self) -> float:
         """Probability, 0 to 1, that the mean error of the joints exceeds 100 mm. Raises ValueError if rejected.
 
@@ -161,7 +173,7 @@ class FrameResult:
         velocities: np.ndarray = (positions - before) / seconds
         return velocities
 
-    @property
+    @cached_property
     def observed(self) -> np.ndarray:
         """(n,) bool, the joints that the keypoints observe. Raises ValueError if the result was rejected."""
         if self.observe is None or self.estimate is None:

@@ -44,6 +44,8 @@ def checked_positions(keypoints: Keypoints, size: tuple[int, int]) -> Keypoints:
 
     size: (width, height) px of the image; 0 = unknown.
     """
+    if _is_usual(keypoints, size):
+        return keypoints
     refuse_fractions(keypoints, size)
     return without_placeholders(keypoints, size)
 
@@ -72,8 +74,6 @@ def without_placeholders(keypoints: Keypoints, size: tuple[int, int]) -> Keypoin
     size: (width, height) px of the image; 0 = unknown.
     """
     present = keypoints.present
-    if _is_free(keypoints.xy.compress(present, axis=0), size):
-        return keypoints
     with np.errstate(invalid="ignore"):
         wrong = _sentinel(keypoints.xy, size) | _at_fixed_place(keypoints.xy, size) | _alike(keypoints, present, size)
         wrong &= present
@@ -84,14 +84,16 @@ def without_placeholders(keypoints: Keypoints, size: tuple[int, int]) -> Keypoin
     return replace(keypoints, xy=xy)
 
 
-def _is_free(xy: np.ndarray, size: tuple[int, int]) -> bool:
-    """Return True if points (k, 2) surely hold no placeholder. This takes a third of the time of the full tests."""
-    if len(xy) == 0:
+def _is_usual(keypoints: Keypoints, size: tuple[int, int]) -> bool:
+    """Return True if the keypoints surely hold neither placeholders nor fractions. This takes a fifth of the time of
+    the full tests.
+    """
+    x, y = keypoints.xy.compress(keypoints.present, axis=0).T.tolist()  # sets and minima take half of numpy's time
+    if not x:
         return True
-    if min(size) <= 0:
+    if min(size) <= 0 or (max(x) <= LARGEST_FRACTION and max(y) <= LARGEST_FRACTION):
         return False
     (near_x, near_y), (far_x, far_y), centres_x, centres_y = _inside(size)
-    x, y = xy.T.tolist()  # the sets and minima of so few numbers take half the time of numpy's
     inside = near_x < min(x) and max(x) < far_x and near_y < min(y) and max(y) < far_y
     different = set(x)
     if not inside or len(x) - len(different) >= REPEATED - 1 or len(y) - len(set(y)) >= REPEATED - 1:

@@ -37,7 +37,7 @@ class PointCloud2Adapter:
             raise AdapterError(
                 "wrong_layout", f"point_step is {message.point_step}; expected at most {MAX_POINT_STEP} bytes"
             )
-        fields = tuple((f.name[:LONGEST_NAME], f.offset, f.datatype, f.count) for f in message.fields)
+        fields = tuple([(f.name[:LONGEST_NAME], f.offset, f.datatype, f.count) for f in message.fields])
         points = _points(message, _dtype(fields, message.point_step, bool(message.is_bigendian)))
         xy = np.empty((len(points), 2))
         with np.errstate(invalid="ignore"):  # a NaN may be signalling

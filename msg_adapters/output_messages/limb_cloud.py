@@ -34,7 +34,8 @@ class LimbCloudBuilder(Cloud):
     def numbers(self, positions: np.ndarray, covariance: np.ndarray, observed: np.ndarray) -> np.ndarray:
         """positions: (k, 3) m; covariance: (k, 3, 3) m^2; observed: (k,) bool."""
         self._values[:, :3] = positions
-        self._values[:, 3:9] = covariance.reshape(-1, 9).take(UPPER, axis=1)
-        self._values[:, 9] = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+        covariance = covariance.reshape(-1, 9)
+        self._values[:, 3:9] = covariance.take(UPPER, axis=1)
+        self._values[:, 9] = np.sqrt(np.add.reduce(covariance[:, ::4], axis=1))  # np.trace takes three times as long
         self._points["observed"] = observed
         return self._points.view(np.uint8)

@@ -370,7 +370,8 @@ def test_an_uncertified_solve_does_not_move_the_state(monkeypatch):
     before = tracker.state
     with monkeypatch.context() as patch:
         patch.setattr(tracker._increments.lasso._dual, "solve", lambda reduced, *_: np.full(len(reduced.H), 1e3))
-        patch.setattr("lassokin_ros.core.lasso.solver.solve_active_set", lambda *_: None)
+        for found in ("predicted_solution", "solve_active_set"):
+            patch.setattr(f"lassokin_ros.core.lasso.solver.{found}", lambda *_: None)
         answer = tracker.track(sequence[4])
     assert answer.rejection is Rejection.NOT_CERTIFIED and answer.certificate.kkt_residual > 1e-6
     assert answer.status is Status.TRACKING

@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 
 import pytest
@@ -40,8 +41,10 @@ def workspace(tmp_path_factory):
     source.mkdir(parents=True)
     for name in SOURCES:
         path = ROOT / name
-        copy = shutil.copytree if path.is_dir() else shutil.copy
-        copy(path, source / name)
+        if path.is_dir():
+            shutil.copytree(path, source / name, ignore=shutil.ignore_patterns("*.so"))
+        else:
+            shutil.copy(path, source / name)
     environment = {**os.environ, "AMENT_PREFIX_PATH": sys.prefix, "COLCON_LOG_PATH": str(folder / "log")}
     environment.pop("PYTHONPATH", None)
     command = [sys.executable, "-m", "colcon", "build", "--event-handlers", "console_direct+"]
@@ -63,6 +66,8 @@ def test_all_files_are_installed(workspace):
     assert list(prefix.rglob("core/body/layouts/coco17.yaml"))
     assert list(prefix.rglob("core/network/depth_network.npz"))
     assert not list(prefix.rglob("training"))
+    can_compile = shutil.which("cc") and Path(sysconfig.get_path("include"), "Python.h").is_file()
+    assert bool(list(prefix.rglob("core/_kernel*.so"))) == bool(can_compile)
 
 
 def test_lassokin_is_run_by_its_path_only(workspace):

@@ -18,6 +18,7 @@ import numpy as np
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, hat
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.record import record
 
 _IDENTITY = np.eye(3)
@@ -35,6 +36,10 @@ class BodyState:
 
         omega: (..., 3 n) rad, the seed's Omega; translation_step: (..., 3) m, its x.
         """
+        if kernel.active:
+            moved = np.empty(self.rotations.shape)
+            if kernel.retract(self.rotations, omega, moved):
+                return BodyState(moved, self.translation + translation_step)
         steps = exponential(omega.reshape(self.rotations.shape[:-1]))
         return BodyState(self.rotations @ steps, self.translation + translation_step)
 
@@ -73,7 +78,7 @@ class Kinematics:
         self._live = np.flatnonzero(self.live)
         #: Indices of the root's live degrees of freedom; they are the first ones of all live degrees of freedom.
         self.live_root = self._live[skeleton.parents[self._live // 3] < 0]
-        self._live_reach = np.ascontiguousarray(self._row_reach[:, self._live].T)
+        self._reaches: dict[tuple[bytes, int], np.ndarray] = {}
 
     def set_skeleton(self, skeleton: Skeleton) -> None:
         """Replace the skeleton by one with other lengths and the same tree. Landmarks are scaled with its height."""
@@ -101,6 +106,12 @@ class Kinematics:
         offsets: (..., n, 3) m, rest offsets of another skeleton with the same tree for each state; default: this
         skeleton's.
         """
+        if kernel.active and offsets is None:
+            lead = state.rotations.shape[:-3]
+            orientations, places = np.empty(state.rotations.shape), np.empty((*lead, len(self._vectors), 3))
+            tree = self.skeleton.parents, self.layout.joints
+            if kernel.pose(state.rotations, state.translation, *tree, self._vectors, orientations, places):
+                return BodyPose(orientations, places[..., : self.joint_count, :], places[..., self.joint_count :, :])
         orientations = self._orientations(state.rotations)
         local = self._vectors if offsets is None else self._with_levers(offsets)
         vectors = (orientations.take(self._carriers, axis=-3) @ local)[..., 0]
@@ -148,34 +159,49 @@ class Kinematics:
         landmarks with the twists (w, p x w) of the degrees of freedom, and a mask. Positions are relative to the
         root, which keeps the numbers small.
         """
-        columns = twists(pose, pose.orientations) @ wrenches(pose, pose.landmarks, rows).swapaxes(-1, -2)
+        moments = wrenches(pose.positions[..., 0, :], pose.landmarks, rows).swapaxes(-1, -2)
+        columns = twists(pose, pose.orientations) @ moments
         return columns.swapaxes(-1, -2) * self._row_reach
 
     def live_twists(self, pose: BodyPose, axes: np.ndarray) -> np.ndarray:
         """(..., live, 6): `twists` of the live degrees of freedom; axes: (..., n, 3, 3), see `twists`."""
+        if kernel.active:
+            found = np.empty((*axes.shape[:-3], len(self._live), 6))
+            if kernel.twists(axes, pose.positions, self._live, found):
+                return found
         return twists(pose, axes).take(self._live, axis=-2)
 
-    def landmark_columns(self, live_twists: np.ndarray, pose: BodyPose, rows: np.ndarray, out: np.ndarray) -> None:
-        """Fill `out` (..., live, m l) with the live columns of `image_jacobian`, transposed.
-
-        live_twists: (..., live, 6), see there; rows: (..., m l, 3), m rows per landmark, in the landmarks' order.
-        """
-        per_landmark = rows.shape[-2] // self.landmark_count
-        reach = self._live_reach if per_landmark == 2 else np.repeat(self.reach, per_landmark, axis=0)[:, self._live].T
-        columns = live_twists @ wrenches(pose, pose.landmarks, rows).swapaxes(-1, -2)
-        np.multiply(columns, reach, out=out)
-
-    def joint_columns(
-        self, live_twists: np.ndarray, pose: BodyPose, joints: np.ndarray, rows: np.ndarray, out: np.ndarray
+    def point_columns(
+        self,
+        live_twists: np.ndarray,
+        root: np.ndarray,
+        points: np.ndarray,
+        joints: np.ndarray,
+        rows: np.ndarray,
+        columns: np.ndarray,
     ) -> None:
-        """Fill `out` (..., live, m k) with the derivatives of f . p_j, for rows f that act on the centres of k joints.
+        """Fill `columns` (..., live + 3, m k) with the derivatives of f . q, for rows f that act on k points q.
 
-        live_twists: (..., live, 6), see there; joints: (k,); rows: (..., m k, 3), m rows per joint.
+        live_twists: (..., live, 6), see there. root: (..., 3) m, the root's position. points: (..., k, 3) m, fixed to
+        the k joints. rows: (..., k, m, 3), m rows f per point. The last three columns are those of the translation.
         """
-        carried = np.repeat(self.skeleton.ancestors[joints], 3, axis=1)[:, self._live]
-        reach = np.repeat(carried, rows.shape[-2] // len(joints), axis=0).T
-        columns = live_twists @ wrenches(pose, pose.positions.take(joints, axis=-2), rows).swapaxes(-1, -2)
-        np.multiply(columns, reach, out=out)
+        f = rows.reshape(*rows.shape[:-3], -1, 3)
+        reach = self.reach_of(joints, rows.shape[-2])
+        if not (kernel.active and kernel.point_columns(live_twists, root, points, f, reach, columns)):
+            moments = wrenches(root, points, f).swapaxes(-1, -2)
+            np.multiply(live_twists @ moments, reach, out=columns[..., :-3, :])
+            columns[..., -3:, :] = f.swapaxes(-1, -2)
+
+    def reach_of(self, joints: np.ndarray, rows: int) -> np.ndarray:
+        """(live, m k): 1 where a live degree of freedom moves the point of a row, for m rows per point.
+
+        joints: (k,), to which the points are fixed. Computed once for the same arguments.
+        """
+        key = joints.tobytes(), rows
+        if key not in self._reaches:
+            carried = np.repeat(self.skeleton.ancestors[joints].astype(float), 3, axis=1)[:, self._live]
+            self._reaches[key] = np.ascontiguousarray(np.repeat(carried, rows, axis=0).T)
+        return self._reaches[key]
 
 
 def twists(pose: BodyPose, axes: np.ndarray) -> np.ndarray:
@@ -187,14 +213,14 @@ def twists(pose: BodyPose, axes: np.ndarray) -> np.ndarray:
     return result.reshape(*axes.shape[:-3], -1, 6)
 
 
-def wrenches(pose: BodyPose, points: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def wrenches(root: np.ndarray, points: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """(..., m k, 6): q x f = f^T hat(-q), and f. rows: (..., m k, 3), m rows f per point; points: (..., k, 3), q.
 
-    Positions are relative to the root.
+    Positions are relative to the root's, (..., 3).
     """
     by_point = rows.reshape(*points.shape[:-1], -1, 3)
     result = np.empty(by_point.shape[:-1] + (6,))
-    np.matmul(by_point, hat(pose.positions[..., :1, :] - points), out=result[..., :3])
+    np.matmul(by_point, hat(root[..., None, :] - points), out=result[..., :3])
     result[..., 3:] = by_point
     return result.reshape(*rows.shape[:-1], 6)
 

@@ -7,7 +7,7 @@ YAML file of the same form as `skeletons/anthropometric.yaml`.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import resources
 from pathlib import Path
 from typing import Any, Mapping, Sequence
@@ -138,11 +138,17 @@ def _check_height(height: float) -> None:
 
 def has_built_in_proportions(skeleton: Skeleton) -> bool:
     """Whether a skeleton has the built-in proportions at its height; it may have further joints."""
-    built_in = Skeleton.load("anthropometric", skeleton.height)
+    built_in = _built_in()
     if not set(built_in.joint_names) <= set(skeleton.joint_names):
         return False
     own = skeleton.rest_positions[[skeleton.index(name) for name in built_in.joint_names]]
-    return bool(np.allclose(own, built_in.rest_positions, atol=1e-6))
+    return bool(np.allclose(own, skeleton.height * built_in.rest_positions, atol=1e-6))
+
+
+@cache
+def _built_in() -> Skeleton:
+    """The built-in body in units of its height; it is read once."""
+    return Skeleton.load("anthropometric", 1.0)
 
 
 def built_in_skeletons() -> list[str]:

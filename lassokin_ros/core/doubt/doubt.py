@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from lassokin_ros.core.doubt.failure_model import MARKED
 
@@ -35,8 +35,7 @@ REVERSED = "front and back may be exchanged"
 BY_FIGURES = "the uncertainty is large"
 
 
-@dataclass(frozen=True)
-class Doubt:
+class Doubt(NamedTuple):
     """The doubt about one frame.
 
     events: those that end in this frame. reversed: front and back are exchanged since an earlier frame, see

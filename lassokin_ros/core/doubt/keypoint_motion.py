@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from lassokin_ros.core.image.robust_loss import norm
+from lassokin_ros.core.record import record
 
 PAIRS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 """Landmarks that exist on both sides."""
@@ -26,27 +26,34 @@ def partners(names: Sequence[str]) -> np.ndarray:
     )
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class KeypointMotion:
     """The motion between two frames, in trunk lengths of the image (middle of the shoulders to middle of the hips).
 
-    step: s. points, last: (l, 2) keypoints now and before, in trunk lengths, NaN if missing. partner: see `partners`.
+    step: s. points, last: (l, 2) keypoints now and before, NaN if missing. trunk: its length in their unit. partner:
+    see `partners`.
     """
 
     step: float
     points: np.ndarray
     last: np.ndarray
+    trunk: float
     partner: np.ndarray
 
     @cached_property
     def straight(self) -> np.ndarray:
         """(l,) distance of each keypoint from its own last place, NaN if one of them is missing."""
-        return norm(self.points - self.last)
+        return norm(self.points - self.last) / self.trunk
+
+    @property
+    def largest(self) -> float:
+        """The largest of these distances, NaN if there is none."""
+        return float(np.fmax.reduce(self.straight))
 
     @cached_property
     def crossed(self) -> np.ndarray:
         """(l,) distance of each keypoint from its counterpart's last place, NaN if one of them is missing."""
-        return norm(self.points - self.last[self.partner])
+        return norm(self.points - self.last[self.partner]) / self.trunk
 
 
 class MotionMeter:
@@ -75,10 +82,10 @@ class MotionMeter:
         scale = max(size, present) if size == size and present == present else self._size
         if last is None or not 0 < stamp - last[0] <= LONGEST_S or not scale > 0:
             return None
-        return KeypointMotion(stamp - last[0], points / scale, last[1] / scale, self._partner)
+        return KeypointMotion(stamp - last[0], points, last[1], scale, self._partner)
 
     def _trunk_length(self, points: np.ndarray) -> float:
         if not self._trunk:
             return np.nan
-        (a, b), (c, d), (e, f), (g, h) = points[self._trunk].tolist()
+        (a, b), (c, d), (e, f), (g, h) = points.take(self._trunk, axis=0).tolist()
         return 0.5 * math.hypot(a + c - e - g, b + d - f - h)

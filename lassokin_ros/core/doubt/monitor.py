@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from lassokin_ros.core.doubt.doubt import Doubt, Event
 from lassokin_ros.core.doubt.facing import CORNERS, FastTurn, LastingReversal, facing_of
@@ -13,7 +15,7 @@ from lassokin_ros.core.doubt.pelvis_jump import PelvisJump
 from lassokin_ros.core.doubt.person_change import is_person_change
 from lassokin_ros.core.doubt.poor_fit import ReprojectionRun, is_costly
 from lassokin_ros.core.doubt.recent import Recent
-from lassokin_ros.core.doubt.side_exchange import SideExchange
+from lassokin_ros.core.doubt.side_exchange import LEAST_MOTION, SideExchange
 from lassokin_ros.core.doubt.signs import Signs
 from lassokin_ros.core.doubt.spans import AROUND_S
 from lassokin_ros.core.doubt.unseen_limbs import UnseenLimbs
@@ -28,8 +30,16 @@ EXCHANGES = {"body": Event.SIDES_EXCHANGED, "legs": Event.LEGS_EXCHANGED, "arms"
 class DoubtMonitor:
     """Follows one person frame by frame."""
 
-    def __init__(self, landmarks: Sequence[str], joints: Sequence[str]) -> None:
-        """landmarks: l names in layout order. joints: n names in the skeleton's order."""
+    def __init__(
+        self,
+        landmarks: Sequence[str],
+        joints: Sequence[str],
+        observe: Callable[[np.ndarray], np.ndarray] | None = None,
+    ) -> None:
+        """landmarks: l names in layout order. joints: n names in the skeleton's order. observe: returns (n,) bool, the
+        joints that (l,) bool, the visible keypoints, observe; without it no limb counts as unseen.
+        """
+        self._observe = observe
         self._landmarks = tuple(landmarks)
         self._corners = [list(joints).index(name) for name in CORNERS] if set(CORNERS) <= set(joints) else []
         self._motions: dict[str, MotionMeter] = {}  # by camera
@@ -37,7 +47,7 @@ class DoubtMonitor:
         self._turn, self._reversal = FastTurn(), LastingReversal()
         self._jumps: dict[str, PelvisJump] = {}  # by camera
         self._run, self._model, self._limbs = ReprojectionRun(), FailureModel(), UnseenLimbs(joints)
-        self._marks: Recent[Doubt] = Recent(AROUND_S)
+        self._marks: Recent[Doubt] = Recent(AROUND_S)  # the marked ones
         self.reset()
 
     def reset(self) -> None:
@@ -52,7 +62,7 @@ class DoubtMonitor:
     @property
     def recent(self) -> list[Doubt]:
         """The doubts about the frames of the last `AROUND_S` that are marked, oldest first."""
-        return [doubt for doubt in self._marks.values if doubt.likely_wrong]
+        return list(self._marks.values)
 
     @property
     def seconds(self) -> float:
@@ -64,41 +74,44 @@ class DoubtMonitor:
         if not 0 < signs.stamp - self._newest <= FORGET_S:
             self.reset()
         self._newest = signs.stamp
-        events = [*self._of_keypoints(signs), *self._of_pose(signs)]
+        events = self._of_keypoints(signs) + self._of_pose(signs)
         reversed_, turned = self._facing(signs)
         probability = self._model.update(signs.stamp, signs.prior_cost, signs.network_distance)
-        unseen = self._limbs.update(signs.stamp, signs.observed)
+        observed = None if self._observe is None or signs.visible is None else self._observe(signs.visible)
+        unseen = self._limbs.update(signs.stamp, observed)
         doubt = Doubt(tuple(events + turned), reversed_, probability, unseen)
-        self._marks.add(signs.stamp, doubt)
-        if not self.recent:
+        self._marks.forget_before(signs.stamp)
+        if doubt.likely_wrong:
+            self._marks.add(signs.stamp, doubt)
+        if not self._marks.values:
             self._since = math.nan
         elif math.isnan(self._since):
             self._since = signs.stamp
         return doubt
 
-    def _of_keypoints(self, signs: Signs) -> Iterator[Event]:
+    def _of_keypoints(self, signs: Signs) -> list[Event]:
         if signs.camera not in self._motions:
             self._motions[signs.camera] = MotionMeter(self._landmarks)
-        motion = self._motions[signs.camera].update(signs.stamp, signs.keypoints)
+        motion = self._motions[signs.camera].update(signs.stamp, signs.used_keypoints)
+        if motion is None or not motion.largest > LEAST_MOTION:
+            return []  # neither event is that small; this is most of the frames
+        events = [Event.PERSON_CHANGED] if is_person_change(motion) else []
         limb = self._exchange.update(motion)
-        if limb:
-            yield EXCHANGES[limb]
-        if is_person_change(motion):
-            yield Event.PERSON_CHANGED
+        return [EXCHANGES[limb], *events] if limb else events
 
-    def _of_pose(self, signs: Signs) -> Iterator[Event]:
-        jump = self._jumps.setdefault(signs.camera, PelvisJump())
-        if jump.update(signs.stamp, float(signs.positions[0, 2])) is not None:
-            yield Event.PELVIS_JUMP
+    def _of_pose(self, signs: Signs) -> list[Event]:
+        if signs.camera not in self._jumps:
+            self._jumps[signs.camera] = PelvisJump()
+        jumps = self._jumps[signs.camera].update(signs.stamp, float(signs.positions[0, 2])) is not None
         lasting = self._run.update(signs.stamp, signs.reprojection)
-        if lasting or is_costly(signs.cost, signs.prior_cost):
-            yield Event.POOR_FIT
+        poor = lasting or is_costly(signs.cost, signs.prior_cost)
+        return [Event.PELVIS_JUMP] * jumps + [Event.POOR_FIT] * poor
 
     def _facing(self, signs: Signs) -> tuple[bool, list[Event]]:
         if not self._corners:
             return False, []
         positions = signs.positions if signs.fixed is None else signs.fixed
-        front = facing_of(positions[self._corners])
+        front = facing_of(positions.take(self._corners, axis=0))
         before = self._turn.update(signs.stamp, front)
         reversed_ = self._reversal.update(signs.stamp, front, before)
         return reversed_, [] if before is None else [Event.FAST_TURN]

@@ -15,27 +15,31 @@ class Recent(Generic[Value]):
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds + ROUNDING_S
-        self._values: deque[tuple[float, Value]] = deque()
+        self._stamps: deque[float] = deque()
+        self.values: deque[Value] = deque()
+        """The values, oldest first."""
 
     def add(self, stamp: float, value: Value) -> None:
         """Add a value and drop those that are too old. stamp: s. A stamp that goes back drops all others."""
-        values = self._values
-        if values and stamp < values[-1][0]:
-            values.clear()
-        values.append((stamp, value))
-        while stamp - values[0][0] > self._seconds:
-            values.popleft()
+        if self._stamps and stamp < self._stamps[-1]:
+            self.clear()
+        self._stamps.append(stamp)
+        self.values.append(value)
+        self.forget_before(stamp)
+
+    def forget_before(self, stamp: float) -> None:
+        """Drop the values that are too old at a stamp, s."""
+        stamps = self._stamps
+        while stamps and stamp - stamps[0] > self._seconds:
+            stamps.popleft()
+            self.values.popleft()
 
     def clear(self) -> None:
         """Drop all values."""
-        self._values.clear()
-
-    @property
-    def values(self) -> list[Value]:
-        """The values, oldest first."""
-        return [value for _, value in self._values]
+        self._stamps.clear()
+        self.values.clear()
 
     @property
     def span(self) -> float:
         """Time from the oldest value to the newest one, s."""
-        return self._values[-1][0] - self._values[0][0] if self._values else 0.0
+        return self._stamps[-1] - self._stamps[0] if self._stamps else 0.0

@@ -7,6 +7,7 @@ a wrong pose is 1 to 2 %.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import itemgetter
 
 import numpy as np
 
@@ -27,8 +28,9 @@ class UnseenLimbs:
 
     def __init__(self, joints: Sequence[str]) -> None:
         """joints: n names in the skeleton's order."""
+        #: For each limb a function that picks its joints from a list of all.
         self._limbs = {
-            limb: [list(joints).index(joint) for joint in chain]
+            limb: itemgetter(*(list(joints).index(joint) for joint in chain))
             for limb, chain in LIMBS.items()
             if set(chain) <= set(joints)
         }
@@ -46,7 +48,10 @@ class UnseenLimbs:
         if observed is None:
             return ()
         seen = observed.tolist()
-        for limb, joints in self._limbs.items():
-            if any(seen[joint] for joint in joints):
+        unseen = []
+        for limb, joints_of in self._limbs.items():
+            if any(joints_of(seen)) or limb not in self._seen_at:
                 self._seen_at[limb] = stamp
-        return tuple(limb for limb in self._limbs if stamp - self._seen_at.setdefault(limb, stamp) >= UNSEEN_S)
+            elif stamp - self._seen_at[limb] >= UNSEEN_S:
+                unseen.append(limb)
+        return tuple(unseen)

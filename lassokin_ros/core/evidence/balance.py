@@ -34,7 +34,7 @@ class Balance(Evidence):
         self.shares = _shares(kinematics.skeleton.joint_names)
         carried = kinematics.skeleton.ancestors.T * self.shares  # (n, n): weights of what each joint moves
         #: (n, n): weights of the joint centres in the lever arms.
-        self._lever_shares = carried - np.diag(carried.sum(axis=1))
+        self.lever_shares = carried - np.diag(carried.sum(axis=1))
 
     def offset(self, positions: np.ndarray, up: np.ndarray) -> np.ndarray:
         """(..., 3) m: horizontal vector from the middle of the feet to the centre of mass.
@@ -61,7 +61,7 @@ class Balance(Evidence):
         """
         offset = self.offset(pose.positions, up)
         weight = 1 / np.sqrt(OFFSET_DEVIATION**2 + 0.25 * squared_norm(offset))[..., None]
-        torques = axes.swapaxes(-1, -2) @ hat(self._lever_shares @ pose.positions)
+        torques = axes.swapaxes(-1, -2) @ hat(self.lever_shares @ pose.positions)
         torques = torques.reshape(*torques.shape[:-3], -1, 3).take(self._live, axis=-2)
         return torques @ (weight[..., None] * _horizontal(up)), -weight * offset
 

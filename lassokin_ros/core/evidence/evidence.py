@@ -70,15 +70,15 @@ class LinearisationPoint:
 
     def landmark_columns(self, F: np.ndarray, columns: np.ndarray) -> None:
         """Fill `columns` (..., live + 3, m l) with the derivatives of F q_i, F (..., l, m, 3)."""
-        rows = F.reshape(*F.shape[:-3], -1, 3)
-        self.kinematics.landmark_columns(self.twists, self.states.pose, rows, columns[..., :-3, :])
-        columns[..., -3:, :] = rows.swapaxes(-1, -2)
+        self._point_columns(self.states.pose.landmarks, self.kinematics.layout.joints, F, columns)
 
     def joint_columns(self, joints: np.ndarray, F: np.ndarray, columns: np.ndarray) -> None:
         """Fill `columns` (..., live + 3, m k) with the derivatives of F p_j of k joints, F (..., k, m, 3)."""
-        rows = F.reshape(*F.shape[:-3], -1, 3)
-        self.kinematics.joint_columns(self.twists, self.states.pose, joints, rows, columns[..., :-3, :])
-        columns[..., -3:, :] = rows.swapaxes(-1, -2)
+        self._point_columns(self.states.pose.positions.take(joints, axis=-2), joints, F, columns)
+
+    def _point_columns(self, points: np.ndarray, joints: np.ndarray, F: np.ndarray, columns: np.ndarray) -> None:
+        root = self.states.pose.positions[..., 0, :]
+        self.kinematics.point_columns(self.twists, root, points, joints, F, columns)
 
 
 class Evidence(ABC):

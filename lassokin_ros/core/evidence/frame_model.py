@@ -15,6 +15,7 @@ from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.evidence.balance import Balance
+from lassokin_ros.core.evidence.compiled import CompiledEvidence
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.evidence.floor import Floor
 from lassokin_ros.core.evidence.foot_contact import FootContact
@@ -62,6 +63,9 @@ class FrameModel:
                 if piece.name in self.pieces:
                     raise ConfigurationError(f"two pieces of evidence are named '{piece.name}'; expected unique names")
                 self.pieces[piece.name] = piece
+        self._compiled = CompiledEvidence(kinematics, self.prior, self.balance, self.learned_depth)
+        self._compiled.add_camera(self.image, self.learned_depth)
+        self._layouts: dict[tuple[str, ...], tuple[dict[str, slice], int]] = {}
         self.image_pieces = [self.image]
         """The reprojection errors of each camera."""
         #: Indices of the estimated degrees of freedom. The root's come first; the prior has no rows for them.
@@ -72,8 +76,10 @@ class FrameModel:
         camera, count = len(self.image_pieces), self.kinematics.landmark_count
         self.image_pieces.append(ImagePoints(count, camera))
         pieces: list[Evidence] = [self.image_pieces[-1], MeasuredDepth(count, camera)]
-        if self.learned_depth is not None:
-            pieces.append(LearnedDepth(self.kinematics, camera))
+        depth = None if self.learned_depth is None else LearnedDepth(self.kinematics, camera)
+        if depth is not None:
+            pieces.append(depth)
+        self._compiled.add_camera(self.image_pieces[-1], depth)
         self.pieces |= {piece.name: piece for piece in pieces}
 
     def image_rows(self, rows: Mapping[str, slice]) -> slice | np.ndarray:
@@ -102,18 +108,22 @@ class FrameModel:
         rows, count = self._rows(frame)
         shape = states.pose.landmarks.shape[:-2]
         columns, z = np.empty((*shape, len(self.live) + 3, count)), np.empty((*shape, count))
+        done = self._compiled.linearise(about, rows, columns, z)
         for name, own in rows.items():
-            self.pieces[name].linearise(about, columns[..., own], z[..., own])
+            if name not in done:
+                self.pieces[name].linearise(about, columns[..., own], z[..., own])
         return LinearisedFrame(columns, z, rows)
 
     def _rows(self, frame: FrameData) -> tuple[dict[str, slice], int]:
-        """The rows of each piece that is present in a frame, and their number."""
-        rows, end = {}, 0
-        for name, piece in self.pieces.items():
-            if piece.present(frame):
-                begin, end = end, end + piece.count
+        """The rows of each piece that is present in a frame, and their number; computed once for the same pieces."""
+        present = tuple([name for name, piece in self.pieces.items() if piece.present(frame)])
+        if present not in self._layouts:
+            rows, end = {}, 0
+            for name in present:
+                begin, end = end, end + self.pieces[name].count
                 rows[name] = slice(begin, end)
-        return rows, end
+            self._layouts[present] = rows, end
+        return self._layouts[present]
 
     def length_rows(
         self, linearised: LinearisedFrame, states: EvaluatedState, frame: FrameData, motion: LengthMotion
@@ -126,4 +136,6 @@ class FrameModel:
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(...,) negative log-likelihood of each state, all evidence together."""
-        return np.asarray(sum(piece.cost(states, frame) for piece in self.pieces.values() if piece.present(frame)))
+        cost, done = self._compiled.cost(states, frame)
+        others = (piece for name, piece in self.pieces.items() if name not in done and piece.present(frame))
+        return np.asarray(cost + sum(piece.cost(states, frame) for piece in others))

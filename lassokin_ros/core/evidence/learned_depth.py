@@ -49,11 +49,11 @@ class LearnedDepth(Evidence):
         places = {name: (joint, offset) for name, joint, offset in CANONICAL}
         chosen = [places[name] for name in (*TARGETS, "right_hip")]
         self._kinematics = kinematics
-        self._joints = np.array([skeleton.index(joint) for joint, _ in chosen])
+        self.joints = np.array([skeleton.index(joint) for joint, _ in chosen])
         #: (DEPTHS + 1, 3, 1) in heights.
-        self._levers = np.array([offset for _, offset in chosen])[..., None]
+        self.levers = np.array([offset for _, offset in chosen])[..., None]
         live = np.flatnonzero(kinematics.live)
-        self._reach = np.repeat(skeleton.ancestors[self._joints], 3, axis=1)[:, live].T.astype(float)
+        self.reach = np.repeat(skeleton.ancestors[self.joints], 3, axis=1)[:, live].T.astype(float, order="C")
         #: (DEPTHS, DEPTHS + 1): maps positions of the targets and the right hip to positions relative to the mid-hip.
         self._relative = np.eye(DEPTHS, DEPTHS + 1)
         self._relative[:, [0, DEPTHS]] -= 0.5
@@ -71,7 +71,7 @@ class LearnedDepth(Evidence):
         wrenches = np.empty((*points.shape[:-1], 6))
         np.matmul(points - pose.positions[..., :1, :], hat(given.sight), out=wrenches[..., :3])
         wrenches[..., 3:] = given.sight
-        depths = (about.twists @ wrenches.swapaxes(-1, -2)) * self._reach
+        depths = (about.twists @ wrenches.swapaxes(-1, -2)) * self.reach
         columns[..., :-3, :] = (depths @ (given.whitening @ self._relative).T) * weight[..., None, :]
         columns[..., -3:, :] = 0.0
         z[...] = weight * whitened
@@ -82,7 +82,7 @@ class LearnedDepth(Evidence):
         """(DEPTHS, p): how the depths relative to the hips change."""
         given = self._given(frame)
         weight = _robust_weight(self._whitened(self._points(states.pose), given))
-        depths = np.tensordot(given.sight, motion.joints.take(self._joints, axis=0), axes=(0, 1))
+        depths = np.tensordot(given.sight, motion.joints.take(self.joints, axis=0), axes=(0, 1))
         return np.asarray(weight[:, None] * (given.whitening @ self._relative @ depths))
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
@@ -99,15 +99,18 @@ class LearnedDepth(Evidence):
         """The network's estimate, with less weight beside measured depth or other cameras."""
         given = frame.views[self._camera].joint_depths
         assert given is not None
-        factor = WEIGHT_WITH_DEPTH if frame.depth_covers else WEIGHT
-        if sum(bool(view.weights.any()) for view in frame.views) > 1:
-            factor = min(factor, WEIGHT_OF_SEVERAL)
+        factor = self.factor(frame)
         return given if factor == 1.0 else given.with_weight(factor)
+
+    def factor(self, frame: FrameData) -> float:
+        """Factor on the rows of a frame."""
+        factor = WEIGHT_WITH_DEPTH if frame.depth_covers else WEIGHT
+        return min(factor, WEIGHT_OF_SEVERAL) if frame.seen_by > 1 else factor
 
     def _points(self, pose: BodyPose) -> np.ndarray:
         """(..., DEPTHS + 1, 3) m: the targets and the right hip."""
-        turned = pose.orientations.take(self._joints, axis=-3) @ (self._kinematics.skeleton.height * self._levers)
-        return np.asarray(pose.positions.take(self._joints, axis=-2) + turned[..., 0])
+        turned = pose.orientations.take(self.joints, axis=-3) @ (self._kinematics.skeleton.height * self.levers)
+        return np.asarray(pose.positions.take(self.joints, axis=-2) + turned[..., 0])
 
     def _whitened(self, points: np.ndarray, given: JointDepths) -> np.ndarray:
         """(..., DEPTHS): whitened difference of estimated and actual depths."""

@@ -22,6 +22,7 @@ from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint, Posture
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import squared_norm
+from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.yaml_files import shipped_mapping
 
 WEIGHT_WITH_DEPTH = 0.7
@@ -89,13 +90,13 @@ class PosePrior(Evidence):
         #: (k,) rad and (k, k) rad^2, as shipped.
         self.mean, self.covariance = prior.mean[self.joints].reshape(-1), prior.covariance[np.ix_(chosen, chosen)]
         #: (k, k) upper triangular, W of the module's docstring.
-        self.W = np.linalg.cholesky(np.linalg.inv(self.covariance)).T
+        self.W = np.ascontiguousarray(np.linalg.cholesky(np.linalg.inv(self.covariance)).T)
         self.count = len(self.W)
         self.set_mean(self.mean)
-        self._columns_by_joint = np.ascontiguousarray(self.W.T).reshape(len(self.joints), 3, self.count)
+        self.columns_by_joint = np.ascontiguousarray(self.W.T).reshape(len(self.joints), 3, self.count)
         #: Index of the prior's first live degree of freedom. Those before are the root's.
         self.first = int(np.count_nonzero(live[root]))
-        self._live = np.flatnonzero(live[self.joints].reshape(-1))
+        self.live = np.flatnonzero(live[self.joints].reshape(-1))
 
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
         """Fill the rows W (mean - theta)."""
@@ -115,6 +116,11 @@ class PosePrior(Evidence):
 
     def posture(self, rotations: np.ndarray) -> Posture:
         """The posture of local rotations (..., n, 3, 3), from which rows and cost are computed."""
+        if kernel.active:
+            lead = rotations.shape[:-3]
+            theta, residual = np.empty((*lead, len(self.joints), 3)), np.empty((*lead, self.count))
+            if kernel.posture(rotations, self.joints, self.W, self.whitened_mean, theta, residual):
+                return Posture(theta, residual)
         theta = logarithm(rotations.take(self.joints, axis=-3))
         flat = theta.reshape(*theta.shape[:-2], -1)
         return Posture(theta, np.asarray(self.whitened_mean - flat.dot(self.W.T)))
@@ -137,12 +143,12 @@ class PosePrior(Evidence):
         increment_jacobian: (..., n, 3, 3), right Jacobian of an increment already applied: a right factor of each
         joint's block.
         """
-        return self._columns(posture, increment_jacobian).take(self._live, axis=-2)
+        return self._columns(posture, increment_jacobian).take(self.live, axis=-2)
 
     def in_theta(self, A: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Convert rows A (r, live - first) for Omega to rows (r, 3 joints) for theta: Omega = J_r(theta) d theta."""
         rows = np.zeros((len(A), 3 * len(self.joints)))
-        rows[:, self._live] = A
+        rows[:, self.live] = A
         turned = rows.reshape(len(A), len(self.joints), 1, 3) @ right_jacobian(theta)
         return np.asarray(turned.reshape(rows.shape))
 
@@ -155,4 +161,4 @@ class PosePrior(Evidence):
         inner = right_jacobian_inverse(theta)
         if increment_jacobian is not None:
             inner = inner @ increment_jacobian.take(self.joints, axis=-3)
-        return np.asarray((inner.swapaxes(-1, -2) @ self._columns_by_joint).reshape(*theta.shape[:-2], -1, self.count))
+        return np.asarray((inner.swapaxes(-1, -2) @ self.columns_by_joint).reshape(*theta.shape[:-2], -1, self.count))

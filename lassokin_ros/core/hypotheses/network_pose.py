@@ -7,7 +7,7 @@ All other joints are as in the prior's mean pose.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -18,51 +18,66 @@ from lassokin_ros.core.body.rotations import least_turn
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.image.robust_loss import norm
+from lassokin_ros.core.network.depth_network import PLACES
 
 SAME_POSE = 0.08
 """m: mean distance of the network's joints from the tracked ones below which they are the same pose."""
 
 
-class PositionSource(Protocol):
-    """Gives the joints' positions as `DepthEstimator.positions` does, in the frame of the skeleton."""
+class PlaceSource(Protocol):
+    """Gives places as `DepthEstimator.places` does, in the frame of the skeleton."""
 
-    def positions(self) -> dict[str, np.ndarray] | None:
-        """See `DepthEstimator.positions`."""
+    def network_places(self) -> np.ndarray | None:
+        """See `DepthEstimator.places`."""
         ...
 
 
 class NetworkPose:
     """The network's pose for the newest frame, on the present skeleton."""
 
-    def __init__(self, network: PositionSource, kinematics: Kinematics, mean_pose: np.ndarray) -> None:
+    def __init__(self, network: PlaceSource, kinematics: Kinematics, mean_pose: np.ndarray) -> None:
         """mean_pose: (n, 3, 3) local rotations."""
         self._network, self._kinematics, self._mean_pose = network, kinematics, mean_pose
+        names = kinematics.skeleton.joint_names
+        shared = [name for name in PLACES if name in names]
+        self._shared = np.array([PLACES.index(name) for name in shared])
+        self._joints = np.array([names.index(name) for name in shared])
+        self._relative = _from_the_hips(shared)
 
     def state(self) -> BodyState | None:
         """The pose, (n, 3, 3), with translation 0; None without an estimate for the newest frame."""
-        positions = self._network.positions()
-        return None if positions is None else state_at(positions, self._kinematics.skeleton, self._mean_pose)
+        places = self._network.network_places()
+        return None if places is None else self._state_at(places)
 
     def distance(self, pose: BodyPose) -> float:
-        """Mean distance of a pose's joints from the network's, m, see `distance`; NaN without an estimate."""
-        positions = self._network.positions()
-        return math.nan if positions is None else distance(positions, self._kinematics.skeleton, pose)
+        """Mean distance in m of a pose's joints from the network's, both relative to the middle of the hips.
+
+        NaN without an estimate.
+        """
+        places = self._network.network_places()
+        return math.nan if places is None else self._apart(places, pose)
 
     def propose(self, tracked: EvaluatedState) -> BodyState | None:
         """The pose, as a batch of one, if it is far from the tracked one."""
-        positions = self._network.positions()
-        if positions is None or distance(positions, self._kinematics.skeleton, tracked.pose) < SAME_POSE:
+        places = self._network.network_places()
+        if places is None or self._apart(places, tracked.pose) < SAME_POSE:
             return None
-        state = state_at(positions, self._kinematics.skeleton, self._mean_pose)
+        state = self._state_at(places)
         return BodyState(state.rotations[None], state.translation[None])
 
+    def _state_at(self, places: np.ndarray) -> BodyState:
+        return state_at(dict(zip(PLACES, places)), self._kinematics.skeleton, self._mean_pose)
 
-def distance(positions: Mapping[str, np.ndarray], skeleton: Skeleton, pose: BodyPose) -> float:
-    """Mean distance in m of a pose's joints from the network's positions, both relative to the middle of the hips."""
-    names = [name for name in positions if name in skeleton.joint_names]
-    joints = pose.positions.take([skeleton.index(name) for name in names], axis=0)
-    hips = 0.5 * (joints[names.index("left_hip")] + joints[names.index("right_hip")])
-    return float(norm(np.array([positions[name] for name in names]) - (joints - hips)).mean())
+    def _apart(self, places: np.ndarray, pose: BodyPose) -> float:
+        joints = self._relative.dot(pose.positions.take(self._joints, axis=0))
+        return float(norm(places.take(self._shared, axis=0) - joints).sum()) / len(joints)
+
+
+def _from_the_hips(names: Sequence[str]) -> np.ndarray:
+    """(k, k): maps positions of these joints to positions relative to the middle of the hips."""
+    relative = np.eye(len(names))
+    relative[:, [names.index("left_hip"), names.index("right_hip")]] -= 0.5
+    return relative
 
 
 def state_at(positions: Mapping[str, np.ndarray], skeleton: Skeleton, mean: np.ndarray) -> BodyState:

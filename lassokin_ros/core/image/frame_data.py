@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -76,7 +77,7 @@ class FrameData:
         """
         return with_depth if self.depth_covers else 1.0
 
-    @property
+    @cached_property
     def depth_covers(self) -> bool:
         """Whether half of the landmarks or more have a measured depth."""
         for view in self.views:
@@ -84,6 +85,11 @@ class FrameData:
                 if 2 * np.count_nonzero(view.depth_weights) >= np.count_nonzero(view.weights):
                     return True
         return False
+
+    @cached_property
+    def seen_by(self) -> int:
+        """Number of cameras whose rows have weight."""
+        return sum(bool(np.count_nonzero(view.weights)) for view in self.views)
 
     def with_larger_noise(self, factor: float) -> FrameData:
         """The frame with the keypoints' noise made larger by a factor.

@@ -68,6 +68,14 @@ class KeypointFilter:
             self._known[:] = False
         step = min(max(gap, 0.0), MAX_GAP)  # 0 after an earlier frame was filtered and then rejected
         self._stamp = stamp
+        if not self._swaps.pending:
+            limits = SWAP_GAIN / 2, MAX_GAP, model_error
+            own = self._known, self._unseen
+            followed = self._tracks.follow(step, acceleration, points, weights, *own, limits)
+            if followed is not None:
+                self._outlier_frames[:] = 0.0
+                self.assignment, self._weights = None, followed[1]
+                return followed
         seen = weights > 0
         variance = 1 / np.where(seen, weights, 1.0) ** 2
         self._tracks.predict(step, acceleration)

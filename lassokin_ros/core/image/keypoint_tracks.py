@@ -19,6 +19,8 @@ from copy import copy
 
 import numpy as np
 
+from lassokin_ros.core.kernel import kernel
+
 ACCELERATION_FACTORS = np.array([0.15, 0.5, 1.5, 4.0])
 """Accelerations of the models, as multiples of the typical one."""
 SOJOURN_TIME = 0.8
@@ -68,9 +70,38 @@ class KeypointTracks:
         self._beliefs[5][:, which] = 2 / _MODELS * variance[which]
         self._beliefs[7][:, which] = 2 / _MODELS * FIRST_VELOCITY**2
 
+    def follow(
+        self,
+        step: float,
+        acceleration: float,
+        points: np.ndarray,
+        weights: np.ndarray,
+        known: np.ndarray,
+        unseen: np.ndarray,
+        limits: tuple[float, float, float],
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Predict and correct all tracks with the compiled kernel if no track begins and no point is far from its own.
+
+        Returns the filtered points (l, 2) and weights (l,), as `KeypointFilter.update`; None, and nothing has changed,
+        if the kernel does not treat the frame. weights: (l,) 1 / standard deviation of the points, 0 = missing. known,
+        unseen: (l,) those of the filter, updated in place. limits: largest squared distance over variance of a point
+        from its track; s without a point after which a track is no longer known; and the model error.
+        """
+        if not kernel.active:
+            return None
+        switching = _switching(step)
+        mixing = step, 1 - (_MODELS - 1) * switching, switching, 2 * (acceleration * step) ** 2
+        constants = np.array([*mixing, MAX_SURPRISE, UNUSED_VARIANCE, *limits])
+        variance, filtered, kept = np.empty(self._count), np.empty((self._count, 2)), np.empty(self._count)
+        own = known, unseen, self._beliefs, self._merged, variance, filtered, kept
+        if not kernel.follow(points, weights, self._squares, constants, *own):
+            return None
+        self.variance = variance
+        return filtered, kept
+
     def predict(self, step: float, acceleration: float) -> None:
         """Predict by step, s. acceleration: standard deviation of a typical track's, normalised units / s^2."""
-        switching = max(1 - math.exp(-step / SOJOURN_TIME), MIN_SWITCHING) / (_MODELS - 1)
+        switching = _switching(step)
         stays = switching + (1 - _MODELS * switching) * _SAME
         mixed = self._mixed
         np.matmul(stays, self._beliefs, out=mixed[:8])
@@ -118,6 +149,11 @@ class KeypointTracks:
         transition[5, 6], transition[5, 7] = 2 * step, step * step
         transition[5, 8], transition[6, 8], transition[7, 8] = noise * step * step / 4, noise * step / 2, noise
         return transition
+
+
+def _switching(step: float) -> float:
+    """Probability that a track has switched to a certain other model after step, s."""
+    return max(1 - math.exp(-step / SOJOURN_TIME), MIN_SWITCHING) / (_MODELS - 1)
 
 
 def _moments(means: np.ndarray) -> np.ndarray:

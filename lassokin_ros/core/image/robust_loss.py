@@ -12,6 +12,8 @@ THRESHOLD = 3.0
 
 def squared_norm(errors: np.ndarray) -> np.ndarray:
     """Squared lengths (...) of vectors (..., d)."""
+    if errors.ndim == 1:
+        return np.asarray(errors.dot(errors))
     squares: np.ndarray = (errors * errors).dot(_ones(errors.shape[-1]))
     return squares
 

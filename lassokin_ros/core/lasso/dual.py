@@ -22,6 +22,7 @@ import proxsuite
 from scipy.linalg import lapack
 
 from lassokin_ros.core.errors import SolverError
+from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.lasso.problem import Reduced
 
 _proxqp = proxsuite.proxqp
@@ -33,6 +34,7 @@ TOLERANCE_AGAIN, GAP_AGAIN = 1e-9, 1e-7
 """Tolerances of the solution and of the duality gap in further tries."""
 LARGEST_CONDITION = 1e10
 """Condition number of H above which the condensed dual is not used."""
+_CONDITION = np.array([LARGEST_CONDITION])
 
 _FIRST_MU = {"condensed": 1.0, "projected": 1e-4}
 """ProxQP's step size of the inequalities at the begin of a solve, in the first try."""
@@ -73,9 +75,9 @@ class DualSolver:
         """
         m, n = reduced.A.shape
         if m > n and effort == 0:
-            inverse = _inverse(reduced.H)
-            if inverse is not None:
-                return self._condensed(inverse, reduced, alpha, effort, start)
+            form = _condensed_form(reduced, alpha)
+            if form is not None:
+                return self._condensed(*form, reduced, alpha, effort, start)
         return self._projected(reduced, alpha, effort, start)
 
     def _projected(self, reduced: Reduced, alpha: np.ndarray, effort: int, start: np.ndarray | None) -> np.ndarray:
@@ -92,12 +94,16 @@ class DualSolver:
         return multipliers * by_multiplier
 
     def _condensed(
-        self, inverse: np.ndarray, reduced: Reduced, alpha: np.ndarray, effort: int, start: np.ndarray | None
+        self,
+        scaled: np.ndarray,
+        linear: np.ndarray,
+        norm: float,
+        reduced: Reduced,
+        alpha: np.ndarray,
+        effort: int,
+        start: np.ndarray | None,
     ) -> np.ndarray:
-        scaled = inverse * alpha * alpha[:, None]
-        norm = scaled.trace() / len(alpha)
-        scaled /= norm
-        linear, bound, by_multiplier = -scaled.dot(reduced.g / alpha), np.ones(len(alpha)), norm / alpha
+        bound, by_multiplier = np.ones(len(alpha)), norm / alpha
         if self.name == "proxqp":
             warm = None if start is None else ((reduced.g - reduced.H.dot(start)) / alpha, start / by_multiplier)
             multipliers = self._proxqp("condensed", scaled, linear, None, bound, effort, warm)
@@ -200,6 +206,23 @@ def _by_qpsolvers(name: str, H: np.ndarray, g: np.ndarray, C: np.ndarray | None,
     if solution.z is None or not np.all(np.isfinite(solution.z)):
         return np.zeros(len(bound))
     return np.asarray(solution.z[: len(bound)] - solution.z[len(bound) :])
+
+
+def _condensed_form(reduced: Reduced, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """(H^-1 in units of alpha, divided by its mean diagonal; the linear term; that mean), None if H is not safely
+    positive definite.
+    """
+    if kernel.active:
+        scaled, linear, norm = np.empty(reduced.H.shape), np.empty(len(alpha)), np.empty(1)
+        if kernel.condensed(reduced.H, reduced.g, alpha, _CONDITION, scaled, linear, norm):
+            return scaled, linear, float(norm[0])
+    inverse = _inverse(reduced.H)
+    if inverse is None:
+        return None
+    scaled = inverse * alpha * alpha[:, None]
+    mean = float(scaled.trace()) / len(alpha)
+    scaled /= mean
+    return scaled, -scaled.dot(reduced.g / alpha), mean
 
 
 def _inverse(H: np.ndarray) -> np.ndarray | None:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from lassokin_ros.core.errors import SolverError
+from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.record import record
 
 WEAKEST = 1e-3
@@ -34,18 +35,26 @@ class Lasso:
         """The problem with the translation eliminated, computed once."""
         return eliminate_translation(self)
 
-    @np.errstate(over="ignore", invalid="ignore")  # values that overflow are rejected below
     def check(self) -> None:
-        """Raise SolverError if shapes do not fit, a value is not finite, or an alpha is not positive.
+        """Raise SolverError if shapes do not fit, a value is not finite, or an alpha is not positive."""
+        self.check_shapes()
+        self.check_values()
 
-        With a NaN in its input, a QP solver may run for seconds or report any answer as solved.
-        """
+    def check_shapes(self) -> None:
+        """Raise SolverError if shapes do not fit."""
         m, n = self.A.shape
         if self.B.shape != (m, 3) or self.z.shape != (m,) or self.alpha.shape != (n,):
             raise SolverError(
                 f"A is {self.A.shape}, B {self.B.shape}, z {self.z.shape}, alpha {self.alpha.shape}; "
                 f"expected ({m}, {n}), ({m}, 3), ({m},), ({n},)"
             )
+
+    @np.errstate(over="ignore", invalid="ignore")  # values that overflow are rejected below
+    def check_values(self) -> None:
+        """Raise SolverError if a value is not finite, or an alpha is not positive.
+
+        With a NaN in its input, a QP solver may run for seconds or report any answer as solved.
+        """
         # A value that is not finite makes the product or the sum not finite. This is twice as fast as four sums.
         if not math.isfinite(self.z.dot(self.A.dot(self.alpha)) + self.B.sum()):
             raise SolverError("A, B, z or alpha holds a value that is not finite (or overflows)")
@@ -72,6 +81,11 @@ class Reduced:
 def eliminate_translation(problem: Lasso) -> Reduced:
     """Eliminate x by KKT-3 (15). In unobservable directions (one landmark or none) x is 0."""
     A, B, z = problem.A, problem.B, problem.z
+    if kernel.active:
+        m, n = A.shape
+        rows, z_projected, Y, g = np.empty((n, m)), np.empty(m), np.empty((3, m)), np.empty(n)
+        if kernel.eliminate(A.T, B.T, z, rows, z_projected, Y, g):
+            return Reduced(rows.T, z_projected, Y, rows @ rows.T, g)
     # A pseudo-inverse instead of a ridge: with a small alpha, even a ridge of 1e-12 is visible in KKT-3.
     values, vectors, _ = lapack.dsyev(B.T.dot(B))
     smallest = 1e-10 * float(values[2])

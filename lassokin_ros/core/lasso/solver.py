@@ -15,7 +15,7 @@ from typing import Callable
 import numpy as np
 
 from lassokin_ros.core.errors import SolverError
-from lassokin_ros.core.lasso.active_set import predict_solution, solve_active_set
+from lassokin_ros.core.lasso.active_set import predicted_solution, solve_active_set
 from lassokin_ros.core.lasso.certificate import Certificate, certify
 from lassokin_ros.core.lasso.dual import DualSolver
 from lassokin_ros.core.lasso.problem import Lasso, Reduced
@@ -84,20 +84,22 @@ class LassoSolver:
         answer.
         Raises SolverError for a problem that is not posed correctly. A solve that fails returns an uncertified answer.
         """
-        problem.check()
-        reduced = problem.reduced
-        if not math.isfinite(reduced.H.trace()):
-            raise SolverError("the squares of A overflow; expected values below 1e150")
-        ratios = np.abs(reduced.g) / problem.alpha
+        problem.check_shapes()
+        reduced, alpha = problem.reduced, problem.alpha
+        smallest = alpha[alpha.argmin()]
+        ratios = np.abs(reduced.g) / alpha if smallest > 0 else reduced.g
         ratio = float(ratios[ratios.argmax()])  # four times faster than max() here
+        # A value that is not finite makes one of these not finite.
+        if not (smallest > 0 and math.isfinite(reduced.H.trace() + ratio + alpha[alpha.argmax()])):
+            problem.check_values()
+            raise SolverError("the squares of A overflow; expected values below 1e150")
         if ratio <= 1:
             return _finished(problem, reduced, problem.alpha, np.zeros(len(problem.alpha)), "zero", True)
         clamp = SMALLEST_ALPHA * ratio
         alpha = problem.alpha * clamp if clamp > 1 else problem.alpha
         predicted = None
         if guess is not None:
-            nearly = predict_solution(reduced.H, reduced.g, alpha, guess)
-            predicted = solve_active_set(reduced.H, reduced.g, alpha, nearly, GUESS_STEPS)
+            predicted = predicted_solution(reduced.H, reduced.g, alpha, guess, GUESS_STEPS)
         for effort, steps in enumerate((8, 100, 100)):
             start = predicted if effort == 0 else None
             answer = self._solve_dual(reduced, alpha, effort, start)

@@ -11,6 +11,8 @@ import math
 
 import numpy as np
 
+from lassokin_ros.core.image.robust_loss import squared_norm
+
 STILL, STILL_BODY = 0.4, 2.0
 """m/s: speeds v of the keypoints across the line of sight, and of the fitted ankle, at which their factors of the
 probability of a contact, 1 / (1 + (v / STILL)^2)^2, are a quarter. Without the second one, feet of people who run
@@ -55,7 +57,10 @@ class FootContacts:
             return
         self._velocity = self._velocity + _share(step, SPEED_S) * ((places - self._places) / step - self._velocity)
         self._stamp, self._places = stamp, places
-        probability = _still(speeds, STILL) * _still(np.linalg.norm(self._velocity, axis=-1), STILL_BODY)
+        fast, fast_body = speeds / STILL, squared_norm(self._velocity) / STILL_BODY**2
+        probability = ((1 + fast * fast) * (1 + fast_body)) ** -2
+        if self.anchors is None and not np.count_nonzero(probability > BEGUN):
+            return
         before = np.full(places.shape, np.nan) if self.anchors is None else self.anchors
         touching = np.isfinite(before[:, 0])
         stays = probability > np.where(touching, ENDED, BEGUN)  # False for NaN
@@ -66,8 +71,3 @@ class FootContacts:
 def _share(step: float, time_constant: float) -> float:
     """Share of a new value in a running mean."""
     return 1 - math.exp(-step / time_constant)
-
-
-def _still(speed: np.ndarray, limit: float) -> np.ndarray:
-    """Factor of the probability of a contact for a speed, m/s."""
-    return np.asarray(1 / (1 + (speed / limit) ** 2) ** 2)

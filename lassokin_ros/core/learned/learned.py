@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -75,7 +76,7 @@ class Learned:
     def update(
         self,
         measurement: Measurement,
-        frame: FrameData,
+        seen: Callable[[], FrameData],
         start: BodyState,
         initialised: bool,
         increment: Increment,
@@ -83,8 +84,8 @@ class Learned:
     ) -> bool:
         """Use a tracked frame for all but lengths and height. Returns True if the prior's mean has changed.
 
-        frame: its views, with the weights of the landmarks that were seen. start: the state about which the frame's
-        lasso was linearised; solved: the state after its increment.
+        seen: gives the frame with the weights of the landmarks that were seen. start: the state about which the
+        frame's lasso was linearised; solved: the state after its increment.
         """
         stamp, problem, rows = measurement.stamp, increment.problem, increment.rows
         if self.height is None:
@@ -93,8 +94,10 @@ class Learned:
             return False
         if not initialised:
             self.vertical.update(solved.rotations[0], measurement.since_new_keypoints)
-        weights = np.concatenate([view.weights for view in frame.views])
-        depths = [np.full(len(view.weights), view.camera.into_camera(solved.translation)[2]) for view in frame.views]
-        image = self._frame_model.image_rows(rows)
-        self.model_error.update(stamp, problem, image, increment.solution.omega, weights, np.concatenate(depths))
+        if self.model_error.due(stamp):
+            views, place = seen().views, solved.translation
+            weights = np.concatenate([view.weights for view in views])
+            depths = [np.full(len(view.weights), view.camera.into_camera(place)[2]) for view in views]
+            image = self._frame_model.image_rows(rows)
+            self.model_error.update(stamp, problem, image, increment.solution.omega, weights, np.concatenate(depths))
         return not initialised and self.mean_pose.update(stamp, start, problem, rows)

@@ -108,15 +108,12 @@ def posterior(models: Sequence[LengthModel], H: np.ndarray, g: np.ndarray, commo
     H: (p, p) and g: (p,) normal equations of the measurements, about zero. common: (p, p) further information about the
     differences from each case's mean, such as that of the stature. The odds follow from the marginal likelihoods.
     """
-    evidence, means, covariances = [], [], []
-    for model in models:
-        prior = common + model.precision
-        covariance = np.linalg.inv(H + prior)
-        pull = prior @ model.mean
-        mean = covariance @ (g + pull)
-        volume = np.linalg.slogdet(prior)[1] + np.linalg.slogdet(covariance)[1]
-        evidence.append(0.5 * ((g + pull) @ mean - pull @ model.mean + volume) + np.log(model.odds))
-        means.append(mean)
-        covariances.append(covariance)
-    likely = np.exp(np.array(evidence) - max(evidence))
-    return LengthPosterior(likely / likely.sum(), np.array(means), np.array(covariances))
+    about = np.array([model.mean for model in models])
+    prior = common + np.array([model.precision for model in models])
+    covariances = np.linalg.inv(H + prior)
+    pulls = (prior @ about[..., None])[..., 0]
+    means = (covariances @ (g + pulls)[..., None])[..., 0]
+    volume = np.linalg.slogdet(prior)[1] + np.linalg.slogdet(covariances)[1]
+    evidence = 0.5 * (((g + pulls) * means).sum(-1) - (pulls * about).sum(-1) + volume)
+    likely = np.array([model.odds for model in models]) * np.exp(evidence - evidence.max())
+    return LengthPosterior(likely / likely.sum(), means, covariances)

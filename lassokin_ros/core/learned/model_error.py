@@ -72,6 +72,10 @@ class ModelError:
         """Time in s between two measurements."""
         return max(SHORTEST_INTERVAL, SHARE * self._known)
 
+    def due(self, stamp: float) -> bool:
+        """Whether `update` uses a frame at this stamp, s."""
+        return stamp - self._measured_at >= self._every
+
     def update(
         self,
         stamp: float,
@@ -87,10 +91,9 @@ class ModelError:
         (l,), 1 / standard deviation in normalised units, 0 = missing; depth: m, of the person, or (l,) in each
         landmark's camera.
         """
-        step = stamp - self._measured_at
-        if step < self._every:
+        if not self.due(stamp):
             return
-        step = min(step, 2 * self._every)
+        step = min(stamp - self._measured_at, 2 * self._every)
         self._measured_at = stamp
         seen = weights > 0
         free = _free_shares(problem, image, len(weights))[seen]

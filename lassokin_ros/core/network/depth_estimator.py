@@ -11,10 +11,8 @@ from lassokin_ros.core.image.frame_data import JointDepths
 from lassokin_ros.core.network.depth_network import (
     LEAST_SEEN,
     NAMES,
-    TARGETS,
     History,
     Network,
-    Prediction,
     Scene,
     canonical_index,
     lengths_of,
@@ -51,7 +49,7 @@ class DepthEstimator:
         """Forget the past keypoints."""
         self._history.reset()
         self._roll.reset()
-        self._prediction: Prediction | None = None
+        self._places: np.ndarray | None = None  # of `PLACES` in the virtual camera, m
         self._rotation = np.eye(3)
         self.joint_depths: JointDepths | None = None
         """The estimate for the newest frame; None if fewer than `LEAST_SEEN` points are visible in it."""
@@ -73,7 +71,7 @@ class DepthEstimator:
         levelled = points.take(self._index, axis=0) @ level[:2, :2].T
         self._history.add(stamp, levelled, shown)
         self._roll.update(stamp, levelled, shown)
-        self._prediction = self.joint_depths = None
+        self._places = self.joint_depths = None
         if np.count_nonzero(shown) < LEAST_SEEN:
             return
         past, known = self._history.sampled()
@@ -83,22 +81,16 @@ class DepthEstimator:
             past, level, up = past @ turn[:2, :2].T, turn @ level, None
         vertical = np.zeros(3) if up is None else level @ up
         scene = Scene(past, known, vertical, np.array(up is not None), self._lengths, self._lengths_known)
-        prediction = self._prediction = self._network.predict(scene)
-        self._rotation, height = prediction.rotation @ level, self._kinematics.skeleton.height
-        depths = height * prediction.places[:, 2].astype(float)
-        self.joint_depths = JointDepths(self._rotation[2], depths, prediction.whitening.astype(float) / height)
+        self._places, depths, whitening, rotation = self._network.estimate(scene, self._kinematics.skeleton.height)
+        self._rotation = rotation @ level
+        self.joint_depths = JointDepths(self._rotation[2], depths, whitening)
 
-    def positions(self) -> dict[str, np.ndarray] | None:
-        """Position (3,) of each target and the right hip relative to the middle of the hips, m, camera frame.
+    def places(self) -> np.ndarray | None:
+        """(k, 3) m: positions of `PLACES` relative to the middle of the hips, camera frame.
 
         None without an estimate for the newest frame.
         """
-        if self._prediction is None:
-            return None
-        found = self._kinematics.skeleton.height * self._prediction.places.astype(float) @ self._rotation
-        result = dict(zip(TARGETS, found))
-        result["right_hip"] = -result["left_hip"]
-        return result
+        return None if self._places is None else self._places @ self._rotation
 
 
 def _upright_image(up: np.ndarray) -> np.ndarray:

@@ -25,12 +25,14 @@ import numpy as np
 
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.record import record
 
 TIMES = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
 """s before the present: times of the keypoints in the input."""
 LONGEST_GAP = 0.6
 """s: detections further apart are not interpolated."""
+_LONGEST = np.array([LONGEST_GAP])
 
 SIDES = ("left", "right")
 
@@ -64,6 +66,7 @@ SAME_POINT = 0.02
 TARGETS = ("left_hip", "left_shoulder", "right_shoulder", "head", "nose", "left_knee", "right_knee", "left_elbow",
            "right_elbow", "left_ankle", "right_ankle", "left_wrist", "right_wrist")  # fmt: skip
 """Points whose positions are output. The right hip is the mirror image of the left hip at the middle of the hips."""
+PLACES = (*TARGETS, "right_hip")
 LENGTHS = ("hips", "thigh", "shank", "trunk", "shoulders", "upper arm", "forearm", "neck")
 """Lengths that are input, see `lengths_of`."""
 TYPICAL_LENGTHS = np.array([0.105, 0.246, 0.256, 0.287, 0.225, 0.168, 0.13, 0.08])
@@ -148,6 +151,12 @@ class Scene:
 
 def features(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """(inputs (..., INPUTS) float32, rotation (..., 3, 3) from the camera frame into the virtual camera)."""
+    if kernel.active and scene.points.ndim == 3:
+        result, rotation = np.empty(INPUTS, dtype=np.float32), np.empty((3, 3))
+        rest = np.concatenate(([scene.up_known], _length_inputs(scene)))
+        given = scene.points.copy(), scene.seen, _IS_TRUNK, _GAINS, scene.up * scene.up_known, rest
+        if kernel.features(*given, result, rotation):
+            return result, rotation
     seen = scene.seen.astype(np.float32)
     rotation = _virtual_camera(scene.points[..., 0, :, :], seen[..., 0, :])
     points = scene.points @ rotation[..., None, :, :2].swapaxes(-1, -2) + rotation[..., None, None, :, 2]
@@ -171,10 +180,14 @@ def features(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     known = np.asarray(scene.up_known, dtype=np.float32)[..., None]
     rest[..., 1:4] = (rotation @ scene.up[..., None])[..., 0] * known
     rest[..., 4:5] = known
-    known = np.asarray(scene.lengths_known, dtype=np.float32)[..., None]
-    rest[..., 5:-1] = (scene.lengths - TYPICAL_LENGTHS) / LENGTH_SPREAD * known
-    rest[..., -1:] = known
+    rest[..., 5:] = _length_inputs(scene)
     return result, rotation
+
+
+def _length_inputs(scene: Scene) -> np.ndarray:
+    """(..., LENGTHS + 1): the lengths, 0 if they are not known, and whether they are known."""
+    known = np.asarray(scene.lengths_known, dtype=float)[..., None]
+    return np.concatenate(((scene.lengths - TYPICAL_LENGTHS) / LENGTH_SPREAD * known, known), axis=-1)
 
 
 def _virtual_camera(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -273,6 +286,15 @@ def activated(h: np.ndarray) -> np.ndarray:
     return np.asarray(_HALF_SIDES @ sides).reshape(h.shape)
 
 
+def layer(h: np.ndarray, W: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """`activated` of `linear`."""
+    if kernel.active:
+        result = np.asarray(h @ W)
+        if kernel.activate(result, b):
+            return result
+    return activated(linear(h, W, b))
+
+
 class Network:
     """A perceptron with residual blocks. For the mirror image of a person it gives the mirror image of its places.
 
@@ -293,10 +315,10 @@ class Network:
     def __call__(self, inputs: np.ndarray) -> np.ndarray:
         """(..., OUTPUTS) of inputs (..., INPUTS), float32."""
         w = self.weights
-        h = activated(linear(inputs.reshape(-1, INPUTS), w[0], w[1]))
+        h = layer(inputs.reshape(-1, INPUTS), w[0], w[1])
         for block in range(2, len(w) - 2, 4):
             A, a, B, b = w[block : block + 4]
-            h += linear(activated(linear(h, A, a)), B, b)
+            h += linear(layer(h, A, a), B, b)
         outputs = np.concatenate((h[0], h[1]), axis=-1) @ w[-2] + w[-1]
         return np.asarray(outputs.reshape(*inputs.shape[:-1], OUTPUTS))
 
@@ -304,6 +326,21 @@ class Network:
         """The positions of the targets in a scene, or in several."""
         inputs, rotation = features(scene)
         return interpreted(self(inputs), rotation)
+
+    def estimate(self, scene: Scene, height: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """For one scene and a person of this height, m: places of `PLACES` (k, 3) m, depths (DEPTHS,) m, whitening
+        (DEPTHS, DEPTHS) 1/m, and the rotation (3, 3) into the virtual camera.
+        """
+        inputs, rotation = features(scene)
+        outputs = self(inputs)
+        if kernel.active:
+            places, depths, whitening = np.empty((len(PLACES), 3)), np.empty(DEPTHS), np.empty((DEPTHS, DEPTHS))
+            if kernel.decode(outputs, np.array([height]), _FROM_OUTPUTS, places, depths, whitening):
+                return places, depths, whitening, rotation
+        found = interpreted(outputs, rotation)
+        targets = height * found.places.astype(float)
+        places = np.concatenate((targets, -targets[:1]))  # left_hip is the first target
+        return places, targets[:, 2].copy(), found.whitening.astype(float) / height, rotation
 
 
 def load_weights(file: Path | None = None) -> tuple[Network, dict[str, Any]]:
@@ -357,6 +394,11 @@ class History:
     def sampled(self) -> tuple[np.ndarray, np.ndarray]:
         """(points (times, canonical, 2), seen (times, canonical)) at `TIMES` before the newest frame."""
         stamps = self._stamps[: self._count]
+        if kernel.active:
+            points, seen = np.empty((len(TIMES), len(NAMES), 2)), np.empty((len(TIMES), len(NAMES)), dtype=bool)
+            kept = stamps, self._points[: self._count], self._seen[: self._count]
+            if kernel.sampled(*kept, TIMES, _LONGEST, points, seen):
+                return points, seen
         wanted = stamps[-1] - TIMES
         later = np.minimum(np.maximum(stamps.searchsorted(wanted - 1e-9), 1), self._count - 1)
         frames = np.maximum(later + _BEFORE_AND_AFTER, 0)

@@ -20,6 +20,8 @@ LEAST = 1e-6
 """Normalised units: smallest extent of the body in the image."""
 MEMORY_S = 0.5
 """s: time constant of the body's mean direction."""
+PERIOD_S = 0.1
+"""s between two frames that are used."""
 TURNED = 0.5
 """Cosine of the angle between the body and the upward direction of the turned image, below which it is turned again."""
 
@@ -46,7 +48,12 @@ class ImageRoll:
         return bool(self.turn[0, 0] < 0.5)
 
     def update(self, stamp: float, points: np.ndarray, seen: np.ndarray) -> None:
-        """Use a frame. stamp: s; points: (k, 2) normalised, any finite value if not seen; seen: (k,) bool."""
+        """Use a frame, if the last one used is older than `PERIOD_S`.
+
+        stamp: s; points: (k, 2) normalised, any finite value if not seen; seen: (k,) bool.
+        """
+        if stamp - self._newest < PERIOD_S:
+            return
         up = self._direction(points, seen & self._used)
         if up is None:
             return

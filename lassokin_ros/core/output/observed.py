@@ -18,27 +18,28 @@ class ObservedJoints:
     def __init__(self, skeleton: Skeleton, landmark_joints: np.ndarray) -> None:
         """landmark_joints: (l,) index of the joint to which each landmark is attached."""
         count = skeleton.joint_count
-        self._below = skeleton.ancestors.T.astype(int)
-        self._attached = np.zeros((count, len(landmark_joints)), dtype=int)
+        # Numbers of keypoints and joints are floats: products of integers take twice as long.
+        self._below = skeleton.ancestors.T.astype(float)
+        self._attached = np.zeros((count, len(landmark_joints)))
         self._attached[landmark_joints, np.arange(len(landmark_joints))] = 1
         turned = skeleton.ancestors.T & ~np.eye(count, dtype=bool)
         turned |= np.diag(~turned.any(axis=1))  # an end: its own keypoints
         #: (n, l) number of keypoints, 0 or 1, that show how each joint is turned.
-        self._shows = (turned.astype(int) @ self._attached).astype(float)
-        self._neighbours = np.zeros((count, count), dtype=int)
+        self._shows = turned @ self._attached
+        self._neighbours = np.zeros((count, count))
         child = np.flatnonzero(skeleton.parents >= 0)
         parent = skeleton.parents[child]
         self._neighbours[child, parent] = self._neighbours[parent, child] = 1
 
     def from_visible(self, visible: np.ndarray) -> np.ndarray:
         """Return (n,) bool. visible: (l,) bool, the keypoints of the frame that have a weight, `Estimate.visible`."""
-        own = self._attached @ visible.astype(int) > 0
-        observed: np.ndarray = own | (self._neighbours @ own.astype(int) >= 2)
+        own = self._attached.dot(visible) > 0
+        observed: np.ndarray = own | (self._neighbours.dot(own) >= 2)
         return observed
 
     def below_last_keypoint(self, visible: np.ndarray) -> np.ndarray:
         """Return (n,) bool: no visible keypoint is attached to the joint or to a joint below it."""
-        result: np.ndarray = self._below @ (self._attached @ visible.astype(int)) == 0
+        result: np.ndarray = self._below.dot(self._attached.dot(visible)) == 0
         return result
 
     def beyond_last_keypoint(self, visible: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ import numpy as np
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.increment import Increment
+from lassokin_ros.core.kernel import kernel
 
 DEPTH_RATIO = 1.9
 """Ratio of the time constants in depth and in the image. One camera observes depth worse by about this factor."""
@@ -48,7 +49,7 @@ _ONES = np.ones(3)  # a product with it takes half the time of sum(axis=-1) on a
 class Forward(NamedTuple):
     """The forward pass of one frame, for the backward pass in `fixed_lag`.
 
-    restarted: the filter started with this frame. step: s since the last frame. rays: see `OutputFilter._rays`.
+    restarted: the filter started with this frame. step: s since the last frame. rays: see `OutputFilter._updated`.
     predicted, predicted_covariance: offset predicted from the last frame. offset, velocity, covariance: after this
     frame. An offset is that of the published from the solved state. Covariances are pairs (in the image, in depth); all
     other arrays are (n + 1, 3).
@@ -113,13 +114,10 @@ class OutputFilter:
             _predicted_covariance(self._covariance[1], step, DEPTH_RATIO * steady_over),
         )
         (gain, velocity_gain, after), (depth_gain, depth_velocity_gain, depth_after) = map(_corrected, ahead)
-        predicted = self._offset + step * self._velocity
-        predicted[:-1] -= increment.omega.reshape(-1, 3)
-        predicted[-1] -= increment.x
-        rays = self._rays(solved.pose, state.translation if centre is None else state.translation - centre)
-        depth = _in_depth(predicted, rays)
-        self._offset = (1 - gain) * predicted + (gain - depth_gain) * depth
-        self._velocity = self._velocity - velocity_gain * predicted + (velocity_gain - depth_velocity_gain) * depth
+        gains = step, gain, velocity_gain, depth_gain, depth_velocity_gain
+        place = state.translation if centre is None else state.translation - centre
+        ray = place / math.sqrt(place.dot(place))
+        predicted, rays, self._offset, self._velocity = self._updated(increment, solved.pose, ray, gains)
         self._covariance = after, depth_after
         self.forward = Forward(False, step, rays, predicted, ahead, self._offset, self._velocity, self._covariance)
         published = moved(state, self._offset)
@@ -132,12 +130,30 @@ class OutputFilter:
         self.forward = Forward(True, step, none, none, start, none, none, start)
         return state
 
-    def _rays(self, pose: BodyPose, translation: np.ndarray) -> np.ndarray:
-        """(n + 1, 3): unit vector of the body's viewing ray in each joint's frame and, last, in the camera frame."""
+    def _updated(
+        self, increment: Increment, pose: BodyPose, ray: np.ndarray, gains: tuple[float, ...]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """(predicted, rays, offset, velocity) of the frame, each (n + 1, 3).
+
+        ray: (3,) unit vector of the body's viewing ray; rays: in each joint's frame and, last, in the camera frame.
+        gains: step, s, and the gains of offset and velocity in the image, and in depth.
+        """
+        if kernel.active:
+            found = np.empty((4, *self._shape))
+            given = self._offset, self._velocity, increment.omega, increment.x, pose.orientations, ray, np.array(gains)
+            if kernel.smooth(*given, *found):
+                return found[0], found[1], found[2], found[3]
+        step, gain, velocity_gain, depth_gain, depth_velocity_gain = gains
+        predicted = self._offset + step * self._velocity
+        predicted[:-1] -= increment.omega.reshape(-1, 3)
+        predicted[-1] -= increment.x
         rays = np.empty(self._shape)
-        rays[-1] = ray = translation / math.sqrt(translation.dot(translation))
+        rays[-1] = ray
         np.matmul(ray, pose.orientations, out=rays[:-1])
-        return rays
+        depth = _in_depth(predicted, rays)
+        offset = (1 - gain) * predicted + (gain - depth_gain) * depth
+        velocity = self._velocity - velocity_gain * predicted + (velocity_gain - depth_velocity_gain) * depth
+        return predicted, rays, offset, velocity
 
 
 def moved(state: BodyState, offset: np.ndarray) -> BodyState:

@@ -25,7 +25,7 @@ benchmarks/accuracy.py --uncertainty tests them on other people.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -189,14 +189,17 @@ class UncertaintyModel:
         """The uncertainty of an accepted estimate."""
         assert estimate.pose is not None and estimate.problem is not None and estimate.visible is not None
         share = min(estimate.keypoint_error_ratio * LEAST_ERROR / SMALLEST_BIAS, 1.0)
-        problem, image = estimate.problem, self._image_rows(estimate.rows)
+        image = self._image_rows(estimate.rows)
+        shares: list[tuple[slice | np.ndarray, float]] = []
         if FootContact.name in estimate.rows:  # an anchor has the errors of the poses before
-            problem = _scaled(problem, estimate.rows[FootContact.name], 0.0)
+            shares.append((estimate.rows[FootContact.name], 0.0))
         if DEPTH_ROWS in estimate.rows and estimate.cameras == 1 and not estimate.depth_covers:
-            problem = _scaled(problem, estimate.rows[DEPTH_ROWS], 1 / WEIGHT)  # they do not know more than they say
+            shares.append((estimate.rows[DEPTH_ROWS], 1 / WEIGHT))  # they do not know more than they say
         # Rows of the image may not be the only ones with the translation.
         if share < 1 and (estimate.depth_measured or estimate.cameras > 1):
-            problem, share = _scaled(problem, image, share), 1.0
+            shares.append((image, share))
+            share = 1.0
+        problem = _scaled(estimate.problem, shares)
         hidden = self.observed.below_last_keypoint(estimate.visible)
         covariance, lower, place = self.covariance(
             estimate.pose,
@@ -327,11 +330,14 @@ class UncertaintyModel:
         return AbsoluteUncertainty(joints, whole)
 
 
-def _scaled(problem: Lasso, rows: slice | np.ndarray, share: float) -> Lasso:
-    """The problem with some rows multiplied by `share`."""
-    A, B = problem.A.copy(), problem.B.copy()
-    A[rows] *= share
-    B[rows] *= share
+def _scaled(problem: Lasso, shares: Sequence[tuple[slice | np.ndarray, float]]) -> Lasso:
+    """The problem with rows multiplied by factors: `shares` has the rows and the factor of each."""
+    if not shares:
+        return problem
+    A, B = problem.A.T.copy().T, problem.B.T.copy().T  # the columns stay contiguous, as the kernel takes them
+    for rows, share in shares:
+        A[rows] *= share
+        B[rows] *= share
     return Lasso(A, B, problem.z, problem.alpha)
 
 

@@ -54,6 +54,8 @@ class View:
         """Return True if many of the keypoints (k, 2), px, are outside the image: they belong to another one."""
         least, greatest = self._limits
         outside = (xy < least) | (xy > greatest)
+        if not np.count_nonzero(outside):
+            return False
         return int(np.count_nonzero(outside[:, 0] | outside[:, 1])) > FEW * len(xy)
 
 

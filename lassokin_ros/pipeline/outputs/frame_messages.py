@@ -65,6 +65,7 @@ class FrameMessages:
         """
         self._backend, self._serialised = backend, serialised
         self._config = config or NodeSettings()
+        self._first_camera = self._config.camera_names[0]
         self._builders: dict[str, Callable[[int, str, Any, Any], Any]] = {}
         self._detailed_ns: int | None = None  # stamp of the last frame with DETAILS
         prefix = f"{person}/" if person else ""
@@ -85,11 +86,11 @@ class FrameMessages:
         """
         if not frame.accepted or frame.estimate is None:
             return
-        in_detail = self._in_detail(frame.stamp_ns)
+        in_detail, of_first = self._in_detail(frame.stamp_ns), frame.camera.name == self._first_camera
         for topic, build in self._builders.items():
-            if frame.camera.name != self._config.camera_names[0] and topic in OF_IMAGE:
+            if wanted is not None and topic not in wanted:
                 continue
-            if (wanted is None or topic in wanted) and (in_detail or topic not in DETAILS):
+            if (in_detail or topic not in DETAILS) and (of_first or topic not in OF_IMAGE):
                 yield topic, build(frame.stamp_ns, frame.frame_id, frame, frame.estimate)
 
     def _in_detail(self, stamp_ns: int) -> bool:

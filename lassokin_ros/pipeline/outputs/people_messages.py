@@ -63,6 +63,8 @@ def images_of(frames: Sequence[FrameResult], newest: Image | None, held: bool) -
     """
     if not frames:
         return [] if held or newest is None else [(newest, [])]
+    if len(frames) == 1 and frames[0].accepted:  # the usual case in a third of the time
+        return [((frames[0].stamp_ns, frames[0].frame_id), list(frames))]
     images: dict[Image, list[FrameResult]] = {}
     for frame in frames:
         if frame.accepted if held else frame.estimate is not None:

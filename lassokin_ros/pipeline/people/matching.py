@@ -48,7 +48,8 @@ def distance(predicted: np.ndarray, detection: Detection, min_confidence: float)
 
 def is_trackable(detection: Detection, config: TrackerConfig) -> bool:
     """Return True if the detection has enough landmarks for a tracker with these settings."""
-    good = (detection.confidence >= max(config.min_confidence, 1e-9)) & np.isfinite(detection.points).all(axis=1)
+    finite = np.isfinite(detection.points)
+    good = (detection.confidence >= max(config.min_confidence, 1e-9)) & finite[:, 0] & finite[:, 1]
     return bool(np.count_nonzero(good) >= config.min_landmarks)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -121,11 +122,11 @@ class SinglePersonTracker:
         """Track the followed person; see PeopleTracker.update. A refused message gives a result with the reason."""
         found = [self._select(image, forget_after) for image in images]
         sights = [Sight(image.stamp_ns, one, image.lens, image.camera) for image, one in zip(images, found)]
-        sights = [sight for sight in sights if _has_points(sight.seen)] or sights
-        results = self._person.track(sights, frame_id)
+        if len(sights) > 1:
+            sights = [sight for sight in sights if _has_points(sight.seen)] or sights
         number = found[0].number if images[0].persistent else -1
-        results = [replace(one, label=self._id, detector_id=number, guessed=self._guessed) for one in results]
-        rejected = any(not result.accepted for result in results)
+        results = self._person.track(sights, frame_id, label=self._id, detector_id=number, guessed=self._guessed)
+        rejected = results and not results[-1].accepted
         if rejected and (absence := self._absence(images[0], forget_after)):
             results[-1] = replace(results[-1], rejection=PERSON_ABSENT, detail=absence)
         if self._lock_next and self.tracked_at(max(image.stamp_ns for image in images)):
@@ -135,7 +136,9 @@ class SinglePersonTracker:
     def _select(self, image: PeopleImage, forget_after: float) -> Detection:
         """Return the detection of the followed person; an empty detection if the person is not in the message."""
         keypoints, stamp_ns = image.keypoints, image.stamp_ns
-        view = self._newest = self._views.setdefault(image.camera.name, _View())
+        if image.camera.name not in self._views:
+            self._views[image.camera.name] = _View()
+        view = self._newest = self._views[image.camera.name]
         view.seen_ns, view.persistent = stamp_ns, image.persistent
         view.lens, view.camera = image.lens, image.camera
         if keypoints.persons is None or len(keypoints.persons) == 0:
@@ -160,9 +163,7 @@ class SinglePersonTracker:
         if image.persistent and view.followed is not None:  # the followed person may be seen in part
             number = view.followed.detection.number
             usable += [one for one in people if one.number == number and one not in usable and _has_points(one)]
-        expected = None
-        if view.followed is not None:
-            expected = self._person.predicted_landmarks(image.stamp_ns, image.camera)
+        expected = partial(self._person.predicted_landmarks, image.stamp_ns, image.camera)
         view.tracks.update(image.stamp_ns, usable, image.persistent, patience, view.followed, expected)
 
     def _sight_elsewhere(self, view: _View) -> Sight | None:
@@ -277,4 +278,4 @@ class _View:
 
 
 def _has_points(one: Detection) -> bool:
-    return bool(np.isfinite(one.points).any())
+    return bool(np.count_nonzero(np.isfinite(one.points)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -12,13 +12,13 @@ import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.doubt.doubt import reasons
-from lassokin_ros.core.doubt.monitor import DoubtMonitor
+from lassokin_ros.core.doubt.live import LiveDoubts
 from lassokin_ros.core.doubt.signs import Signs, signs_of
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import HERE, CameraPose, Observation, Status
+from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.record import record
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.camera.lens import Lens
@@ -82,7 +82,9 @@ class TrackedPerson:
         self.number = number
         self.tracker = Tracker(config, skeleton, evidence, up)
         self._repeats: dict[str, Repeats] = {}
-        self._monitor = DoubtMonitor(self.tracker.layout.names, self.tracker.skeleton.joint_names)
+        layout, skeleton = self.tracker.layout, self.tracker.skeleton
+        observed = ObservedJoints(skeleton, layout.joints)
+        self._doubts = LiveDoubts(layout.names, skeleton.joint_names, observed.from_visible)
         self.reset()
 
     def reset(self, same_camera: bool = False) -> None:
@@ -92,7 +94,7 @@ class TrackedPerson:
         if not same_camera:
             self._repeats = {}
         self.tracker.reset(same_camera)
-        self._monitor.reset()
+        self._doubts.reset()
         self._joint_states = JointStates(self.tracker.skeleton.axes)  # results of before keep theirs
         self.status = Status.SEARCHING
         self.seen_ns: int | None = None
@@ -104,11 +106,12 @@ class TrackedPerson:
         self._landmarks: np.ndarray | None = None
         self._velocity = np.zeros(3)
 
-    def track(self, sights: Sequence[Sight], frame_id: str, person: str = "") -> list[FrameResult]:
+    def track(self, sights: Sequence[Sight], frame_id: str, person: str = "", **identity: Any) -> list[FrameResult]:
         """Track the detections of this person in the images of one instant, one of each camera.
 
-        frame_id: of the results. Returns the results to publish now. If the detections are refused, the last result
-        gives the reason. Without `smoothing_lag` there is one result, that of these detections.
+        frame_id: of the results. identity: further fields of the results that are returned now. Returns the results to
+        publish now. If the detections are refused, the last result gives the reason. Without `smoothing_lag` there is
+        one result, that of these detections.
         """
         placed = [(sight, camera) for sight in sights for camera in (self._corrected(sight.camera),) if camera.known]
         (first, camera), *others = placed or [(sights[0], sights[0].camera)]
@@ -139,7 +142,8 @@ class TrackedPerson:
             if frozen_s:
                 self.status = Status.SEARCHING if self.seen_ns is None else Status.LOST
                 reason, detail = FROZEN, frozen_text(frozen_s, self.tracker.config)
-            return [*self._due(self.tracker.published, stamp_ns), frame(estimate, reason, detail)]
+            due = self._due(self.tracker.published, stamp_ns, identity)
+            return [*due, frame(estimate, reason, detail, **identity)]
         self._update_motion(stamp_ns, estimate)
         tracker, velocity = self.tracker, self._velocity.copy()
         made = partial(frame, velocity=velocity, measure=tracker.uncertainty, observe=tracker.observed)
@@ -151,16 +155,13 @@ class TrackedPerson:
             camera=camera,
         )
         self._waiting.append((stamp_ns, estimate.stamp, partial(self._watched, made, signs)))
-        return self._due(self.tracker.published, stamp_ns)
+        return self._due(self.tracker.published, stamp_ns, identity)
 
     def _watched(
         self, made: Callable[..., FrameResult], signs: Callable[..., Signs], estimate: Estimate, **others: Any
     ) -> FrameResult:
         """Return the result of an estimate that is due, with the doubt about it. others: further fields."""
-        monitor = self._monitor
-        doubt = monitor.update(signs(estimate, observed=self.tracker.observed(estimate)))
-        doubtful = tuple(reasons(monitor.recent))
-        return made(estimate, doubt=doubt, doubtful=doubtful, doubtful_s=monitor.seconds, **others)
+        return made(estimate, judge=self._doubts.add(signs(estimate)), **others)
 
     def _observation(self, sight: Sight, frozen: bool) -> Observation:
         assert self._origin_ns is not None
@@ -183,10 +184,12 @@ class TrackedPerson:
 
     def _frozen_s(self, sight: Sight) -> float:
         """Return s for which a camera's keypoints have been the same, if it is more than `lost_after`; else 0."""
-        if not np.isfinite(sight.seen.points).any():
+        if not np.count_nonzero(np.isfinite(sight.seen.points)):
             return 0.0
-        repeats = self._repeats.setdefault(sight.camera.name, Repeats())
-        repeated = repeats.age(sight.stamp_ns, sight.seen.points)
+        name = sight.camera.name
+        if name not in self._repeats:
+            self._repeats[name] = Repeats()
+        repeated = self._repeats[name].age(sight.stamp_ns, sight.seen.points)
         return repeated if repeated > self.tracker.config.lost_after else 0.0
 
     def mark_absent(self, sight: Sight) -> list[FrameResult]:
@@ -199,10 +202,13 @@ class TrackedPerson:
 
     def flush(self) -> list[FrameResult]:
         """Return the results that wait for `smoothing_lag`. No detection follows."""
-        return self._due(self.tracker.flush(), self.seen_ns or 0)
+        return self._due(self.tracker.flush(), self.seen_ns or 0, {})
 
-    def _due(self, estimates: Sequence[Estimate], now_ns: int) -> list[FrameResult]:
-        """Return the held results of these estimates, with joint states. The tracker returns them in the same order."""
+    def _due(self, estimates: Sequence[Estimate], now_ns: int, identity: Mapping[str, Any]) -> list[FrameResult]:
+        """Return the held results of these estimates, with joint states. The tracker returns them in the same order.
+
+        identity: see `track`.
+        """
         frames = []
         for estimate in estimates:
             assert estimate.state is not None and estimate.pose is not None
@@ -216,7 +222,8 @@ class TrackedPerson:
                     earlier = (stamp_ns - before.stamp_ns) * 1e-9, places
             self._last = moment, estimate.pose.positions
             states = partial(self._joint_states.read, moment, before)
-            frames.append(frame(estimate, joint_states=states, earlier=earlier, held_s=(now_ns - stamp_ns) * 1e-9))
+            held_s = (now_ns - stamp_ns) * 1e-9
+            frames.append(frame(estimate, joint_states=states, earlier=earlier, held_s=held_s, **identity))
         return frames
 
     def _update_motion(self, stamp_ns: int, estimate: Estimate) -> None:

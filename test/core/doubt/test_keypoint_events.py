@@ -1,5 +1,7 @@
 """Events of the keypoints: exchanged sides, and another person."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -106,4 +108,4 @@ def test_motion_is_measured_in_lengths_of_the_trunk_wherever_the_person_is(turn)
     shown = [STANDING @ rotation.T + place for place in ([300.0, 200.0], [306.0, 208.0])]
     meter.update(0.0, shown[0])
     motion = meter.update(0.1, shown[1])
-    assert np.allclose(motion.points - motion.last, np.array([6.0, 8.0]) / trunk)
+    assert np.allclose(motion.straight, 10.0 / trunk) and math.isclose(motion.trunk, trunk)

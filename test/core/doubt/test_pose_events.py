@@ -37,7 +37,7 @@ def reversals(angles):
 
 def test_the_facing_is_the_persons_front():
     assert np.allclose(facing(body(0), JOINTS), (0, 0, -1))  # towards the camera
-    assert np.allclose(facing(body(90), JOINTS) @ facing(body(0), JOINTS), 0, atol=1e-12)
+    assert np.allclose(np.dot(facing(body(90), JOINTS), facing(body(0), JOINTS)), 0, atol=1e-12)
 
 
 def test_a_reversal_is_doubted_until_the_next():

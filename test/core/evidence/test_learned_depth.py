@@ -153,8 +153,8 @@ def test_there_are_no_rows_if_switched_off():
 def test_learned_lengths_are_input_to_the_network(monkeypatch):
     """At first the lengths are unknown; then they are the learned ones; after a reset they are unknown again."""
     tracker, scenes = Tracker(CONFIG), []
-    predict = Network.predict
-    monkeypatch.setattr(Network, "predict", lambda self, scene: scenes.append(scene) or predict(self, scene))
+    estimate = Network.estimate
+    monkeypatch.setattr(Network, "estimate", lambda self, scene, h: scenes.append(scene) or estimate(self, scene, h))
     person = Tracker(CONFIG, scaled_forearms(tracker.skeleton, 1.2))
     given = [observation for _, observation in observations(person, 4.0)]
     for observation in given:

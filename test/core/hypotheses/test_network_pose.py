@@ -12,7 +12,8 @@ from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.roles import LIMB_BONES, NETWORK_JOINTS
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.network_pose import SAME_POSE, NetworkPose, distance, state_at, trunk_orientation
+from lassokin_ros.core.hypotheses.network_pose import SAME_POSE, NetworkPose, state_at, trunk_orientation
+from lassokin_ros.core.network.depth_network import PLACES
 from lassokin_ros.core.tracker import Tracker
 
 KINEMATICS = body()
@@ -24,6 +25,16 @@ def positions_of(pose):
     index = KINEMATICS.skeleton.index
     hips = 0.5 * (pose.positions[index("left_hip")] + pose.positions[index("right_hip")])
     return {name: pose.positions[index(name)] - hips for name in sorted(NETWORK_JOINTS)}
+
+
+def distance(positions, pose, kinematics=KINEMATICS):
+    """The distance of a pose from positions that a network gives."""
+    return NetworkPose(SimpleNamespace(network_places=lambda: places_of(positions)), kinematics, MEAN).distance(pose)
+
+
+def places_of(positions):
+    """The array that a network gives, from positions by name. The nose, which is no joint, is not needed."""
+    return np.array([positions.get(name, [np.nan] * 3) for name in PLACES])
 
 
 def pose_of(seed, spread=0.3):
@@ -57,11 +68,11 @@ def test_the_trunk_is_that_of_hips_and_shoulders():
 def test_the_distance_is_the_mean_of_the_joints_with_the_hips_aligned():
     pose = pose_of(1)
     positions = positions_of(pose)
-    assert distance(positions, KINEMATICS.skeleton, pose) < 1e-12
+    assert distance(positions, pose) < 1e-12
     moved = replace(pose, positions=pose.positions + [1.0, -2.0, 0.5])
-    assert distance(positions, KINEMATICS.skeleton, moved) < 1e-12
+    assert distance(positions, moved) < 1e-12
     positions["left_wrist"] = positions["left_wrist"] + [0.0, 0.0, 0.3 * len(positions)]
-    assert distance(positions, KINEMATICS.skeleton, pose) == pytest.approx(0.3)
+    assert distance(positions, pose) == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("apart, proposed", [(0.9 * SAME_POSE, False), (1.1 * SAME_POSE, True)])
@@ -69,14 +80,14 @@ def test_a_pose_is_proposed_if_it_is_far_from_the_tracked_one(apart, proposed):
     pose, network = pose_of(2), SimpleNamespace()
     positions = positions_of(pose)
     positions["head"] = positions["head"] + [0.0, 0.0, apart * len(positions)]
-    network.positions = lambda: positions
+    network.network_places = lambda: places_of(positions)
     found = NetworkPose(network, KINEMATICS, MEAN).propose(SimpleNamespace(pose=pose))
     assert (found is not None) == proposed
     assert not proposed or (found.rotations.shape == (1, 24, 3, 3) and found.translation.shape == (1, 3))
 
 
 def test_without_an_estimate_there_is_no_pose():
-    network_pose = NetworkPose(SimpleNamespace(positions=lambda: None), KINEMATICS, MEAN)
+    network_pose = NetworkPose(SimpleNamespace(network_places=lambda: None), KINEMATICS, MEAN)
     assert network_pose.state() is None and network_pose.propose(SimpleNamespace(pose=pose_of(0))) is None
 
 
@@ -85,8 +96,8 @@ def test_the_networks_pose_is_near_the_person():
     tracker = Tracker(CONFIG)
     for truth, observation in observations(tracker, 1.0):
         estimate = tracker.track(observation)
-    positions, skeleton = tracker._network.positions(), tracker.skeleton
-    assert distance(positions, skeleton, replace(estimate.pose, positions=truth)) < 0.1
+    positions, skeleton = dict(zip(PLACES, tracker._network.places())), tracker.skeleton
+    assert tracker._network_pose.distance(replace(estimate.pose, positions=truth)) < 0.1
     left, right = truth[skeleton.index("left_hip")], truth[skeleton.index("right_hip")]
     assert np.abs(positions["right_hip"] - 0.5 * (right - left)).max() < 0.06 < np.abs(right - left).max()
     found = tracker.kinematics.pose(tracker._network_pose.state()).positions

@@ -5,7 +5,6 @@ import pytest
 from sequences import CONFIG, observations
 
 from lassokin_ros.core.body.kinematics import BodyState
-from lassokin_ros.core.hypotheses.network_pose import distance
 from lassokin_ros.core.hypotheses.other_pose import (
     BALANCE_MARGIN,
     COST_MARGIN,
@@ -135,7 +134,7 @@ def test_the_tracked_state_returns_to_the_networks_pose():
     for name in ("left_hip", "left_shoulder", "right_shoulder"):
         rotations[tracker.skeleton.index(name)] = np.diag([1.0, -1.0, -1.0]) @ rotations[tracker.skeleton.index(name)]
     tracker._solved = tracker.frame_model.evaluate(BodyState(rotations, state.translation))
-    spoiled = distance(tracker._network.positions(), tracker.skeleton, tracker._solved.pose)
+    spoiled = tracker._network_pose.distance(tracker._solved.pose)
     for truth, observation in frames[30:45]:
         tracker.track(observation)
     own = tracker._solved.pose.positions

@@ -8,7 +8,7 @@ from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.network.depth_estimator import DepthEstimator, _upright_image
-from lassokin_ros.core.network.depth_network import LEAST_SEEN, TARGETS, Prediction, lengths_of, shipped_network
+from lassokin_ros.core.network.depth_network import LEAST_SEEN, PLACES, TARGETS, lengths_of, shipped_network
 
 LEVEL = np.array([0.0, -1.0, 0.0])
 HEIGHT = 1.75
@@ -36,6 +36,12 @@ def watched(pose, up=LEVEL, mount=LEVEL, frames=10, estimator=None):
     return estimator
 
 
+def positions(estimator):
+    """The places that an estimator gives, by name; None without an estimate."""
+    places = estimator.places()
+    return None if places is None else dict(zip(PLACES, places))
+
+
 def from_the_hips(pose):
     """(joint name -> position relative to the middle of the hips) of a pose."""
     place = dict(zip(KINEMATICS.skeleton.joint_names, pose.positions))
@@ -49,15 +55,15 @@ class Recorder:
     def __init__(self):
         self.scenes = []
 
-    def predict(self, scene) -> Prediction:
+    def estimate(self, scene, height):
         self.scenes.append(scene)
-        return shipped_network().predict(scene)
+        return shipped_network().estimate(scene, height)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.6, -0.6, 2.5])
 def test_positions_are_those_of_the_joints_in_the_camera_frame(yaw):
     pose = standing(yaw)
-    found, truth = watched(pose).positions(), from_the_hips(pose)
+    found, truth = positions(watched(pose)), from_the_hips(pose)
     assert set(found) == {*TARGETS, "right_hip"}
     assert np.mean([np.linalg.norm(found[name] - truth[name]) for name in JOINTS]) < 0.07
     for side in ("left", "right"):
@@ -66,13 +72,13 @@ def test_positions_are_those_of_the_joints_in_the_camera_frame(yaw):
 
 def test_the_right_hip_is_opposite_to_the_left_one():
     estimator = watched(standing())
-    found = estimator.positions()
+    found = positions(estimator)
     assert np.array_equal(found["right_hip"], -found["left_hip"]) and np.linalg.norm(found["left_hip"]) > 0.05
 
 
 def test_depths_are_those_of_the_positions_along_the_line_of_sight():
     estimator = watched(standing())
-    depths, found = estimator.joint_depths, estimator.positions()
+    depths, found = estimator.joint_depths, positions(estimator)
     assert np.linalg.norm(depths.sight) == pytest.approx(1) and depths.sight[2] > 0.95
     assert np.allclose(depths.depths, [found[name] @ depths.sight for name in TARGETS], rtol=0, atol=1e-6)
     assert depths.whitening.shape == (len(TARGETS), len(TARGETS)) and not np.triu(depths.whitening, 1).any()
@@ -84,8 +90,8 @@ def test_positions_are_in_metres_of_the_person():
     estimator, twin = DepthEstimator(shipped_network(), KINEMATICS), DepthEstimator(shipped_network(), small)
     for each in (estimator, twin):
         watched(pose, estimator=each)
-    for name, position in estimator.positions().items():
-        assert np.allclose(position, 2 * twin.positions()[name], rtol=0, atol=1e-5)
+    for name, position in positions(estimator).items():
+        assert np.allclose(position, 2 * positions(twin)[name], rtol=0, atol=1e-5)
     assert np.allclose(twin.joint_depths.depths, estimator.joint_depths.depths / 2, rtol=0, atol=1e-5)
     assert np.allclose(twin.joint_depths.whitening, estimator.joint_depths.whitening * 2, rtol=1e-5)
 
@@ -97,7 +103,7 @@ def test_too_few_visible_points_give_no_estimate_and_the_next_frame_gives_one():
     for count, known in ((LEAST_SEEN - 1, False), (LEAST_SEEN, True), (LEAST_SEEN - 1, False)):
         seen = np.isin(np.arange(17), shown[:count])
         estimator.update(1.0 + count, points, seen, LEVEL, LEVEL)
-        assert (estimator.joint_depths is not None) is known and (estimator.positions() is not None) is known
+        assert (estimator.joint_depths is not None) is known and (estimator.places() is not None) is known
     assert estimator.reset() is None and estimator.joint_depths is None
 
 
@@ -111,8 +117,8 @@ def test_a_configured_roll_is_taken_out_of_the_image(roll):
     for frame in range(10):
         points = project(standing().landmarks) @ turn[:2, :2].T
         rolled.update(10.0 + frame / 10, points, ALL, turn @ LEVEL, turn @ LEVEL)
-    for name, position in level.positions().items():
-        assert np.allclose(rolled.positions()[name], turn @ position, rtol=0, atol=1e-4), name
+    for name, position in positions(level).items():
+        assert np.allclose(positions(rolled)[name], turn @ position, rtol=0, atol=1e-4), name
     assert np.allclose(rolled.joint_depths.sight, turn @ level.joint_depths.sight, rtol=0, atol=1e-6)
 
 

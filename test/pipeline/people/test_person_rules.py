@@ -45,12 +45,12 @@ class Pretended:
         self.resets.append(same_camera)
         self.status, self.seen_ns, self.points = Status.SEARCHING, None, None
 
-    def track(self, sights, frame_id, person=""):
+    def track(self, sights, frame_id, person="", **identity):
         ((stamp_ns, seen),) = [(sight.stamp_ns, sight.seen) for sight in sights]
         if self.refuses or not np.isfinite(seen.points).any():
-            return [FrameResult(stamp_ns, frame_id, None, "too_few_landmarks", "few", person=person)]
+            return [FrameResult(stamp_ns, frame_id, None, "too_few_landmarks", "few", person=person, **identity)]
         self.status, self.seen_ns, self.points = Status.TRACKING, stamp_ns, seen.points
-        return [FrameResult(stamp_ns, frame_id, person=person, points=seen.points)]
+        return [FrameResult(stamp_ns, frame_id, person=person, points=seen.points, **identity)]
 
     def mark_absent(self, sight):
         self.absences += 1

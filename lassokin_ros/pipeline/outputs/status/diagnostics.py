@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from lassokin_ros.core.doubt.live import Judgement
 from lassokin_ros.core.learned.height import LARGEST_FLOOR_DEVIATION
 from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
@@ -73,10 +74,9 @@ class Diagnostics:
         self._counts: Counter[str] = Counter()
         self._begin(now)
         self._hardware_id = ""
-        self._reprojection_px = float("nan")
-        self._newest: list[FrameResult] = []
+        self._newest: list[FrameResult] = []  # of the last message with an accepted result
+        self._last: Sequence[FrameResult] = ()  # of the last message
         self._nobody = False
-        self._repeated_s = 0.0
         self._direction = BodyDirection()
         self._cameras = CameraStatus(pipeline)
         self.concerns: list[str] = []
@@ -91,7 +91,8 @@ class Diagnostics:
         self._delays: list[float] = []
         self._misfits: list[float] = []
         self._unused_confidence = 0.0  # largest confidence in messages without a confident keypoint
-        self._doubted: list[FrameResult] = []  # results of the period that are marked
+        # The person of each accepted result of the period, and what gives the doubt about it.
+        self._judged: list[tuple[str, Callable[[], Judgement]]] = []
         self._tracked = self._with_depth = 0  # messages with a tracked person, and those of them with measured depth
 
     @property
@@ -117,7 +118,7 @@ class Diagnostics:
         if self._keypoints_at is not None:
             self._periods.append(now - self._keypoints_at)
         self._keypoints_at = now
-        self._repeated_s = repeated_s(frames)
+        self._last = frames
         self._times_ms.append(1e3 * callback_s)
         if self._pipeline.nobody_in_view:
             self._unused_confidence = max(self._unused_confidence, self._pipeline.unused_confidence)
@@ -128,9 +129,8 @@ class Diagnostics:
         accepted = [f for f in frames if f.accepted and f.estimate is not None]
         if accepted:
             self._newest = accepted
-            self._reprojection_px = max(f.estimate.reprojection_px for f in accepted if f.estimate is not None)
-            self._misfits.append(max(_misfit(frame) for frame in accepted))
-            self._doubted += [frame for frame in accepted if frame.doubt.likely_wrong]
+            self._misfits.append(max([_misfit(frame) for frame in accepted]))
+            self._judged += [(frame.person, frame.judge) for frame in accepted]
             self._tracked += 1
             self._with_depth += any(f.estimate.depth_measured for f in accepted if f.estimate is not None)
 
@@ -165,7 +165,7 @@ class Diagnostics:
         if waiting := self._waiting_for(now):
             return WARN, "; ".join(filter(None, [waiting, concern]))
         refused = recent[f"rejected: {FROZEN}"] + recent[f"rejected: {FROZEN} (a person)"]
-        if self._repeated_s > FROZEN_S or (refused and status is not Status.TRACKING):
+        if repeated_s(self._last) > FROZEN_S or (refused and status is not Status.TRACKING):
             return WARN, (
                 f"keypoints are frozen: the same ones for more than {FROZEN_S:g} s; check that "
                 "the camera's image changes and reaches the detector"
@@ -252,10 +252,12 @@ class Diagnostics:
 
     def _doubt_concern(self) -> str:
         """Return why poses of the period are doubtful; empty if they are not, or few and by their figures alone."""
-        signs = [frame for frame in self._doubted if frame.doubt.has_sign]
-        if not signs and 2 * len(self._doubted) <= self._tracked:
+        judged = [(person, judge()) for person, judge in self._judged]
+        marked = [(person, judgement) for person, judgement in judged if judgement.doubt.likely_wrong]
+        signs = [(person, judgement) for person, judgement in marked if judgement.doubt.has_sign]
+        if not signs and 2 * len(marked) <= self._tracked:
             return ""
-        return doubt_words((signs or self._doubted)[-1])
+        return doubt_words(*(signs or marked)[-1])
 
     def _outside_advice(self, recent: Counter[str]) -> str:
         """Return advice if most keypoints of the period were outside the image; else empty."""
@@ -344,6 +346,9 @@ class Diagnostics:
     def _largest_deviation(self) -> float:
         return max((float(f.uncertainty.deviation.max()) for f in self._newest), default=float("nan"))
 
+    def _reprojection_px(self) -> float:
+        return max((f.estimate.reprojection_px for f in self._newest if f.estimate is not None), default=float("nan"))
+
     def _figures(self, now: float, period: float, recent: Counter[str], presence: Presence) -> dict[str, str]:
         counts = self._pipeline.counts
         followed = presence.status is Status.TRACKING  # the last figures of a lost person are outdated
@@ -356,7 +361,7 @@ class Diagnostics:
             "keypoints delay median [s]": _figure(self._delays, 50),
             "callback time median [ms]": _figure(self._times_ms, 50),
             "callback time maximum [ms]": _figure(self._times_ms, 100),
-            "reprojection error [px]": f"{self._reprojection_px if followed else math.nan:.2f}",
+            "reprojection error [px]": f"{self._reprojection_px() if followed else math.nan:.2f}",
             "largest joint deviation [m]": f"{self._largest_deviation() if followed else math.nan:.3f}",
         }
         for key in ("received", "accepted", "duplicated", "unstamped", "ignored while disabled", OVERTAKEN, LOST):

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from lassokin_ros.core.doubt.live import Judgement
 from lassokin_ros.pipeline.frame_result import FrameResult
 
 
-def doubt_words(frame: FrameResult) -> str:
-    """Return since when and why the pose of a doubtful result is doubtful."""
-    who = f" of {frame.person}" if frame.person else ""
-    return f"the pose{who} has been doubtful for {frame.doubtful_s:.1f} s: {', '.join(frame.doubtful)}"
+def doubt_words(person: str, judgement: Judgement) -> str:
+    """Return since when and why the pose of a doubtful result is doubtful. person: as in FrameResult."""
+    who = f" of {person}" if person else ""
+    return f"the pose{who} has been doubtful for {judgement.seconds:.1f} s: {', '.join(judgement.reasons)}"
 
 
 def unseen_words(frames: Sequence[FrameResult]) -> list[str]:

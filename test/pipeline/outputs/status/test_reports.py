@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.doubt.doubt import Doubt
+from lassokin_ros.core.doubt.live import Judgement
 from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution
@@ -143,7 +144,8 @@ def test_the_line_of_a_certificate(kkt1, level, words):
     solution = LassoSolution(np.array([2.0, 0]), np.zeros(3), problem.alpha, lambda: certificate, "proxqp")
     found = SimpleNamespace(problem=problem, solution=solution, reprojection_px=1.23456789, initialised=True)
     doubt = Doubt(reversed=True, probability=0.125, unseen=("left leg", "right leg"))
-    frame = FrameResult(SECOND, "optical", found, doubt=doubt, doubtful=("this", "that"), doubtful_s=0.75)
+    judgement = Judgement(doubt, ("this", "that"), 0.75)
+    frame = FrameResult(SECOND, "optical", found, judge=lambda: judgement)
     line = certificate_status(frame, "tracker: p1", "optical")
     assert (line.level, line.name, line.hardware_id) == (level, "tracker: p1: certificate", "optical")
     assert line.message == f"{words} to 1e-06 of alpha"

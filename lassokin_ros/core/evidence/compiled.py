@@ -1,0 +1,101 @@
+"""Rows and costs of the built-in evidence by the compiled kernel, for a frame in which all of it is regular.
+
+Regular are one state, Huber's weights, and rows about the frame's start. The kernel then does what `linearise` and
+`cost` of `ImagePoints`, `LearnedDepth`, `PosePrior`, `Upright` and `Balance` do. Other evidence stays with its class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.evidence.balance import OFFSET_DEVIATION, Balance
+from lassokin_ros.core.evidence.evidence import EvaluatedState, LinearisationPoint
+from lassokin_ros.core.evidence.image_points import ImagePoints
+from lassokin_ros.core.evidence.learned_depth import TAIL, LearnedDepth
+from lassokin_ros.core.evidence.pose_prior import WEIGHT_WITH_DEPTH, PosePrior
+from lassokin_ros.core.evidence.upright import LEAN_DEVIATION, Upright
+from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.projection import NEAREST_DEPTH
+from lassokin_ros.core.image.robust_loss import CAP, THRESHOLD, huber_weights
+from lassokin_ros.core.kernel import kernel
+
+_CONSTANTS = np.array([NEAREST_DEPTH, THRESHOLD, CAP, LEAN_DEVIATION, OFFSET_DEVIATION, TAIL])
+_NO_DEPTH = (None,) * 5
+
+
+class CompiledEvidence:
+    """Calls the kernel with the tables of one frame model."""
+
+    def __init__(self, kinematics: Kinematics, prior: PosePrior, balance: Balance, depth: LearnedDepth | None) -> None:
+        """depth: None for a skeleton without learned depth."""
+        self._kinematics = kinematics
+        joints, levers, reach = np.empty(0, dtype=int), np.empty((0, 3)), np.empty((len(kinematics.live), 0))
+        if depth is not None:
+            joints, levers, reach = depth.joints, depth.levers, depth.reach
+        self._tables = (
+            np.flatnonzero(kinematics.live),
+            kinematics.reach_of(kinematics.layout.joints, 2),
+            prior.columns_by_joint,
+            prior.live,
+            balance.shares,
+            balance.lever_shares,
+            joints,
+            levers,
+            reach,
+            _CONSTANTS,
+        )
+        self._pieces: list[tuple[ImagePoints, LearnedDepth | None]] = []
+
+    def add_camera(self, image: ImagePoints, depth: LearnedDepth | None) -> None:
+        """Add the evidence of the next camera."""
+        self._pieces.append((image, depth))
+
+    def linearise(
+        self, about: LinearisationPoint, rows: Mapping[str, slice], columns: np.ndarray, z: np.ndarray
+    ) -> set[str]:
+        """Fill the rows of the regular evidence. Returns its names; none if the frame is not regular."""
+        if not kernel.active or about.robust is not huber_weights or about.increment_jacobian is not None:
+            return set()
+        views, done = self._views(about.frame, rows)
+        priors = PosePrior.name, Upright.name, Balance.name
+        begin = tuple(rows[name].start for name in priors)
+        if not kernel.linearise(self._tables, self._state(about.states, about.frame), views, begin, columns, z):
+            return set()
+        return done.union(priors)
+
+    def cost(self, states: EvaluatedState, frame: FrameData) -> tuple[np.ndarray | float, set[str]]:
+        """The cost (...,) of the regular evidence, and its names; 0 and no names if the frame is not regular."""
+        if not kernel.active:
+            return 0.0, set()
+        found = np.empty(states.pose.landmarks.shape[:-2])
+        views, done = self._views(frame, {})
+        if not kernel.cost(self._tables, self._state(states, frame), views, found):
+            return 0.0, set()
+        return found, done.union((PosePrior.name, Upright.name, Balance.name))
+
+    def _state(self, states: EvaluatedState, frame: FrameData) -> tuple[Any, ...]:
+        pose, posture = states.pose, states.posture
+        weight, height = frame.prior_weight(WEIGHT_WITH_DEPTH), self._kinematics.skeleton.height
+        places = pose.orientations, pose.positions, pose.landmarks, states.state.rotations
+        return (*places, posture.theta, posture.residual, frame.up, height, weight)
+
+    def _views(self, frame: FrameData, rows: Mapping[str, slice]) -> tuple[tuple[tuple[Any, ...], ...], set[str]]:
+        """What each camera sees, with its first rows (0 without `rows`); and the names of the evidence."""
+        views: list[tuple[Any, ...]] = []
+        names = set()
+        for view, (image, depth) in zip(frame.views, self._pieces):
+            camera, given = view.camera, view.joint_depths
+            names.add(image.name)
+            begin = rows[image.name].start if rows else 0
+            seen = view.points, view.weights, camera.rotation, camera.translation, begin
+            if depth is None or given is None:
+                views.append((*seen, *_NO_DEPTH))
+                continue
+            names.add(depth.name)
+            begin = rows[depth.name].start if rows else 0
+            views.append((*seen, given.sight, given.depths, given.whitening, depth.factor(frame), begin))
+        return tuple(views), names

@@ -1,0 +1,62 @@
+"""Doubts that are evaluated when they are read: they are the same as frame by frame, and few frames wait."""
+
+import numpy as np
+import pytest
+
+from lassokin_ros.core.doubt.doubt import reasons
+from lassokin_ros.core.doubt.live import MOST_WAITING, Judgement, LiveDoubts
+from lassokin_ros.core.doubt.monitor import DoubtMonitor
+from lassokin_ros.core.doubt.signs import Signs
+
+LANDMARKS = ("left_hip", "right_hip", "left_shoulder", "right_shoulder")
+JOINTS = (*LANDMARKS, "left_elbow", "left_wrist", "left_hand")
+FPS, COUNT = 30.0, 70
+TRUNK = np.array([[0.1, 0, 3], [-0.1, 0, 3], [0.2, -0.5, 3], [-0.2, -0.5, 3]])
+ARM = np.array([[0.3, 0, 3], [0.3, 0.2, 3], [0.3, 0.3, 3]])
+
+
+def observe(visible):
+    return np.append(visible, [False] * len(ARM))
+
+
+def frames():
+    """The sides are exchanged from frame 12 on, frame 40 is costly, and the left arm is hidden."""
+    for frame in range(COUNT):
+        trunk = TRUNK * (-1, 1, 1) if frame >= 12 else TRUNK
+        figures = {"cost": 11.0 if frame == 40 else 1.0, "prior_cost": 6.0, "network_distance": 0.05}
+        places = np.concatenate([trunk, ARM])
+        yield Signs(frame / FPS, trunk[:, :2] / 3, places, visible=np.ones(len(trunk), bool), **figures)
+
+
+def one_by_one():
+    monitor = DoubtMonitor(LANDMARKS, JOINTS, observe)
+    for signs in frames():
+        doubt = monitor.update(signs)
+        yield Judgement(doubt, tuple(reasons(monitor.recent)), monitor.seconds)
+
+
+@pytest.mark.parametrize("read_every", [1, 7, COUNT])
+def test_the_time_of_reading_does_not_matter(read_every):
+    doubts, found = LiveDoubts(LANDMARKS, JOINTS, observe), []
+    for number, signs in enumerate(frames(), 1):
+        found.append(doubts.add(signs))
+        if number % read_every == 0:
+            found[-1]()
+    expected = list(one_by_one())
+    assert repr([judge() for judge in found]) == repr(expected)  # NaN is not equal to NaN
+    assert sum(one.doubt.likely_wrong for one in expected) > 30 and expected[-1].doubt.unseen == ("left arm",)
+
+
+def test_few_frames_wait():
+    doubts = LiveDoubts(LANDMARKS, JOINTS, observe)
+    waiting = [(doubts.add(signs), len(doubts._waiting))[1] for signs in frames()]
+    assert max(waiting) == MOST_WAITING - 1
+
+
+def test_frames_before_a_reset_can_be_read_after_it():
+    doubts = LiveDoubts(LANDMARKS, JOINTS, observe)
+    judges = [doubts.add(signs) for signs, _ in zip(frames(), range(14))]
+    doubts.reset()
+    assert judges[-1]().reasons and judges[0]() == judges[0]()
+    begun = [doubts.add(signs) for signs, _ in zip(frames(), range(5))]
+    assert not any(judge().reasons for judge in begun)
