@@ -8,7 +8,8 @@ scored. `dlt` triangulates the same keypoints in each frame: raw, with a causal 
 zero-phase Butterworth filter of 6 Hz, which looks ahead. It waits for all images of a frame (--late), and needs them at
 one instant (not with --phase). The reference is the motion capture itself, which is not circular.
 
-Height: mean error of the tracker's stature after 0.1 s, 3 s and at the end, with --unknown-height and --scaled.
+Height: mean error after 0.1 s, 3 s and at the end, with --unknown-height and --scaled. It is the height that the
+tracker publishes; if it is given, that of the lengths as they are learned.
 """
 
 from __future__ import annotations
@@ -162,10 +163,10 @@ def run(job: Job) -> list[Record]:
         poses = [poses[0], *(CameraPose(pose.name, known=False) for pose in poses[1:])]
     tracker = Tracker(config, None if o.unknown_height else given, up=np.array([0.0, 0.0, 1.0]))
     joints = [tracker.skeleton.index(SMPL_NAME[EVALUATED[limb]]) for limb in LIMBS]
-    estimates, times, statures = _follow(tracker, rig, poses, count, o)
+    estimates, times, known_heights = _follow(tracker, rig, poses, count, o)
     truth = rig.truth[:count][:, LIMBS]
     base = {"clip": clip.name, "cameras": o.cameras, "angle": o.angle}
-    heights, begin = _height_errors(statures, clip_height(clip)), o.scored_from
+    heights, begin = _height_errors(known_heights, clip_height(clip)), o.scored_from
     scored = score(estimates[:, joints], truth, rig.fps, begin)
     records = [{**base, "method": "lasso", **scored, **heights,
                 "frame_ms_p50": 1000 * float(np.median(times))}]  # fmt: skip
@@ -180,9 +181,9 @@ def run(job: Job) -> list[Record]:
     return records
 
 
-def _height_errors(statures: list[tuple[float, float]], height: float) -> Record:
-    """Errors of the stature, %: after HEIGHT_AT, NaN in a shorter clip, and at the end. statures: s and m."""
-    errors = [(stamp, abs(100 * (stature / height - 1))) for stamp, stature in statures]
+def _height_errors(heights: list[tuple[float, float]], height: float) -> Record:
+    """Errors of the heights, %: after HEIGHT_AT, NaN in a shorter clip, and at the end. heights: s and m."""
+    errors = [(stamp, abs(100 * (one / height - 1))) for stamp, one in heights]
     found = {name: next((error for stamp, error in errors if stamp >= at), np.nan) for name, at in HEIGHT_AT.items()}
     return {**found, "height_percent": errors[-1][1]}
 
@@ -191,12 +192,12 @@ def _follow(
     tracker: Tracker, rig: Rig, poses: list[Any], count: int, o: argparse.Namespace
 ) -> tuple[np.ndarray, list[float], list[tuple[float, float]]]:
     """(f, n, 3) joints at each frame of the first camera, from the estimates up to its stamp; time of each call, s; its
-    stamp, s, and the stature after it, m.
+    stamp, s, and the height after it, m.
     """
     import time
 
     positions, times = np.full((count, tracker.skeleton.joint_count, 3), np.nan), []
-    statures: list[tuple[float, float]] = []
+    heights: list[tuple[float, float]] = []
     messages: list[tuple[float, float, list[Observation]]] = []
     for frame in range(count):
         stamp = frame / rig.fps
@@ -215,14 +216,15 @@ def _follow(
         begin = time.thread_time()
         estimate = tracker.track(usable)
         times.append(time.thread_time() - begin)
-        statures.append((estimate.stamp, tracker.learned.lengths.stature))
+        measured, lengths = tracker.learned.height, tracker.learned.lengths
+        heights.append((estimate.stamp, lengths.stature if measured is None else measured.height))
         frame = round(estimate.stamp * rig.fps)
         if estimate.pose is not None and abs(estimate.stamp * rig.fps - frame) < 0.01 and frame < count:
             positions[frame] = estimate.pose.positions
     for frame in range(1, count):
         if np.isnan(positions[frame, 0, 0]):
             positions[frame] = positions[frame - 1]
-    return positions, times, statures
+    return positions, times, heights
 
 
 def _between(rig: Rig, camera: int, stamp: float, pose: Any) -> Observation:

@@ -69,6 +69,7 @@ def parser() -> argparse.ArgumentParser:
     add("--together", type=_numbers, metavar="A,B", help="cameras that are used (default: every pair)")
     add("--from", dest="begin", type=float, default=0.5, help="s that are not scored (0.5)")
     add("--unknown-places", action="store_true", help="give no camera's place; the others learn theirs from the person")
+    add("--unknown-height", action="store_true", help="give not even the height: height 0")
     add("--measured-bones", action="store_true", help="give the reference's bone lengths")
     add("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help="a setting of the tracker")
     add("--json", type=option_types.output_file, metavar="FILE", help="write the records as a JSON list")
@@ -86,10 +87,10 @@ def run(file: Path, cameras: Sequence[int], options: argparse.Namespace) -> list
     recordings = [load_recording(file, camera) for camera in range(len(R))]
     first = recordings[cameras[0]]
     layout = Layout.load(first.layout, Skeleton.load("anthropometric", 1.75))
-    height = height_of(first.reference, layout)
+    height = 0.0 if options.unknown_height else height_of(first.reference, layout)
     learn = {"extrinsics": "learn"} if options.unknown_places else {}
     config = TrackerConfig(height=height, landmarks=first.layout, **learn, **dict(options.set)).checked()
-    skeleton = Skeleton.load("anthropometric", height)
+    skeleton = Skeleton.load("anthropometric", config.assumed_height)
     tracker = Tracker(config, measured(skeleton, first.reference, layout) if options.measured_bones else skeleton)
     origin_R, origin_t = R[cameras[0]], t[cameras[0]]
     turns = R @ origin_R.T

@@ -563,11 +563,11 @@ class Tracker:
             self._solved = self._evaluated_again()  # the prior's mean has changed
         if height is None:
             return
-        ratios, floor = np.empty(0), None if several or measurement.repeated else self._floor_size(frame, solved)
+        lengths, floor = None, None if several or measurement.repeated else self._floor_size(frame, solved)
         if several:
             places = triangulate(seen())
-            ratios = self.learned.size_check.ratios(places, np.isfinite(places[:, 0]))
-        if height.update(measurement, solved, self.skeleton.height, ratios, floor):
+            lengths = self.learned.size_check.lengths(places, np.isfinite(places[:, 0]))
+        if height.update(measurement, solved, self.skeleton.height, lengths, floor):
             self._adopt_height(height.height / self.skeleton.height, several)
 
     def _floor_size(self, frame: FrameData, solved: EvaluatedState) -> FloorSize | None:

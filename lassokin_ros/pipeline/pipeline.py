@@ -436,7 +436,7 @@ class Pipeline:
             try:
                 placed.append(replace(image, camera=self.places.pose(name, image.frame_id, image.stamp_ns)))
             except AdapterError as error:
-                if self._finds_poses and self.places.newest:
+                if self.tracker.config.extrinsics == LEARN and self.places.newest:
                     pose = self.places.adopt(name, self._found_pose(name))
                     (placed if pose.known else unplaced).append(replace(image, camera=pose))
                     continue
@@ -446,15 +446,11 @@ class Pipeline:
             raise fault
         return placed + unplaced, self.places.base
 
-    @property
-    def _finds_poses(self) -> bool:
-        """Whether the poses of cameras that TF does not give are found from the person, of whom there must be one."""
-        return self.tracker.config.extrinsics == LEARN and not self.config.several_people
-
     def _found_pose(self, name: str) -> CameraPose:
-        """Return the pose of a camera that was found from the person; one that is not known if there is none yet."""
-        extrinsics, unknown = self.tracker.learned.extrinsics, CameraPose(name, known=False)
-        return unknown if extrinsics is None else extrinsics.found.get(name, unknown)
+        """Return the pose of a camera that was found from a person; one that is not known if there is none yet."""
+        learned = (tracked.tracker.learned.extrinsics for tracked in self._trackable)
+        found = [one.found[name] for one in learned if one is not None and name in one.found]
+        return found[0] if found else CameraPose(name, known=False)
 
     def _agreeing(self, images: Sequence[PeopleImage]) -> Sequence[PeopleImage]:
         """Return the images without those of a camera that contradicts the others. These are counted."""

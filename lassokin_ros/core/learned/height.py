@@ -1,9 +1,11 @@
 """The person's height, measured with depth, with several cameras, or on request with feet on the floor.
 
 One camera does not observe size: a body twice as tall at twice the distance gives the same keypoints. Measured depths
-remove this ambiguity. In each frame the body's pose is kept fixed. Its scale s and translation t are fitted to the
-keypoints u_i and the depths d_i by robust least squares on equations that are linear in (s, t), with q_i the landmarks
-relative to the pelvis:
+and further cameras remove this ambiguity. With several cameras, the scale is the sum of the triangulated lengths of
+limbs and trunk, relative to the skeleton's: people's proportions differ, and the sum differs less than each length.
+With depths, the body's pose is kept fixed in each frame. Its scale s and translation t are fitted to the keypoints u_i
+and the depths d_i by robust least squares on equations that are linear in (s, t), with q_i the landmarks relative to
+the pelvis:
 
     s q_xy + t_xy - u_i (s q_z + t_z) = 0,     s q_z + t_z - d_i = 0.
 
@@ -95,17 +97,18 @@ class HeightEstimator:
         measurement: Measurement,
         solved: EvaluatedState,
         height: float,
-        ratios: np.ndarray = np.empty(0),
+        lengths: tuple[np.ndarray, np.ndarray] | None = None,
         floor: FloorSize | None = None,
     ) -> bool:
         """Use a tracked frame. Returns True if the estimate should replace the height in use.
 
-        height: m, of the skeleton in use. ratios: of limbs that several cameras measure and those of that skeleton;
-        empty with one camera. floor: from feet on the floor; it is used in frames without measured depth.
+        height: m, of the skeleton in use. lengths: (k,) m, as several cameras measure them, and those of that skeleton.
+        floor: from feet on the floor; it is used in frames without measured depth.
         """
-        if len(ratios) >= FEWEST:
-            deviation = LIMB_DEVIATION / np.sqrt(len(ratios))
-            self._add(measurement.stamp, float(np.median(np.log(ratios * height / TYPICAL_HEIGHT))), deviation)
+        if lengths is not None and len(lengths[0]) >= FEWEST:
+            measured, given = (float(one.sum()) for one in lengths)
+            deviation = LIMB_DEVIATION / np.sqrt(len(lengths[0]))
+            self._add(measurement.stamp, float(np.log(measured / given * height / TYPICAL_HEIGHT)), deviation)
         elif measurement.depth is not None:
             self._learn(measurement, solved, height)
         elif floor is not None:

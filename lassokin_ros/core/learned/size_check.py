@@ -13,6 +13,8 @@ from collections import deque
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.roles import sided
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.measurement import Measurement
 
 SHORTEST = 0.08
@@ -44,11 +46,14 @@ class SizeCheck:
         lengths = np.linalg.norm(rest[above] - rest[below], axis=1)
         long = lengths > SHORTEST * kinematics.skeleton.height
         self._above, self._below, self._lengths = above[long], below[long], lengths[long]
+        trunk = [np.argwhere(np.outer(*(joints == j for j in pair))) for pair in _sides_of_trunk(kinematics.skeleton)]
+        self._ends = np.concatenate([np.column_stack([self._above, self._below]), *trunk])
+        self._with_trunk = np.linalg.norm(rest[self._ends[:, 0]] - rest[self._ends[:, 1]], axis=1)
         self.reset()
 
     def resize(self, ratio: float) -> None:
         """Use another given size."""
-        self._lengths = self._lengths * ratio
+        self._lengths, self._with_trunk = self._lengths * ratio, self._with_trunk * ratio
         self.reset()
 
     def reset(self) -> None:
@@ -76,6 +81,17 @@ class SizeCheck:
         found = (measured / self._lengths)[limbs]
         return np.asarray(found[(found > 1 / LARGEST_RATIO) & (found < LARGEST_RATIO)])
 
+    def lengths(self, places: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Measured and given lengths (k,) m of the limbs and of both sides of the trunk, without implausible ones.
+
+        places: (l, 3) m of the landmarks; usable: (l,) bool.
+        """
+        seen = usable[self._ends].all(axis=1)
+        a, b = places[self._ends[seen]].swapaxes(0, 1)
+        measured, given = np.linalg.norm(a - b, axis=1), self._with_trunk[seen]
+        plausible = (measured < LARGEST_RATIO * given) & (given < LARGEST_RATIO * measured)
+        return measured[plausible], given[plausible]
+
     def limb_count(self, usable: np.ndarray) -> int:
         """Number of limbs between usable landmarks (..., l), of all bodies."""
         return int(np.count_nonzero(usable[..., self._above] & usable[..., self._below]))
@@ -92,3 +108,9 @@ class SizeCheck:
         if len(ratios):
             self._newest = measurement.stamp
             self._ratios.append(ratios)
+
+
+def _sides_of_trunk(skeleton: Skeleton) -> list[tuple[int, int]]:
+    """Shoulder and hip of each side; none for a skeleton without them."""
+    pairs = zip(sided("shoulder"), sided("hip"))
+    return [(skeleton.index(a), skeleton.index(b)) for a, b in pairs if {a, b} <= set(skeleton.joint_names)]

@@ -81,6 +81,7 @@ class MultiPersonTracker:
         self._candidates: dict[str, list[Candidate]] = {}  # by camera
         self._cameras: set[str] = set()
         self._sights: dict[int, dict[str, Sight]] = {}  # the newest ones, by person and camera
+        self._crowds: dict[str, tuple[int, int]] = {}  # stamp, ns, and number of people in the newest image, by camera
         self._next = 1
         self._count = people[0].tracker.kinematics.landmark_count
         self._nothing = Detection(np.full((self._count, 2), np.nan), np.zeros(self._count))
@@ -171,7 +172,12 @@ class MultiPersonTracker:
         for image in images:
             seen = detections_by_person(image.keypoints, self._count, image.lens)
             view = [Sight(image.stamp_ns, one, image.lens, image.camera) for one in seen]
-            found = self._numbered(view) if persistent else self._match(image, view, sights)
+            view = view if persistent else [sight for sight in view if self._is_trackable(sight.seen)]
+            self._crowds[image.camera.name] = image.stamp_ns, len(view)
+            if not image.camera.known:
+                found = self._only_one(image, view, sights)
+            else:
+                found = self._numbered(view) if persistent else self._match(image, view, sights)
             for number, sight in found.items():
                 sights.setdefault(number, []).append(sight)
         self._newest = {n: seen[0].seen for n, seen in sights.items() if n in self._present}
@@ -181,6 +187,17 @@ class MultiPersonTracker:
             with suppress(NoPersonError):  # wait for the next image
                 self.lock()
         return [self._identified(result, persistent) for result in results]
+
+    def _only_one(self, image: PeopleImage, view: Sequence[Sight], sights: dict[int, list[Sight]]) -> dict[int, Sight]:
+        """Return the sight of a camera whose place is not known, if it is that of the only person in view.
+
+        If any camera sees several people, it is not known who is who. sights: of other cameras at the same instant.
+        """
+        if any(count > 1 and _is_recent(stamp_ns, image.stamp_ns) for stamp_ns, count in self._crowds.values()):
+            return {}
+        recent = {n for n, person in self._present.items() if _is_recent(person.seen_ns or 0, image.stamp_ns)}
+        there = recent | sights.keys()
+        return dict(zip(there, view)) if len(there) == 1 else {}
 
     def _identified(self, result: FrameResult, persistent: bool) -> FrameResult:
         number = number_named(result.person)
@@ -217,11 +234,13 @@ class MultiPersonTracker:
         """The accepted results of one person; rejections are counted. seen: None for a person not in the images."""
         person = self._present[number]
         if seen is None:
-            return person.mark_absent(Sight(self._newest_ns, self._nothing, image.lens, image.camera))
-        self._sights.setdefault(number, {}).update({sight.camera.name: sight for sight in seen})
+            nothing = Sight(self._newest_ns, self._nothing, image.lens, image.camera)
+            return person.mark_absent(nothing) if image.camera.known else []
+        placed = {sight.camera.name: sight for sight in seen if sight.camera.known}
+        self._sights.setdefault(number, {}).update(placed)
         answers = person.track(seen, frame_id, name(number))
         refused = [result for result in answers if not result.accepted]
-        for result in refused:
+        for result in refused if placed else ():
             late = result.rejection == Rejection.LATE.value
             self._counts[LATE if late else f"rejected: {result.rejection} (a person)"] += 1
         if refused and person.seen_ns is None:  # never tracked: there is no state to keep
@@ -231,9 +250,9 @@ class MultiPersonTracker:
     def _match(self, image: PeopleImage, view: Sequence[Sight], sights: dict[int, list[Sight]]) -> dict[int, Sight]:
         """Match the sights of one image to present people by the least total cost, then add new people.
 
-        sights: those of other cameras at the same instant, by person.
+        view: those who can be tracked. sights: those of other cameras at the same instant, by person.
         """
-        usable, stamp_ns = [s for s in view if self._is_trackable(s.seen)], image.stamp_ns
+        usable, stamp_ns = view, image.stamp_ns
         numbers = list(self._present)
         limits = [match_radius(self._present[n].unseen_s(stamp_ns)) for n in numbers]
         costs = self._distances(stamp_ns, usable)
@@ -264,7 +283,7 @@ class MultiPersonTracker:
             own = newest.get(image.camera.name)
             if own is not None and image.stamp_ns - own.stamp_ns < GUESS_AFTER_S * 1e9:
                 continue
-            others = sights.get(number) or [s for s in newest.values() if _is_recent(s, image.stamp_ns)]
+            others = sights.get(number) or [s for s in newest.values() if _is_recent(s.stamp_ns, image.stamp_ns)]
             if others:
                 size = self._present[number].tracker.learned.size_check
                 costs[row] = [NEAR / SAME_PERSON * cross_view_cost(others[0], sight, size) for sight in usable]
@@ -273,7 +292,7 @@ class MultiPersonTracker:
         """Return True if a stranger may be somebody whom only other cameras have seen."""
         for number, person in self._present.items():
             newest = self._sights.get(number, {})
-            others = sights.get(number) or [s for s in newest.values() if _is_recent(s, stranger.stamp_ns)]
+            others = sights.get(number) or [s for s in newest.values() if _is_recent(s.stamp_ns, stranger.stamp_ns)]
             if stranger.camera.name in newest or not others:
                 continue
             if cross_view_cost(others[0], stranger, person.tracker.learned.size_check) < DOUBTFUL * SAME_PERSON:
@@ -345,8 +364,8 @@ class MultiPersonTracker:
         self._counts["people left"] += 1
 
 
-def _is_recent(sight: Sight, stamp_ns: int) -> bool:
-    return abs(stamp_ns - sight.stamp_ns) <= LONGEST_APART_NS
+def _is_recent(one_ns: int, other_ns: int) -> bool:
+    return abs(other_ns - one_ns) <= LONGEST_APART_NS
 
 
 def _without_duplicates(sights: Sequence[Sight]) -> list[Sight]:

@@ -56,3 +56,18 @@ def test_depths_on_occluders_cause_no_doubt(visible):
         confidence[visible] = 1.0
         tracker.track(replace(observation, depth=depth, confidence=confidence))
     assert len(tracker.learned.size_check._ratios) >= FEWEST and not tracker.learned.size_check.wrong
+
+
+def test_lengths_are_those_of_limbs_and_trunk_without_implausible_ones():
+    tracker = Tracker(CONFIG)
+    check, names = tracker.learned.size_check, tracker.layout.names
+    places = tracker.kinematics.pose(motion(tracker.skeleton, np.zeros(1))).landmarks[0]
+    usable = np.ones(len(names), dtype=bool)
+    measured, given = check.lengths(1.1 * places, usable)
+    assert len(measured) == check.limb_count(usable) + 2  # both sides of the trunk
+    assert measured.sum() == pytest.approx(1.1 * given.sum(), rel=0.01)
+    places[names.index("left_wrist")] += 1.0
+    usable[names.index("right_shoulder")] = False
+    assert len(check.lengths(places, usable)[0]) == len(measured) - 3  # a forearm, an upper arm and a side
+    check.resize(0.8)
+    assert check.lengths(places, np.ones(len(names), dtype=bool))[1].max() == pytest.approx(0.8 * given.max())

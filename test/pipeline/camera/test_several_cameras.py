@@ -456,6 +456,48 @@ def test_until_it_is_found_the_other_camera_goes_on_and_diagnostics_says_why():
     assert "right" not in checked.pipeline.places.newest and checked.results[-1].frame.estimate.cameras == 1
 
 
+SHIFTS = np.array([[0.0, 0.0, 0.0], [1.0, 0.8, 0.0]])
+"""m: of two people."""
+
+
+def two_people_without_tf_of_right(in_view, seconds, phase=0.0, max_people=4):
+    """Two people, whose images nobody numbers. in_view: whether a camera sees a person at a time, s."""
+    settings = NodeSettings(cameras=("left", "right"), fixed_frame=MAP, max_people=max_people)
+    play = Play([LEFT, RIGHT], settings, LEARN)
+    for index in range(round(30 * seconds)):
+        play.transforms(0, index / 30)
+        for number, (name, one) in enumerate(zip(play.names, play.eyes)):
+            now = index / 30 + phase * number
+            shifts = [shift for person, shift in enumerate(SHIFTS) if in_view(number, person, now)]
+            bodies = [truth_at([now + 3 * shift[0]], shift=shift).landmarks[0] for shift in shifts]
+            people = [(pixels(one, now, body, play.random), np.full(17, 0.9)) for body in bodies]
+            stamp_ns = START_NS + round(1e9 * now)
+            play.keep(play.pipeline.frames(crowd(BACKEND, stamp_ns, people, frame_id=one.frame), stamp_ns, name))
+    return play
+
+
+@pytest.mark.parametrize("phase", [0.0, 1 / 60])
+def test_of_several_people_the_one_who_is_alone_in_view_shows_where_a_camera_is(phase):
+    play = two_people_without_tf_of_right(lambda _, person, now: person == 0 or not 1.0 < now < 7.0, 8.5, phase)
+    found = play.pipeline.places.newest["right"]
+    assert np.linalg.norm(found.centre - RIGHT.pose_at(0).centre) < 0.3
+    turn = Rotation.from_matrix(found.rotation @ RIGHT.pose_at(0).rotation.T)
+    assert np.degrees(turn.magnitude()) < 3.0
+    last = {one.frame.person: one.frame.estimate for one in play.results[-4:]}
+    assert len(last) == 2 and all(estimate.cameras == 2 for estimate in last.values())
+    assert not play.refused and not any("rejected" in name for name in play.pipeline.counts)
+
+
+@pytest.mark.parametrize("max_people", [1, 4])
+@pytest.mark.parametrize(
+    "in_view", [lambda *_: True, lambda number, person, _: number == person], ids=["both", "another one in each camera"]
+)
+def test_nothing_is_found_from_people_who_may_be_exchanged(in_view, max_people):
+    play = two_people_without_tf_of_right(in_view, 9.0, max_people=max_people)
+    assert "right" not in play.pipeline.places.newest
+    assert "found from the person" in play.pipeline.places.fault and len(play.results) > 240
+
+
 def test_a_transform_that_comes_later_replaces_the_found_pose():
     play = without_tf_of_right(TWO)
     for index in range(240, 330):
