@@ -107,11 +107,12 @@ class MinkTracker:
 
         skeleton, layout = kinematics.skeleton, kinematics.layout
         # MuJoCo refuses bodies without mass.
-        masses = '<mujoco><compiler boundmass="0.001" boundinertia="0.001" fusestatic="false"/></mujoco></robot>'
-        spec = mujoco.MjSpec.from_string(urdf(skeleton, "camera").replace("</robot>", masses))
-        for name, joint, offset in zip(layout.names, layout.joints, layout.offsets):
-            spec.body(skeleton.joint_names[joint]).add_site(name=f"landmark_{name}", pos=offset)
-        model = spec.compile()
+        more = '<mujoco><compiler boundmass="0.001" boundinertia="0.001" fusestatic="false"/></mujoco></robot>'
+        for name, joint, (x, y, z) in zip(layout.names, layout.joints, layout.offsets):
+            ends = f'<parent link="{skeleton.joint_names[joint]}"/><child link="landmark_{name}"/>'
+            fixed = f'<joint name="to_{name}" type="fixed">{ends}<origin xyz="{x} {y} {z}"/></joint>'
+            more = f'<link name="landmark_{name}"/>{fixed}{more}'
+        model = mujoco.MjModel.from_xml_string(urdf(skeleton, "camera").replace("</robot>", more))
         values = np.concatenate([start.translation, JointAngleReader(skeleton.axes).read(start.rotations).ravel()])
         q = np.zeros(model.nq)
         for name, value in zip(joint_names(skeleton), values):
@@ -119,9 +120,9 @@ class MinkTracker:
         self._mink, self._solver = mink, solver
         self._configuration = mink.Configuration(model)
         self._configuration.update(q)
-        self._sites = [model.site(f"landmark_{name}").id for name in layout.names]
+        self._bodies = [model.body(f"landmark_{name}").id for name in layout.names]
         self._tasks = [
-            mink.FrameTask(f"landmark_{name}", "site", position_cost=1.0, orientation_cost=0.0) for name in layout.names
+            mink.FrameTask(f"landmark_{name}", "body", position_cost=1.0, orientation_cost=0.0) for name in layout.names
         ]
         posture = mink.PostureTask(model, cost=1e-3)
         posture.set_target(q)
@@ -136,7 +137,7 @@ class MinkTracker:
 
     def landmarks(self) -> np.ndarray:
         """(l, 3) m after the last frame."""
-        return np.array(self._configuration.data.site_xpos[self._sites])
+        return np.array(self._configuration.data.xpos[self._bodies])
 
 
 class PinocchioLeastSquares:

@@ -35,7 +35,8 @@ def repository(tmp_path, monkeypatch):
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_text(text)
     monkeypatch.setattr(trial, "GRACE_S", 0.0)
-    monkeypatch.setenv("PYTHONPATH", "")  # the copy sets it
+    monkeypatch.setenv("PYTHONPATH", "")  # the copy sets it, and the next one
+    monkeypatch.setenv(trial.SWITCH, "1")
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     return root
 
