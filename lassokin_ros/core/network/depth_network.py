@@ -322,11 +322,6 @@ class Network:
         outputs = np.concatenate((h[0], h[1]), axis=-1) @ w[-2] + w[-1]
         return np.asarray(outputs.reshape(*inputs.shape[:-1], OUTPUTS))
 
-    def predict(self, scene: Scene) -> Prediction:
-        """The positions of the targets in a scene, or in several."""
-        inputs, rotation = features(scene)
-        return interpreted(self(inputs), rotation)
-
     def estimate(self, scene: Scene, height: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """For one scene and a person of this height, m: places of `PLACES` (k, 3) m, depths (DEPTHS,) m, whitening
         (DEPTHS, DEPTHS) 1/m, and the rotation (3, 3) into the virtual camera.

@@ -17,6 +17,7 @@ from lassokin_ros.core.network.depth_network import (
     Scene,
     canonical_index,
     features,
+    interpreted,
     lengths_of,
     load_weights,
     shipped_network,
@@ -79,12 +80,18 @@ def scene(count):
     return Scene(points, seen, up, np.ones(count, bool), lengths, np.zeros(count, bool))
 
 
+def predicted(given):
+    """The decoded outputs of the network for a scene, or for several."""
+    inputs, rotation = features(given)
+    return interpreted(shipped_network()(inputs), rotation)
+
+
 def test_a_batch_gives_the_same_results_as_single_people():
     several = scene(3)
-    whole = shipped_network().predict(several)
+    whole = predicted(several)
     for person in range(3):
         alone = Scene(*(value[person] for value in vars(several).values()))
-        one = shipped_network().predict(alone)
+        one = predicted(alone)
         assert np.allclose(one.places, whole.places[person], atol=1e-4)
         assert np.allclose(one.whitening, whole.whitening[person], rtol=1e-3, atol=1e-3)
 
