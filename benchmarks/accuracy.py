@@ -126,7 +126,7 @@ def measure(options: argparse.Namespace) -> list[Record]:
     condition = Condition(
         o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.duplicates, o.camera_roll, o.camera_pitch, o.lying,
         o.wander_px, o.offset_px, depth_sensor(o), tuple(o.hidden), o.landmark_mm,
-        o.peoples_proportions,
+        o.peoples_proportions, o.swapped, o.swap_s,
     )  # fmt: skip
     methods = ["lasso"] if o.uncertainty or o.failure_probability else o.methods
     jobs = [

@@ -13,7 +13,7 @@ from benchmarks.accuracy_run.experiment import METHODS
 from benchmarks.common.option_types import count, finite, names, output_file, positive, seed, share, size
 from benchmarks.data.depth_images import DepthCamera
 from benchmarks.data.depth_sensor import DepthSensor
-from benchmarks.data.simulated_camera import Told
+from benchmarks.data.simulated_camera import SWAPPED, Told
 from lassokin_ros.core.config import TrackerConfig
 
 SWITCH = {**dict.fromkeys(("true", "1", "yes", "on"), True), **dict.fromkeys(("false", "0", "no", "off"), False)}
@@ -46,6 +46,8 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--missing", type=share, default=0.0, help="share of keypoints missing, in bursts of 5-30 frames (0)")
     add("--outliers", type=share, default=0.0, help="share of keypoints 30-150 px off at full confidence (0)")
     add("--swaps", type=share, default=0.0, help="share of frames with a limb's left and right swapped, in bursts (0)")
+    add("--swapped", choices=tuple(SWAPPED), default="limb", help="with --swaps: what is swapped (a limb per burst)")
+    add("--swap-s", type=size, default=0.0, metavar="S", help="with --swaps: duration of a burst, s (1 to 12 frames)")
     add("--hidden", type=names, default=[], help="comma-separated landmarks that are never detected")
     add("--duplicates", type=count, default=1, metavar="K", help="each detection is sent K times (1)")
     add("--camera-roll", type=finite, default=0.0, metavar="RAD", help="true roll of the mount (0)")

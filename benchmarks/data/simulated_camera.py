@@ -53,8 +53,9 @@ class Condition:
 
     noise_px: standard deviation of white noise, px. wander_px, offset_px: standard deviations of errors that last
     `WANDERS` s, and of constant errors, one per landmark and view, px. missing: share of missing points, in bursts.
-    outliers: share of wrong points. swaps: share of the frames in which left and right of a limb are exchanged, in
-    bursts. duplicates: number of frames, with stamps of their own, that each detection is used for: a detector slower
+    outliers: share of wrong points. swaps: share of the frames in which left and right are exchanged, in bursts;
+    swapped: a limb drawn for each burst, or always the same (see `SWAPPED`); swap_s: duration of a burst, s, 0 for 1 to
+    12 frames. duplicates: number of frames, with stamps of their own, that each detection is used for: a detector slower
     than the camera. fps: frame rate, Hz. camera_roll, camera_pitch: rad, the camera's mount, as the tracker's settings.
     lying: the person lies on a side drawn by the seed, and moves as if standing. depth: sensor that measures the depth
     of each landmark, camera whose depth images are sampled at the keypoints, or None. hidden: landmarks that are never
@@ -77,6 +78,8 @@ class Condition:
     hidden: tuple[str, ...] = ()
     landmark_mm: float = 0.0
     proportions: bool = False
+    swapped: str = "limb"
+    swap_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -158,7 +161,8 @@ def view_of(
     confidence = np.ones(exact.shape[:2])
     _spoil(pixels, confidence, condition, random)
     if condition.swaps > 0:
-        swap_sides(pixels, confidence, layout.names, condition.swaps, random)
+        length = round(condition.swap_s * clip.fps / step)
+        swap_sides(pixels, confidence, layout.names, condition.swaps, random, condition.swapped, length)
     confidence[:, [layout.index(name) for name in condition.hidden]] = 0
     detected = np.arange(len(pixels)) // condition.duplicates * condition.duplicates
     pixels, confidence = pixels[detected], confidence[detected]
@@ -191,24 +195,40 @@ def _lasting(shape: tuple[int, ...], fps: float, condition: Condition, random: n
     return np.asarray(offset + lfilter([1.0], [1.0, -kept], wander, axis=0))
 
 
-SWAPPED = (("hip", "knee", "ankle"), ("knee", "ankle"), ("shoulder", "elbow", "wrist"), ("elbow", "wrist"))
-"""Joints that a detector exchanges with the other side together."""
+SWAPPED = {
+    "limb": (("hip", "knee", "ankle"), ("knee", "ankle"), ("shoulder", "elbow", "wrist"), ("elbow", "wrist")),
+    "body": (("eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle"),),
+    "legs": (("hip", "knee", "ankle"),),
+    "hips": (("hip",),),
+}
+"""Points that a detector exchanges with the other side together; one of the groups is drawn for each burst."""
 LONGEST_SWAP = 12
 """Longest duration of a swap, frames; the shortest is 1."""
 
 
 def swap_sides(
-    pixels: np.ndarray, confidence: np.ndarray, names: Sequence[str], share: float, random: np.random.Generator
+    pixels: np.ndarray,
+    confidence: np.ndarray,
+    names: Sequence[str],
+    share: float,
+    random: np.random.Generator,
+    swapped: str = "limb",
+    frames_each: int = 0,
 ) -> None:
-    """Exchange left and right of one of `SWAPPED` per burst, in place, in a share of the frames; pixels (f, l, 2)."""
+    """Exchange left and right of one of `SWAPPED[swapped]` per burst, in place, in a share of the frames.
+
+    pixels: (f, l, 2). frames_each: duration of a burst; 0 for a random one of 1 to `LONGEST_SWAP`.
+    """
     frames = len(pixels)
     untouched = np.arange(frames) > 0  # the first frame stays
     left = min(round(share * frames), frames - 1)
     while left > 0:
-        limb, start = SWAPPED[random.integers(len(SWAPPED))], random.integers(1, frames)
-        length = random.integers(1, LONGEST_SWAP + 1)
+        groups = SWAPPED[swapped]
+        limb, start = groups[random.integers(len(groups))], random.integers(1, frames)
+        length = frames_each or random.integers(1, LONGEST_SWAP + 1)
         burst = start + np.flatnonzero(untouched[start : start + length])[:left]
-        one, other = ([names.index(f"{side}_{joint}") for joint in limb] for side in ("left", "right"))
+        pairs = [joint for joint in limb if f"left_{joint}" in names]
+        one, other = ([names.index(f"{side}_{joint}") for joint in pairs] for side in ("left", "right"))
         for values in (pixels, confidence):
             values[burst[:, None], one + other] = values[burst[:, None], other + one]
         untouched[burst] = False

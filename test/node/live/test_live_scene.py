@@ -122,7 +122,7 @@ def test_people_and_state_are_repeated_in_a_silence():
 
         def collect():
             arrivals.extend([time.monotonic()] * (len(people) - len(arrivals)))
-            return said(states)[-1] == "nobody" and len(points_of(people[-1])) == 0
+            return said(states)[-1:] == ["nobody"] and len(points_of(people[-1])) == 0
 
         before = len(people)
         arrivals.extend([silent_at] * before)
