@@ -137,6 +137,8 @@ def described(job: Job, scene: Scene) -> Record:
         "missing": job.condition.missing,
         "outliers": job.condition.outliers,
         "swaps": job.condition.swaps,
+        "swapped": job.condition.swapped,
+        "swap_s": job.condition.swap_s,
         "hidden": list(job.condition.hidden),
         "duplicates": job.condition.duplicates,
         "wander_px": job.condition.wander_px,

@@ -148,6 +148,12 @@ def joint_table(records: Sequence[Record]) -> str:
     return table(rows, {"method": "<", "joint": "<", "error_mm": ".0f", "depth_mm": ".0f"})
 
 
+def _swaps(options: argparse.Namespace) -> str:
+    """What is swapped, and for how long."""
+    each = f" for {options.swap_s:g} s each" if options.swap_s else ""
+    return f" ({options.swapped}{each})" if options.swaps else ""
+
+
 def head(options: argparse.Namespace) -> str:
     """The run on clips, in words."""
     given = "the height alone" if options.generic_skeleton else "bone lengths and trunk at rest"
@@ -159,7 +165,7 @@ def head(options: argparse.Namespace) -> str:
     noise = options.tracker_noise_px or max(1.0, options.noise_px)
     lines = [
         f"{options.fps:g} Hz, noise {options.noise_px:g} px, {options.missing:.0%} missing, {options.outliers:.0%} "
-        f"outliers, {options.swaps:.0%} swapped, {options.landmarks}; {options.views} views per clip, "
+        f"outliers, {options.swaps:.0%} swapped{_swaps(options)}, {options.landmarks}; {options.views} views per clip, "
         f"{_seeds(options)}.",
         f"Given of each clip: {given}; noise {noise:g} px. Settings {dict(options.set) or 'default'}. "
         "Automatic initialisation.",

@@ -55,12 +55,13 @@ class Condition:
     `WANDERS` s, and of constant errors, one per landmark and view, px. missing: share of missing points, in bursts.
     outliers: share of wrong points. swaps: share of the frames in which left and right are exchanged, in bursts;
     swapped: a limb drawn for each burst, or always the same (see `SWAPPED`); swap_s: duration of a burst, s, 0 for 1 to
-    12 frames. duplicates: number of frames, with stamps of their own, that each detection is used for: a detector slower
-    than the camera. fps: frame rate, Hz. camera_roll, camera_pitch: rad, the camera's mount, as the tracker's settings.
-    lying: the person lies on a side drawn by the seed, and moves as if standing. depth: sensor that measures the depth
-    of each landmark, camera whose depth images are sampled at the keypoints, or None. hidden: landmarks that are never
-    detected. landmark_mm: standard deviation over people of the places of hips and shoulders on the body, mm, and of
-    other landmarks in proportion; proportions: lengths drawn from people's in place of the capture's (`strangers`).
+    12 frames. duplicates: number of frames, with stamps of their own, that each detection is used for: a detector
+    slower than the camera. fps: frame rate, Hz. camera_roll, camera_pitch: rad, the camera's mount, as the tracker's
+    settings. lying: the person lies on a side drawn by the seed, and moves as if standing. depth: sensor that measures
+    the depth of each landmark, camera whose depth images are sampled at the keypoints, or None. hidden: landmarks that
+    are never detected. landmark_mm: standard deviation over people of the places of hips and shoulders on the body, mm,
+    and of other landmarks in proportion; proportions: lengths drawn from people's in place of the capture's
+    (`strangers`).
     """
 
     noise_px: float = 2.0

@@ -43,6 +43,19 @@ def test_the_share_of_swapped_frames_holds(share):
 
 
 @needs_clips
+@pytest.mark.parametrize("part, points", [("body", 16), ("legs", 6), ("hips", 2)])
+def test_swaps_of_a_part_last_for_their_duration(part, points):
+    exact, swapped = (
+        scene_of(Job(MOCAP / "exp_running_1.npz", 0, "lasso", condition)).view.pixels
+        for condition in (Condition(noise_px=0), Condition(noise_px=0, swaps=0.3, swapped=part, swap_s=0.2))
+    )
+    changed = (exact != swapped).any(axis=2)
+    swapped_frames = np.flatnonzero(changed.any(axis=1))
+    assert set(changed.sum(axis=1).tolist()) == {0, points}
+    assert len(np.split(swapped_frames, np.flatnonzero(np.diff(swapped_frames) > 1) + 1)[0]) >= 12  # 0.2 s at 60 Hz
+
+
+@needs_clips
 def test_duplicates_repeat_keypoints_and_keep_each_frames_truth(capsys):
     job = Job(MOCAP / "exp_running_1.npz", 0, "lasso")
     single, view = (scene_of(replace(job, condition=Condition(duplicates=k))).view for k in (1, 3))
