@@ -203,7 +203,10 @@ def test_people_lists_one_person_as_lost_and_then_not_at_all():
         peer.spin_until(lambda: peer.got[topics.MARKERS], what="markers")
         labels = [marker.text for marker in peer.got[topics.MARKERS][-1].markers if marker.text]
         assert labels == list(joints.NAMES)
-        assert [0] in later.values() and sorted(later) == list(later)
+        assert [0] in later.values()
+        # On a busy machine the images' stamps fall behind the clock, which stamps what is repeated between them.
+        answered = [stamp for stamp in later if stamp in stamps]
+        assert answered == sorted(answered) and len(answered) > 2
     assert "Traceback" not in node.said
 
 
