@@ -91,6 +91,16 @@ class FrameData:
         """Number of cameras whose rows have weight."""
         return sum(bool(np.count_nonzero(view.weights)) for view in self.views)
 
+    @property
+    def point_count(self) -> int:
+        """Number of image points with weight, of all cameras."""
+        return sum(int(np.count_nonzero(view.weights)) for view in self.views)
+
+    @property
+    def seeing(self) -> FrameData:
+        """The first view with any point that has weight; this one if there is none."""
+        return next((view for view in self.views if np.count_nonzero(view.weights)), self)
+
     def with_larger_noise(self, factor: float) -> FrameData:
         """The frame with the keypoints' noise made larger by a factor.
 
