@@ -55,6 +55,16 @@ def test_a_turn_there_and_back_is_no_reversal():
     assert all(found[10:13]) and not any(found[13:])
 
 
+def test_people_may_turn_while_nobody_sees_them():
+    turn, reversal = FastTurn(), LastingReversal()
+    for stamp, angle in [
+        *((frame / FPS, 0.0) for frame in range(30)),
+        *((1.8 + frame / FPS, 100.0) for frame in range(90)),
+    ]:
+        front = facing(body(angle), JOINTS)
+        assert not reversal.update(stamp, front, turn.update(stamp, front)), stamp
+
+
 def test_people_turn_slower():
     assert not any(reversals(np.linspace(0, 360, 30)))  # a full turn in a second
 
@@ -63,6 +73,11 @@ def test_a_jump_of_the_pelvis_is_reported_once():
     jump = PelvisJump()
     depths = [3.0] * 5 + [4.0] * 5
     assert [jump.update(frame / FPS, depth) for frame, depth in enumerate(depths)] == [None] * 5 + [3.0] + [None] * 4
+
+
+def test_a_pelvis_that_nobody_sees_may_move():
+    jump = PelvisJump()
+    assert jump.update(0.0, 3.0) is None and jump.update(0.8, 2.2) is None
 
 
 def test_running_is_no_jump():
