@@ -25,7 +25,7 @@ class SideExchange:
     def __init__(self, names: Sequence[str]) -> None:
         """names: l landmarks in layout order."""
         place = {name: i for i, name in enumerate(names)}
-        pairs = [pair for pair in PAIRS if f"left_{pair}" in place]
+        pairs = [pair for pair in PAIRS if {f"left_{pair}", f"right_{pair}"} <= place.keys()]
         self._pairs = np.array(
             [[place[f"{side}_{pair}"] for side in ("left", "right")] for pair in pairs], int
         ).reshape(-1, 2)

@@ -101,6 +101,16 @@ def test_a_layout_without_pairs_has_no_events():
     assert motion is None and exchange.update(motion) == ""
 
 
+def test_a_layout_may_have_one_side_of_a_pair():
+    names = tuple(name for name in NAMES if name != "right_wrist")
+    kept = [NAMES.index(name) for name in names]
+    meter, exchange = MotionMeter(names), SideExchange(names)
+    points = noisy(20)
+    points[10:] = points[10:, SWAP]
+    found = [exchange.update(meter.update(frame / 30, each)) for frame, each in enumerate(points[:, kept])]
+    assert found == [""] * 10 + ["body"] + [""] * 9
+
+
 @pytest.mark.parametrize("turn", [0.0, 0.7, -1.9])
 def test_motion_is_measured_in_lengths_of_the_trunk_wherever_the_person_is(turn):
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
