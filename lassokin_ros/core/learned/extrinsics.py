@@ -220,8 +220,8 @@ class Extrinsics:
         seen = weights > 0
         if plausible < LEAST_SHARE:
             return math.inf
-        spread = np.ptp(np.where(seen[..., None], b, np.nanmedian(b, axis=1, keepdims=True)), axis=1)
-        extent = np.linalg.norm(spread, axis=-1)[:, None]
+        shown = np.where(seen[..., None], b, np.nan)
+        extent = np.linalg.norm(np.nanmax(shown, axis=1) - np.nanmin(shown, axis=1), axis=-1)[:, None]
         apart = float(np.median((np.abs(distances) / np.maximum(weights, 1e-9) / extent)[seen]))
         return apart + 0.5 * abs(size) * self.size_known
 
