@@ -91,6 +91,13 @@ class FrameData:
         """Number of cameras whose rows have weight."""
         return sum(bool(np.count_nonzero(view.weights)) for view in self.views)
 
+    def for_size(self, ratio: float) -> FrameData:
+        """The frame with the network's depths for a body that is taller by a factor."""
+        given = self.joint_depths
+        if given is not None:
+            given = replace(given, depths=ratio * given.depths, whitening=given.whitening / ratio)
+        return replace(self, joint_depths=given, others=tuple(view.for_size(ratio) for view in self.others))
+
     def with_larger_noise(self, factor: float) -> FrameData:
         """The frame with the keypoints' noise made larger by a factor.
 

@@ -101,11 +101,12 @@ class Calibration:
 
     def resize(self, ratio: float) -> None:
         """Use a given body that is taller by a factor. The log-lengths stay, and the kept frames move away from the
-        camera, so that their images stay.
+        camera, so that their images stay. The network's depths in them are those of the taller body.
         """
         self.proportions.use(self.proportions.given.scaled(ratio))
         for frame in self._frames:
             frame.state = BodyState(frame.state.rotations, ratio * frame.state.translation)
+            frame.data = frame.data.for_size(ratio)
 
     @property
     def skeleton(self) -> Skeleton:
