@@ -62,13 +62,15 @@ class Learned:
 
     def resize(self, ratio: float) -> None:
         """Scale what is known to a body that is taller by a factor."""
-        for learner in self._all:
+        for learner in (self.lengths, self.model_error, self.feet):
             learner.resize(ratio)
+        self.size_check.use(self.lengths.proportions.given)
 
     def use_body(self, given: Skeleton, measured: bool) -> None:
         """Use another given body with the same tree. measured: whether its height is to be measured."""
         self.resize(given.height / self.lengths.proportions.given.height)
         self.lengths.proportions.use(given)
+        self.size_check.use(given)
         self.height = HeightEstimator() if measured else None
         if self.extrinsics is not None:
             self.extrinsics.size_known = not measured

@@ -12,7 +12,7 @@ from collections import deque
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.roles import sided
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.measurement import Measurement
@@ -38,22 +38,21 @@ class SizeCheck:
 
     def __init__(self, kinematics: Kinematics) -> None:
         """kinematics: with the given skeleton."""
-        joints, parents = kinematics.layout.joints, kinematics.skeleton.parents
+        self._kinematics = kinematics
+        self.use(kinematics.skeleton)
+
+    def use(self, given: Skeleton) -> None:
+        """Use another given skeleton with the same tree, and forget the person."""
+        layout = self._kinematics.layout.scaled(given.height / self._kinematics.skeleton.height)
+        joints, rest = layout.joints, given.rest_positions[layout.joints] + layout.offsets
         # Pairs of landmarks: one of a joint, one of a child of that joint.
-        above, below = np.nonzero(parents[joints] == joints[:, None])
-        count = kinematics.joint_count
-        rest = kinematics.pose(BodyState(np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros(3))).landmarks
+        above, below = np.nonzero(given.parents[joints] == joints[:, None])
         lengths = np.linalg.norm(rest[above] - rest[below], axis=1)
-        long = lengths > SHORTEST * kinematics.skeleton.height
+        long = lengths > SHORTEST * given.height
         self._above, self._below, self._lengths = above[long], below[long], lengths[long]
-        trunk = [np.argwhere(np.outer(*(joints == j for j in pair))) for pair in _sides_of_trunk(kinematics.skeleton)]
+        trunk = [np.argwhere(np.outer(*(joints == j for j in pair))) for pair in _sides_of_trunk(given)]
         self._ends = np.concatenate([np.column_stack([self._above, self._below]), *trunk])
         self._with_trunk = np.linalg.norm(rest[self._ends[:, 0]] - rest[self._ends[:, 1]], axis=1)
-        self.reset()
-
-    def resize(self, ratio: float) -> None:
-        """Use another given size."""
-        self._lengths, self._with_trunk = self._lengths * ratio, self._with_trunk * ratio
         self.reset()
 
     def reset(self) -> None:
