@@ -17,6 +17,7 @@ from lassokin_ros.core.body.roles import LIMB_BONES
 from lassokin_ros.core.body.rotations import least_turn
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.evidence import EvaluatedState
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import norm
 from lassokin_ros.core.network.depth_network import PLACES
 
@@ -57,8 +58,8 @@ class NetworkPose:
         places = self._network.network_places()
         return math.nan if places is None else self._apart(places, pose)
 
-    def propose(self, tracked: EvaluatedState) -> BodyState | None:
-        """The pose, as a batch of one, if it is far from the tracked one."""
+    def propose(self, tracked: EvaluatedState, frame: FrameData) -> BodyState | None:
+        """The pose, as a batch of one, if it is far from the tracked one; it does not depend on the frame."""
         places = self._network.network_places()
         if places is None or self._apart(places, tracked.pose) < SAME_POSE:
             return None

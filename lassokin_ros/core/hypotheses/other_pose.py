@@ -44,9 +44,11 @@ class OtherPose:
         self,
         initialiser: Initialiser,
         frame_model: FrameModel,
-        propose: Callable[[EvaluatedState], BodyState | None],
+        propose: Callable[[EvaluatedState, FrameData], BodyState | None],
     ) -> None:
-        """propose: starts (S, n, 3, 3) and (S, 3) of a fit beside the tracked state; None if there is no other pose."""
+        """propose: starts (S, n, 3, 3) and (S, 3) of a fit to a frame beside the tracked state; None if there is no
+        other pose.
+        """
         self._initialiser, self._frame_model, self._propose = initialiser, frame_model, propose
         self.reset()
 
@@ -78,7 +80,7 @@ class OtherPose:
 
     def _begin(self, stamp: float, frame: FrameData, tracked: EvaluatedState) -> None:
         self._begun_at = stamp
-        start = self._propose(tracked)
+        start = self._propose(tracked, frame)
         if start is not None:
             self._fitted, self._iterations_done = self._initialiser.with_translation(start.rotations, frame), 0
 
