@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lassokin_ros.core.doubt.doubt import reasons
-from lassokin_ros.core.doubt.spans import marked_spans
+from lassokin_ros.doubt.doubt import reasons
+from lassokin_ros.doubt.spans import marked_spans
 from lassokin_ros.replay.report.absences import usual_period
 from lassokin_ros.replay.report.log import PersonRow
 

@@ -7,18 +7,18 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from lassokin_ros.core.doubt.doubt import Doubt, Event
-from lassokin_ros.core.doubt.facing import CORNERS, FastTurn, LastingReversal, facing_of
-from lassokin_ros.core.doubt.failure_model import FailureModel
-from lassokin_ros.core.doubt.keypoint_motion import MotionMeter
-from lassokin_ros.core.doubt.pelvis_jump import PelvisJump
-from lassokin_ros.core.doubt.person_change import is_person_change
-from lassokin_ros.core.doubt.poor_fit import ReprojectionRun, is_costly
-from lassokin_ros.core.doubt.recent import Recent
-from lassokin_ros.core.doubt.side_exchange import LEAST_MOTION, SideExchange
-from lassokin_ros.core.doubt.signs import Signs
-from lassokin_ros.core.doubt.spans import AROUND_S
-from lassokin_ros.core.doubt.unseen_limbs import UnseenLimbs
+from lassokin_ros.doubt.doubt import Doubt, Event
+from lassokin_ros.doubt.facing import CORNERS, FastTurn, LastingReversal, facing_of
+from lassokin_ros.doubt.failure_model import FailureModel
+from lassokin_ros.doubt.keypoint_motion import MotionMeter
+from lassokin_ros.doubt.pelvis_jump import PelvisJump
+from lassokin_ros.doubt.person_change import is_person_change
+from lassokin_ros.doubt.poor_fit import ReprojectionRun, is_costly
+from lassokin_ros.doubt.recent import Recent
+from lassokin_ros.doubt.side_exchange import LEAST_MOTION, SideExchange
+from lassokin_ros.doubt.signs import Signs
+from lassokin_ros.doubt.spans import AROUND_S
+from lassokin_ros.doubt.unseen_limbs import UnseenLimbs
 
 FORGET_S = 1.0
 """s without a pose after which the earlier frames are forgotten."""

@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lassokin_ros.core.doubt.doubt import Doubt, reasons
-from lassokin_ros.core.doubt.monitor import DoubtMonitor
-from lassokin_ros.core.doubt.signs import Signs
+from lassokin_ros.doubt.doubt import Doubt, reasons
+from lassokin_ros.doubt.monitor import DoubtMonitor
+from lassokin_ros.doubt.signs import Signs
 
 MOST_WAITING = 30
 """Frames after which they are evaluated, so that their number is bounded."""

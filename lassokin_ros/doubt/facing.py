@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lassokin_ros.core.doubt.recent import Recent
+from lassokin_ros.doubt.recent import Recent
 
 TURN_DEG, TURN_S = 90.0, 0.15
 """A turn by more than 90 degrees within 0.15 s is none of a person: it occurred in 0 of 127 recordings and clips, and

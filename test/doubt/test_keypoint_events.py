@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from lassokin_ros.core.doubt.keypoint_motion import MotionMeter, partners
-from lassokin_ros.core.doubt.person_change import is_person_change
-from lassokin_ros.core.doubt.side_exchange import SideExchange
+from lassokin_ros.doubt.keypoint_motion import MotionMeter, partners
+from lassokin_ros.doubt.person_change import is_person_change
+from lassokin_ros.doubt.side_exchange import SideExchange
 
 NAMES = ("nose", *(f"{side}_{part}" for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
                    for side in ("left", "right")))  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lassokin_ros.core.doubt.recent import Recent
+from lassokin_ros.doubt.recent import Recent
 
 JUMP, JUMP_S = 0.25, 0.1
 """A change of the depth by more than a quarter within 0.1 s. No good recording has it, and 15 of 16 changes of person

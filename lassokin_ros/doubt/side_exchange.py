@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lassokin_ros.core.doubt.keypoint_motion import PAIRS, KeypointMotion
+from lassokin_ros.doubt.keypoint_motion import PAIRS, KeypointMotion
 
 LIMBS = {"body": PAIRS, "legs": PAIRS[3:], "arms": PAIRS[:3]}
 RATIO = {"body": 1.6, "legs": 1.5, "arms": 3.5}

@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from lassokin_ros.core.doubt.doubt import Doubt, Event, reasons
-from lassokin_ros.core.doubt.facing import CORNERS, FastTurn, LastingReversal, facing
-from lassokin_ros.core.doubt.failure_model import MARKED, FailureModel
-from lassokin_ros.core.doubt.monitor import DoubtMonitor
-from lassokin_ros.core.doubt.pelvis_jump import PelvisJump
-from lassokin_ros.core.doubt.poor_fit import ReprojectionRun, is_costly
-from lassokin_ros.core.doubt.signs import Signs
-from lassokin_ros.core.doubt.spans import marked_spans
+from lassokin_ros.doubt.doubt import Doubt, Event, reasons
+from lassokin_ros.doubt.facing import CORNERS, FastTurn, LastingReversal, facing
+from lassokin_ros.doubt.failure_model import MARKED, FailureModel
+from lassokin_ros.doubt.monitor import DoubtMonitor
+from lassokin_ros.doubt.pelvis_jump import PelvisJump
+from lassokin_ros.doubt.poor_fit import ReprojectionRun, is_costly
+from lassokin_ros.doubt.signs import Signs
+from lassokin_ros.doubt.spans import marked_spans
 
 JOINTS = ("pelvis", *CORNERS)
 REST = np.array([[0, 0, 0], [0.1, 0, 0], [-0.1, 0, 0], [0.2, 0.5, 0], [-0.2, 0.5, 0]])
