@@ -90,12 +90,6 @@ LEAST_SEEN = 5
 """Smallest number of canonical points that must be visible now."""
 
 
-def canonical_layout(skeleton: Skeleton) -> Layout:
-    """The canonical points as a landmark layout."""
-    landmarks = [{"name": name, "joint": joint, "offset": list(offset)} for name, joint, offset in CANONICAL]
-    return Layout.from_mapping({"name": "canonical", "landmarks": landmarks}, skeleton)
-
-
 def canonical_index(layout: Layout, skeleton: Skeleton) -> np.ndarray:
     """(canonical points,) index of the layout's landmark at each canonical point, -1 if there is none."""
     index = np.full(len(NAMES), -1)
