@@ -45,9 +45,6 @@ class DepthNoise:
         self._stamp = -math.inf
         self._past: list[np.ndarray] = []
 
-    def resize(self, ratio: float) -> None:
-        """The noise does not depend on the person's size."""
-
     @property
     def factor(self) -> float:
         """The factor on the standard deviations."""

@@ -87,9 +87,6 @@ class Extrinsics:
         self.wrong: dict[str, str] = {}
         """What is wrong with the pose of a camera, in words, by name; empty if it fits."""
 
-    def resize(self, ratio: float) -> None:
-        """The places of cameras do not depend on the person's size."""
-
     def corrected(self, pose: CameraPose) -> CameraPose:
         """Return a given pose with the correction of its camera; for an unknown pose, the found one with it, if any."""
         if not pose.known:

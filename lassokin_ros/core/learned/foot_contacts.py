@@ -40,10 +40,6 @@ class FootContacts:
         self.anchors: np.ndarray | None = None
         """(2, 3) m: where the left and the right ankle stand, NaN without contact; None if no foot is in contact."""
 
-    def resize(self, ratio: float) -> None:
-        """Forget the feet: places depend on the person's size."""
-        self.reset()
-
     def update(self, stamp: float, places: np.ndarray, speeds: np.ndarray) -> None:
         """Use a solved frame.
 

@@ -71,9 +71,6 @@ class HeightEstimator:
         """Standard deviation of the logarithm by the camera's tilt and the distance in the last frame with feet on the
         floor, whether it was used or not; 0 if there was none."""
 
-    def resize(self, ratio: float) -> None:
-        """The estimate does not depend on the size in use."""
-
     @property
     def measured(self) -> bool:
         """True after the first frame with enough depths."""

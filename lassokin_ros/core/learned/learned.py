@@ -26,7 +26,7 @@ from lassokin_ros.core.learned.vertical import Vertical
 
 
 class Learned:
-    """The learners of one tracker. Each has `update`, `reset` and `resize`, for a body that is taller by a factor.
+    """The learners of one tracker. Each has `update` and `reset`.
 
     lengths: the bone lengths. height: None if it is given. mean_pose: the person's mean posture. model_error: the
     keypoints' constant error. vertical: in the camera frame. depth_noise: of measured depth. size_check: of a given
@@ -62,9 +62,10 @@ class Learned:
 
     def resize(self, ratio: float) -> None:
         """Scale what is known to a body that is taller by a factor."""
-        for learner in (self.lengths, self.model_error, self.feet):
-            learner.resize(ratio)
+        self.lengths.resize(ratio)
+        self.model_error.resize(ratio)
         self.size_check.use(self.lengths.proportions.given)
+        self.feet.reset()  # they are elsewhere
 
     def use_body(self, given: Skeleton, measured: bool) -> None:
         """Use another given body with the same tree. measured: whether its height is to be measured."""

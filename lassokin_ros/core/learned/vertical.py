@@ -59,9 +59,6 @@ class Vertical:
         self.learned_for = 0.0
         """s for which the vertical has been learned."""
 
-    def resize(self, ratio: float) -> None:
-        """A direction does not depend on the person's size."""
-
     def move_mount(self, roll: float, pitch: float) -> None:
         """Set the measured mount, rad, of a camera that may move.
 

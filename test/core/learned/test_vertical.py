@@ -97,11 +97,9 @@ def test_a_frame_after_a_gap_has_a_limited_weight():
     assert np.array_equal(short.direction, long.direction) and short.learned_for == long.learned_for == 0.2
 
 
-def test_reset_returns_to_the_mount_and_a_new_size_changes_nothing():
+def test_reset_returns_to_the_mount():
     vertical = learned(vertical=Vertical(0.0, 0.1))
-    direction = vertical.direction
-    vertical.resize(1.3)
-    assert vertical.direction is direction and apart(direction, vertical.mount) > 5
+    assert apart(vertical.direction, vertical.mount) > 5
     vertical.reset()
     assert np.array_equal(vertical.direction, vertical_of(0.0, 0.1)) and vertical.learned_for == 0 and vertical.known
 
