@@ -56,6 +56,18 @@ class CameraPose:
         """(3,) m: the camera's centre in the frame of the skeleton."""
         return -self.rotation.T @ self.translation
 
+    @property
+    def inverse(self) -> CameraPose:
+        """The pose of a camera whose transform is the inverse of this one's."""
+        return CameraPose(self.name, self.rotation.T, self.centre)
+
+    def relative_to(self, first: CameraPose) -> CameraPose:
+        """The pose in the optical frame of another camera; the pose itself if it is not known."""
+        if not self.known:
+            return self
+        rotation = self.rotation @ first.rotation.T
+        return CameraPose(self.name, rotation, self.translation - rotation @ first.translation)
+
     def into_camera(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 3) m in the camera's optical frame."""
         return points if self.is_identity else points @ self.rotation.T + self.translation

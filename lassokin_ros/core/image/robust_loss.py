@@ -8,6 +8,8 @@ import numpy as np
 
 THRESHOLD = 3.0
 """Standard deviations beyond which an error counts linearly."""
+MEDIAN_OF_NORMAL = 0.6745
+"""Median of the absolute value of a standard normal variable."""
 
 
 def squared_norm(errors: np.ndarray) -> np.ndarray:
