@@ -117,9 +117,7 @@ class HeightEstimator:
         return True
 
     def _learn(self, measurement: Measurement, solved: EvaluatedState, height: float) -> None:
-        if measurement.repeated or measurement.depth is None or measurement.depth_weights is None:
-            return
-        if np.count_nonzero(measurement.depth_weights) < FEWEST:
+        if measurement.repeated or measurement.depth_count < FEWEST:
             return
         root = solved.state.translation
         scale, deviation = fit_scale(measurement, solved.pose.landmarks - root, root)

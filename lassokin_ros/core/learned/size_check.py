@@ -16,11 +16,10 @@ from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.roles import sided
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.measurement import Measurement
+from lassokin_ros.core.learned.height import CORRELATED_S
 
 SHORTEST = 0.08
 """As a fraction of the height: shortest limb that is used."""
-PERIOD_S = 0.1
-"""s between two frames that are used, because the errors of nearer ones are correlated."""
 FEWEST = 20
 """Frames until there is a result."""
 LARGEST_COUNT = 100
@@ -99,7 +98,7 @@ class SizeCheck:
         """Use a tracked frame."""
         if measurement.depth is None or measurement.depth_weights is None or measurement.repeated:
             return
-        if measurement.stamp < self._newest + PERIOD_S:
+        if measurement.stamp < self._newest + CORRELATED_S:
             return
         usable = (measurement.depth_weights > 0) & measurement.visible & (measurement.weights > 0)
         places = measurement.depth[:, None] * np.column_stack([measurement.points, np.ones(len(usable))])

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from lassokin_ros.core.body.rotations import exponential, hat
+from lassokin_ros.core.body.rotations import exponential, hat, least_turn
 
 TIME_CONSTANT_S = 0.5, 5.0
 """s with which the vertical follows the person's: at first, and at most. It grows with the time for which a person has
@@ -70,7 +70,7 @@ class Vertical:
             self.mount, self.configured = mount, True
             self.reset()
         elif np.abs(mount - self.mount).max() > LEAST_TILT:
-            moved = mount if self.learned_for == 0 else _rotate_between(self.direction, self.mount, mount)
+            moved = mount if self.learned_for == 0 else least_turn(self.mount, mount) @ self.direction
             self.direction, self.mount = moved, mount
 
     def candidates(self) -> list[tuple[np.ndarray, float]]:
@@ -105,14 +105,6 @@ class Vertical:
             share = min(step / min(first + self.learned_for, longest), 1.0)
             moved = self.direction + share * (up - self.direction)
             self.direction = moved / math.sqrt(moved.dot(moved))
-
-
-def _rotate_between(vector: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Rotate a vector (3,) by the smallest rotation that takes `before` to `after`, unit vectors (3,)."""
-    axis, cosine = hat(before) @ after, float(before.dot(after))
-    if cosine < -0.999:  # any axis would do
-        return after
-    return np.asarray(cosine * vector + hat(axis) @ vector + axis * (axis.dot(vector) / (1 + cosine)))
 
 
 def level_from_camera(roll: float, pitch: float) -> np.ndarray:

@@ -18,10 +18,9 @@ from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import FrameData, JointDepths
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned import bone_lengths as calibration_module
-from lassokin_ros.core.learned.bone_lengths import Calibration
+from lassokin_ros.core.learned.bone_lengths import Calibration, Schedule
 from lassokin_ros.core.network.depth_network import DEPTHS
 from lassokin_ros.core.observation import Observation
-from lassokin_ros.core.schedule import Schedule
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from sequences import CONFIG
 
 from lassokin_ros.core.learned.foot_contacts import STILL, FootContacts
