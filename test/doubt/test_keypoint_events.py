@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from lassokin_ros.doubt.keypoint_motion import MotionMeter, partners
+from lassokin_ros.core.body.symmetry import partners
+from lassokin_ros.doubt.keypoint_motion import MotionMeter
 from lassokin_ros.doubt.person_change import is_person_change
 from lassokin_ros.doubt.side_exchange import SideExchange
 
@@ -33,11 +34,6 @@ def exchanges(points, fps=30.0):
 def changes(points, fps=30.0):
     meter = MotionMeter(NAMES)
     return [frame for frame, each in enumerate(points) if is_person_change(meter.update(frame / fps, each))]
-
-
-def test_partners_are_the_other_side():
-    assert SWAP.tolist() == [0, 2, 1, 4, 3, 6, 5, 8, 7, 10, 9, 12, 11]
-    assert partners(["mouth_left", "mouth_right", "neck"]).tolist() == [1, 0, 2]
 
 
 def test_an_exchange_of_the_body_is_reported_when_it_begins_and_when_it_ends():
