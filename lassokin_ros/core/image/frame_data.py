@@ -68,6 +68,16 @@ class FrameData:
         """The views of all cameras, this one first."""
         return (self, *self.others)
 
+    def ray_rows(self) -> np.ndarray:
+        """(l, 2, 3) weighted rows x - u z and y - v z of each landmark; they are 0 for places in the camera that the
+        keypoint shows.
+        """
+        rows = np.zeros((len(self.points), 2, 3))
+        rows[:, 0, 0] = rows[:, 1, 1] = 1.0
+        rows[:, :, 2] = -self.points
+        rows *= self.weights[:, None, None]
+        return rows
+
     def prior_weight(self, with_depth: float) -> float:
         """Factor on a prior's rows: `with_depth` if half of the landmarks have a measured depth, else 1.
 
