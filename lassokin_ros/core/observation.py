@@ -37,8 +37,8 @@ class CameraPose:
     """Where a camera is, in the frame in which the skeleton is kept: x_camera = rotation x + translation.
 
     name: of the camera; each camera of a tracker has another one. rotation: (3, 3) into the camera's optical frame.
-    translation: (3,) m. The default is the frame of a single camera: its own optical frame. known: False if nobody
-    knows where the camera is; with `extrinsics` learn, its pose is found from the person.
+    translation: (3,) m. The default is the frame of a single camera: its own optical frame. known: False if its
+    pose is not known; with `extrinsics` learn, it is found from the person.
     """
 
     name: str = ""

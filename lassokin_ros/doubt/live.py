@@ -1,6 +1,6 @@
 """The doubts about the results of one person, evaluated when one of them is read.
 
-Often nobody reads them but the diagnostics, once per second. Many frames in a row take a third of the time that they
+Often the diagnostics alone read them, once per second. Many frames in a row take a third of the time that they
 take one by one between the steps of the tracker, which fill the processor's caches.
 """
 

@@ -72,7 +72,8 @@ def _from_the_hips(names: Sequence[str]) -> np.ndarray:
 def state_at(positions: Mapping[str, np.ndarray], skeleton: Skeleton, mean: np.ndarray) -> BodyState:
     """The state, with translation 0, whose bones point along the given positions.
 
-    positions: (3,) m by joint name, camera frame, relative to the middle of the hips. mean: (n, 3, 3) local rotations.
+    positions: (3,) m by joint name, relative to the middle of the hips, in the frame of the skeleton. mean: (n, 3, 3)
+    local rotations.
     """
     rotations, names = mean.copy(), skeleton.joint_names
     rotations[0] = trunk_orientation(positions)

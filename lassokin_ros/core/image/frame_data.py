@@ -22,7 +22,7 @@ LEVEL_CAMERA_UP = np.array([0.0, -1.0, 0.0])
 class JointDepths:
     """Depths of k joints relative to the middle of the hips, as the depth network estimates them.
 
-    sight: (3,) unit vector along which depths are measured, camera frame. depths: (k,) m.
+    sight: (3,) unit vector along which depths are measured, in the frame of the skeleton. depths: (k,) m.
     whitening: (k, k) 1/m: whitening @ (depths - truth) has independent errors of unit scale.
     """
 
@@ -41,7 +41,7 @@ class FrameData:
 
     points: (l, 2) normalised image coordinates, any finite value where the weight is 0.
     weights: (l,) 1 / standard deviation in that unit, 0 = missing.
-    up: (3,) unit vector, the vertical in the camera frame.
+    up: (3,) unit vector, the vertical in the frame of the skeleton.
     depth: (l,) m, depth of each landmark along the optical axis; None in a frame without any measured depth.
     depth_weights: (l,) 1/m, 1 / standard deviation of `depth`, 0 = not measured.
     joint_depths: the network's estimate; None without one.

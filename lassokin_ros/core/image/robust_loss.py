@@ -1,4 +1,4 @@
-"""Huber's loss on a landmark's reprojection error, in standard deviations."""
+"""Huber's loss on a landmark's reprojection error, in standard deviations; and lengths of vectors."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ class Extrinsics:
     """Corrections of the poses of all cameras but one."""
 
     def __init__(self, size: SizeCheck, size_known: bool, used: bool) -> None:
-        """size: knows the limbs of the body; size_known: whether the person's height is given. used: whether poses are
+        """size: of the body's limbs; size_known: whether the person's height is given. used: whether poses are
         corrected, or only checked.
         """
         self._size, self.size_known, self._used = size, size_known, used
@@ -74,7 +74,7 @@ class Extrinsics:
         self._solutions: dict[str, np.ndarray] = {}
         self._given: dict[str, CameraPose] = {}
         self.found: dict[str, CameraPose] = {}
-        """Poses that nobody has given, by camera, from the first frames with the person."""
+        """Poses of cameras without a given one, by name, from the first frames with the person."""
         self.reset()
 
     def reset(self) -> None:

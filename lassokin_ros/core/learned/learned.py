@@ -29,7 +29,7 @@ class Learned:
     """The learners of one tracker. Each has `update` and `reset`.
 
     lengths: the bone lengths. height: None if it is given. mean_pose: the person's mean posture. model_error: the
-    keypoints' constant error. vertical: in the camera frame. depth_noise: of measured depth. size_check: of a given
+    keypoints' constant error. vertical: in the skeleton's frame. depth_noise: of measured depth. size_check: of a given
     height against measured depth. extrinsics: None if the cameras' given poses are not checked. feet: which stand
     still.
     """

@@ -55,7 +55,7 @@ class Vertical:
     def reset(self) -> None:
         """Return to the vertical of the camera's mount."""
         self.direction = self.mount
-        """(3,) unit vector in the camera frame. Learning replaces the array."""
+        """(3,) unit vector in the frame of the skeleton. Learning replaces the array."""
         self.learned_for = 0.0
         """s for which the vertical has been learned."""
 
