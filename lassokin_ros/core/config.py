@@ -139,7 +139,7 @@ class TrackerConfig:
     )
     warm_start: bool = setting(
         True,
-        "try the support predicted from the last answer before the QP solver; used only if KKT holds exactly",
+        "start the QP solver from the solution on the last answer's support; this saves time and changes no answer",
         live=True,
     )
     hold_feet: bool = setting(

@@ -81,7 +81,7 @@ class IncrementSolver:
         relinearisations, sparsity = for_step(step, config.relinearisations, config.sparsity)
         live, alpha = self._frame_model.live, sparsity / self._motion
         omega, x = np.zeros(3 * start.state.rotations.shape[-3]), np.zeros(3)
-        again = 0 if frame.depth is None else 1
+        again = int(any(view.depth is not None for view in frame.views))
         for number in range(relinearisations + again):
             if number >= relinearisations and not _is_large(omega, x):
                 break

@@ -18,6 +18,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial, reduce
+from typing import Any
 
 import numpy as np
 
@@ -58,6 +59,7 @@ from lassokin_ros.core.output.fixed_lag import FixedLag
 from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.output_filter import OutputFilter
 from lassokin_ros.core.output.uncertainty import JointUncertainty, UncertaintyModel
+from lassokin_ros.core.record import record
 
 SMALLEST_PX = 3.0
 """Height of the person in the image, in noise_px, below which a body is rejected: random keypoints fit far away."""
@@ -66,9 +68,30 @@ STUCK_AFTER = 3
 initialises anew."""
 GOOD_FIT = 3.0
 """Cost per visible landmark up to which a fit that started from the network's pose is used without another search."""
+OF_NO_CAMERA: dict[str, Any] = {
+    "extrinsics": GIVEN, "camera_roll": 0.0, "camera_pitch": 0.0, "camera_height": 0.0, "tilt_deviation": 0.0
+}  # fmt: skip
+"""Settings for a camera without a pose: those of the mount are about the first camera."""
 FIT_AFTER = 0.15
 """s since the last new keypoints from which the frame starts from a fit, because the last state is too old. Without it,
 validation people at 5 Hz have 51.0 instead of 49.3 mm."""
+
+
+@record
+class _Answer:
+    """An accepted frame: what was measured, the state about which it was linearised, and its lasso's answer.
+
+    measured: of each camera with an image; together: of all, see `Tracker._together`. initialised: whether `start` was
+    fitted to this frame alone. solved: the state after the increment.
+    """
+
+    measured: dict[Camera, Measurement]
+    together: Measurement
+    frame: FrameData
+    start: EvaluatedState
+    initialised: bool
+    increment: Increment
+    solved: EvaluatedState
 
 
 class Tracker:
@@ -94,7 +117,8 @@ class Tracker:
         self.config = (config or TrackerConfig()).checked()
         self.given_skeleton = skeleton or Skeleton.load(self.config.skeleton, self.config.assumed_height)
         """The body before anything is learned, at the configured height."""
-        body, _ = symmetric_skeleton(self.given_skeleton, self.config.calibrate)
+        body, self.averaged = symmetric_skeleton(self.given_skeleton, self.config.calibrate)
+        """Difference of left and right of the given skeleton if calibration starts with their mean, else 0."""
         self.kinematics = Kinematics(body, Layout.load(self.config.landmarks, body))
         prior = PoseDistribution.load(body)
         self.frame_model = FrameModel(self.kinematics, prior, evidence)
@@ -146,11 +170,6 @@ class Tracker:
         """Estimates that became due with the last observation, in order: that observation's own, or with
         `smoothing_lag` earlier ones, smoothed, each with the stamp of its own frame."""
         self._adopt_lengths()
-
-    @property
-    def averaged(self) -> float:
-        """Difference of left and right of the given skeleton if calibration starts with their mean, else 0."""
-        return symmetric_skeleton(self.given_skeleton, self.config.calibrate)[1]
 
     @property
     def _newest(self) -> float:
@@ -214,7 +233,8 @@ class Tracker:
         if config.height != before.height:
             self.reset()
             self.given_skeleton = given
-            self.learned.use_body(symmetric_skeleton(given, config.calibrate)[0], config.height == 0)
+            body, self.averaged = symmetric_skeleton(given, config.calibrate)
+            self.learned.use_body(body, config.height == 0)
             self._adopt_lengths()
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
             self.learned.vertical.set_mount(config.camera_roll, config.camera_pitch)
@@ -247,7 +267,7 @@ class Tracker:
         frame = self._frame_data(measured, measurement, observations[0])
         if self.learned.extrinsics is not None and frame.others:  # also if the poses are too wrong for an answer
             self.learned.extrinsics.update(measurement.stamp, frame)
-        if sum(np.count_nonzero(view.weights) for view in frame.views) < self.config.min_landmarks:
+        if frame.point_count < self.config.min_landmarks:
             return self._reject(observations[0], Rejection.TOO_FEW_LANDMARKS)
         start, initialised = self._start(measurement, frame)
         increment = self._solve(start, initialised, frame, measurement)
@@ -255,15 +275,16 @@ class Tracker:
         if rejection is not None:
             return self._reject(observations[0], rejection, increment.solution.certificate)
         solved = self._retract(start.state, increment)
-        smoothed = self._smooth(solved, increment, measurement, frame, initialised)
-        better = self._better_state(solved, frame, measurement, initialised)
-        self._follow_feet(measured, measurement, solved, initialised or self._replaced or better is not None)
-        estimate = self._estimate(measured, measurement, frame, initialised, increment, solved, smoothed)
+        answer = _Answer(measured, measurement, frame, start, initialised, increment, solved)
+        smoothed = self._smooth(answer)
+        better = self._better_state(answer)
+        self._follow_feet(answer, initialised or self._replaced or better is not None)
+        estimate = self._estimate(answer, smoothed)
         for camera, one in measured.items():
             camera.measurements.mark_used(one)
         self._publish(estimate, measured)
         self._solved, self._replaced = better or solved, better is not None
-        self._learn(measured, measurement, frame, start, initialised, increment, solved)
+        self._learn(answer)
         return estimate
 
     def flush(self) -> list[Estimate]:
@@ -287,7 +308,7 @@ class Tracker:
         for one in observations:
             name = one.camera.name
             if name not in self._unplaced:
-                self._unplaced[name] = Tracker(replace(self.config, extrinsics=GIVEN), self.given_skeleton)
+                self._unplaced[name] = Tracker(replace(self.config, **OF_NO_CAMERA), self.given_skeleton)
             alone = self._unplaced[name]
             accepted = alone.track(replace(one, camera=HERE)).accepted
             if not accepted or alone._solved is None or self._solved is None or one.stamp > self._newest + FIT_AFTER:
@@ -332,8 +353,7 @@ class Tracker:
         camera = self._cameras.known(observation.camera)
         if camera is None:
             camera = Camera(self.kinematics, self._depth_estimator(), DepthNoise())
-            if camera.network is not None:
-                camera.network.use_lengths(self.skeleton, self.learned.lengths.certain)
+            self._tell_lengths(camera)
             self._cameras.add(observation.camera.name, camera)
             self.frame_model.add_camera()
         return camera
@@ -410,7 +430,7 @@ class Tracker:
         if start is None:
             return self._fit_with_verticals(frame)
         near = self._initialiser.fit_near(start, frame)
-        if near.cost <= GOOD_FIT * np.count_nonzero(frame.weights):
+        if near.cost <= GOOD_FIT * frame.point_count:
             return near
         return min(self._initialiser.fit(frame), near, key=lambda fit: fit.cost)
 
@@ -448,45 +468,35 @@ class Tracker:
         moved = start.retract(increment.omega, increment.x)
         return self.frame_model.evaluate(BodyState(orthonormalised(moved.rotations), moved.translation))
 
-    def _smooth(
-        self,
-        solved: EvaluatedState,
-        increment: Increment,
-        measurement: Measurement,
-        frame: FrameData,
-        initialised: bool,
-    ) -> BodyState:
+    def _smooth(self, answer: _Answer) -> BodyState:
         """The state to publish."""
-        if initialised or self._replaced:
+        if answer.initialised or self._replaced:
             self._output_filter.reset()  # the motion of the replaced state does not go on
-        smoothing, centre = self.config.smoothing, None if frame.camera.is_identity else frame.camera.centre
-        return self._output_filter.filtered(solved, increment, measurement.step, measurement.speed, smoothing, centre)
+        together, camera = answer.together, answer.frame.camera
+        return self._output_filter.filtered(
+            answer.solved,
+            answer.increment,
+            together.step,
+            together.speed,
+            self.config.smoothing,
+            None if camera.is_identity else camera.centre,
+        )
 
-    def _better_state(
-        self, solved: EvaluatedState, frame: FrameData, measurement: Measurement, initialised: bool
-    ) -> EvaluatedState | None:
+    def _better_state(self, answer: _Answer) -> EvaluatedState | None:
         """The state from which the next frame starts, if another pose explains this frame better."""
-        if initialised or measurement.repeated:
+        if answer.initialised or answer.together.repeated:
             return None
-        self._cost = float(self.frame_model.cost(solved, frame))
-        better = self._other_pose.better_state(measurement.stamp, frame, solved, self._cost)
+        self._cost = float(self.frame_model.cost(answer.solved, answer.frame))
+        better = self._other_pose.better_state(answer.together.stamp, answer.frame, answer.solved, self._cost)
         return None if better is None else self.frame_model.evaluate(better)
 
-    def _estimate(
-        self,
-        measured: dict[Camera, Measurement],
-        measurement: Measurement,
-        frame: FrameData,
-        initialised: bool,
-        increment: Increment,
-        solved: EvaluatedState,
-        smoothed: BodyState,
-    ) -> Estimate:
-        """The estimate for an accepted frame. solved: the state of its lasso; smoothed: the state to publish."""
+    def _estimate(self, answer: _Answer, smoothed: BodyState) -> Estimate:
+        """The estimate for an accepted frame. smoothed: the state to publish."""
         self._status = Status.TRACKING
         pose = self.kinematics.pose(smoothed)
+        measured, frame, increment, solved = answer.measured, answer.frame, answer.increment, answer.solved
         return Estimate(
-            measurement.stamp,
+            answer.together.stamp,
             self._status,
             state=smoothed,
             pose=pose,
@@ -494,22 +504,22 @@ class Tracker:
             translation_step=increment.x,
             certificate=increment.solution.certificate,
             reprojection_px=_reprojection_px(measured, pose),
-            initialised=initialised,
+            initialised=answer.initialised,
             problem=increment.problem,
             rows=increment.rows,
             solution=increment.solution,
             solved=solved.state,
             cost=self._cost,
             keypoint_error_ratio=self.learned.model_error.ratio,
-            repeated=measurement.repeated,
+            repeated=answer.together.repeated,
             visible=reduce(np.logical_or, [one.visible & one.used for one in measured.values()]),
             measurements=sum(one.count for one in measured.values()),
             depth_measured=any(view.depth_weights is not None for view in frame.views),
             depth_covers=frame.depth_covers,
             length_deviation=self.learned.lengths.deviation,
-            joint_depths=frame.joint_depths,
+            joint_depths=frame.seeing.joint_depths,
             cameras=frame.seen_by,
-            centre=frame.camera.centre,
+            centre=frame.seeing.camera.centre,
             contacts=self._contacts(),
             prior_cost=float(self.frame_model.prior.cost(solved, frame)),
             network_distance=math.nan if self._network_pose is None else self._network_pose.distance(solved.pose),
@@ -522,52 +532,42 @@ class Tracker:
             contacts[list(self._ankles)] = np.isfinite(anchors[:, 0])
         return contacts
 
-    def _follow_feet(
-        self, measured: dict[Camera, Measurement], measurement: Measurement, solved: EvaluatedState, replaced: bool
-    ) -> None:
+    def _follow_feet(self, answer: _Answer, replaced: bool) -> None:
         """Note which feet stand still. replaced: whether the pose does not continue the last one."""
         if replaced:
             self.learned.feet.reset()
         if not (self._ankles and self.config.hold_feet):
             self.learned.feet.reset()
-        elif not measurement.repeated:
-            self.learned.feet.update(measurement.stamp, *self._ankle_motion(measured, solved))
+        elif not answer.together.repeated:
+            self.learned.feet.update(answer.together.stamp, *self._ankle_motion(answer))
 
-    def _ankle_motion(
-        self, measured: dict[Camera, Measurement], solved: EvaluatedState
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _ankle_motion(self, answer: _Answer) -> tuple[np.ndarray, np.ndarray]:
         """(2, 3) m, the solved ankles, and (2,) m/s, the largest speed of their keypoints in a camera."""
-        ankles = solved.pose.positions.take(self._ankles, axis=0)
-        return ankles, reduce(np.fmax, [camera.speeds(ankles, self._ankle_points) for camera in measured])
+        ankles = answer.solved.pose.positions.take(self._ankles, axis=0)
+        return ankles, reduce(np.fmax, [camera.speeds(ankles, self._ankle_points) for camera in answer.measured])
 
-    def _learn(
-        self,
-        measured: dict[Camera, Measurement],
-        measurement: Measurement,
-        frame: FrameData,
-        start: EvaluatedState,
-        initialised: bool,
-        increment: Increment,
-        solved: EvaluatedState,
-    ) -> None:
+    def _learn(self, answer: _Answer) -> None:
         """Update all that is learned from an accepted frame, and use it from the next frame on."""
-        height = self.learned.height
+        height, lengths = self.learned.height, self.learned.lengths
+        frame, solved, initialised = answer.frame, answer.solved, answer.initialised
+        stamp, repeated = answer.together.stamp, answer.together.repeated
         several = frame.seen_by > 1
         if several:
-            self.learned.lengths.stature_deviation = OBSERVED_STATURE_DEVIATION if height is None else PEOPLE_DEVIATION
-        if self.config.calibrate and (initialised or not measurement.repeated):
-            if self.learned.lengths.update(measurement.stamp, solved.state, frame, initialised or self._replaced):
+            lengths.stature_deviation = OBSERVED_STATURE_DEVIATION if height is None else PEOPLE_DEVIATION
+        if self.config.calibrate and (initialised or not repeated):
+            if lengths.update(stamp, solved.state, frame, initialised or self._replaced):
                 self._adopt_lengths()
-        seen = partial(_with_seen_landmarks, frame, [measured.get(camera) for camera in self._cameras])
-        if self.learned.update(measurement, seen, start.state, initialised, increment, solved.state):
+        seen = partial(_with_seen_landmarks, frame, [answer.measured.get(camera) for camera in self._cameras])
+        start = answer.start.state
+        if self.learned.update(answer.together, seen, start, initialised, answer.increment, solved.state):
             self._solved = self._evaluated_again()  # the prior's mean has changed
         if height is None:
             return
-        lengths, floor = None, None if several or measurement.repeated else self._floor_size(frame, solved)
+        limbs, floor = None, None if several or repeated else self._floor_size(frame, solved)
         if several:
             places = triangulate(seen())
-            lengths = self.learned.size_check.lengths(places, np.isfinite(places[:, 0]))
-        if height.update(measurement, solved, self.skeleton.height, lengths, floor):
+            limbs = self.learned.size_check.lengths(places, np.isfinite(places[:, 0]))
+        if height.update(answer.together, solved, self.skeleton.height, limbs, floor):
             self._adopt_height(height.height / self.skeleton.height, several)
 
     def _floor_size(self, frame: FrameData, solved: EvaluatedState) -> FloorSize | None:
@@ -581,11 +581,14 @@ class Tracker:
         """Use the lengths as they are known now."""
         lengths = self.learned.lengths
         self.kinematics.set_skeleton(lengths.skeleton)
-        if has_built_in_proportions(self.given_skeleton):
-            for camera in self._cameras:
-                if camera.network is not None:
-                    camera.network.use_lengths(self.skeleton, lengths.certain)
+        for camera in self._cameras:
+            self._tell_lengths(camera)
         self._solved = self._evaluated_again()
+
+    def _tell_lengths(self, camera: Camera) -> None:
+        """Input the lengths to a camera's network. Those of another skeleton than the built-in ones are given."""
+        if camera.network is not None and has_built_in_proportions(self.given_skeleton):
+            camera.network.use_lengths(self.skeleton, self.learned.lengths.certain)
 
     def _adopt_height(self, ratio: float, several: bool = False) -> None:
         """Scale the body and what was learned; with one camera, which does not observe it, also the distance."""

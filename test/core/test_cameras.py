@@ -7,7 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sequences import CONFIG, FOCAL, RATE
 
+from lassokin_ros.core import increment
 from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.body.skeleton import has_built_in_proportions
 from lassokin_ros.core.cameras import Camera
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
@@ -235,3 +237,60 @@ def test_two_cameras_state_a_smaller_error_than_one():
         errors.append(np.linalg.norm(apart - apart[0], axis=1)[1:].mean())
     assert stated[1] < 0.65 * stated[0]
     assert 0.5 * errors[1] < stated[1] < 4 * errors[1]
+
+
+@pytest.fixture
+def blind_first():
+    """(tracker, its first estimate, place of the camera that sees the person): the first camera sees nobody."""
+    _, front, side, observe = scene(0.1)
+    tracker = Tracker(CONFIG)
+    nothing = replace(observe(front, 0), confidence=np.zeros(tracker.kinematics.landmark_count))
+    searches = []
+    search = tracker._initialiser.fit
+    tracker._initialiser.fit = lambda frame: searches.append(frame) or search(frame)
+    return tracker, tracker.track([nothing, observe(side, 0)]), side, searches
+
+
+def test_the_line_of_sight_is_that_of_the_camera_that_sees_the_person(blind_first):
+    tracker, estimate, side, _ = blind_first
+    assert estimate.accepted and estimate.cameras == 1 and len(tracker._cameras) == 2
+    assert np.allclose(estimate.centre, side.centre)
+    sight = estimate.pose.positions[0] - side.centre
+    assert estimate.joint_depths.sight @ sight > 0.99 * np.linalg.norm(sight)
+
+
+def test_a_good_fit_needs_no_search_in_whatever_camera_the_person_is(blind_first):
+    *_, searches = blind_first
+    assert not searches
+
+
+def test_the_network_of_each_camera_has_the_lengths_of_a_given_skeleton():
+    _, front, side, observe = scene(0.1)
+    scales = np.ones(24)
+    scales[[4, 5]] = 1.1
+    given = Tracker(CONFIG).skeleton.with_bone_scales(scales)
+    assert not has_built_in_proportions(given)
+    tracker = Tracker(CONFIG, given)
+    tracker.track([observe(front, 0), observe(side, 0)])
+    assert [bool(camera.network._lengths_known) for camera in tracker._cameras] == [True, True]
+
+
+def test_a_camera_without_a_place_does_not_get_the_mount_of_the_first_one():
+    _, front, side, observe = scene(0.1)
+    tracker = Tracker(replace(CONFIG, extrinsics="learn", camera_pitch=0.5, camera_height=1.2))
+    unplaced = replace(observe(side, 0), camera=CameraPose("side", known=False))
+    tracker.track([observe(front, 0), unplaced])
+    alone = tracker._unplaced["side"]
+    assert alone.floor is None and np.allclose(alone.learned.vertical.mount, LEVEL_UP)
+
+
+def test_a_large_motion_is_linearised_again_if_any_camera_measures_depth(monkeypatch):
+    truth, front, side, observe = scene(0.1)
+    depth = side.into_camera(truth.landmarks)[..., 2]
+    asked = []
+    monkeypatch.setattr(increment, "_is_large", lambda *_: asked.append(True))
+    for measured in (None, depth[0]):
+        tracker = Tracker(CONFIG)
+        asked.clear()
+        tracker.track([observe(front, 0), replace(observe(side, 0), depth=measured)])
+        assert bool(asked) == (measured is not None)

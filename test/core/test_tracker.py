@@ -344,6 +344,19 @@ def test_a_new_height_scales_the_given_skeleton():
     assert np.allclose(tracker.skeleton.offsets, given.offsets * (1.4 / 1.75)) and tracker.skeleton.height == 1.4
 
 
+def test_the_difference_of_the_sides_is_told_as_long_as_their_mean_is_used():
+    scales = np.ones(24)
+    scales[[4, 7, 18]] = 1.25  # the left knee, ankle and elbow
+    given = Skeleton.load("anthropometric", 1.75).with_bone_scales(scales)
+    tracker = Tracker(CONFIG, given)
+    difference = tracker.averaged
+    assert difference > 0.045
+    tracker.tune(replace(CONFIG, calibrate=False))
+    assert tracker.averaged == difference and tracker.skeleton.offsets[4, 1] == tracker.skeleton.offsets[5, 1]
+    tracker.tune(replace(CONFIG, calibrate=False, height=1.5))
+    assert tracker.averaged == 0 and tracker.skeleton.offsets[4, 1] != tracker.skeleton.offsets[5, 1]
+
+
 def test_noise_is_in_pixels_of_this_camera():
     """The same image at twice the focal length, with twice the noise in px, is the same problem."""
     near, far = Tracker(CONFIG), Tracker(replace(CONFIG, noise_px=2 * NOISE_PX))

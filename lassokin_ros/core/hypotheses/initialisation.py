@@ -72,7 +72,7 @@ class Initialiser:
         """The best fit of all starts. At least two landmarks must be visible."""
         upright = int(np.argmax(START_ROTATIONS[:, :, 1].dot(frame.camera.rotation @ frame.up)))
         fit = self._fitted(self._starts(range(SIDES), [upright], frame), frame, FAR)
-        if fit.cost > POOR_FIT * sum(np.count_nonzero(view.weights) for view in frame.views):
+        if fit.cost > POOR_FIT * frame.point_count:
             others = [number for number in range(len(START_ROTATIONS)) if number != upright]
             other = self._fitted(self._starts(range(0, SIDES, 2), others, frame), frame, FAR)
             fit = min(fit, other, key=lambda one: one.cost)

@@ -34,7 +34,8 @@ class MirroredLimbs:
         if not self._chains:
             return None
         bones, self._turn = BONES[self._turn % len(BONES)], self._turn + 1
-        rotations = np.array([self._mirrored(tracked, frame.camera.centre, chain, *bones) for chain in self._chains])
+        centre = frame.seeing.camera.centre
+        rotations = np.array([self._mirrored(tracked, centre, chain, *bones) for chain in self._chains])
         return BodyState(rotations, np.repeat(tracked.state.translation[None], len(rotations), axis=0))
 
     def _mirrored(

@@ -30,10 +30,6 @@ class JointDepths:
     depths: np.ndarray
     whitening: np.ndarray
 
-    def with_weight(self, factor: float) -> JointDepths:
-        """The same depths, with a factor on the whitening: below 1 they are less certain."""
-        return JointDepths(self.sight, self.depths, factor * self.whitening)
-
 
 @record
 class FrameData:
@@ -100,6 +96,16 @@ class FrameData:
     def seen_by(self) -> int:
         """Number of cameras whose rows have weight."""
         return sum(bool(np.count_nonzero(view.weights)) for view in self.views)
+
+    @property
+    def point_count(self) -> int:
+        """Number of image points with weight, of all cameras."""
+        return sum(int(np.count_nonzero(view.weights)) for view in self.views)
+
+    @property
+    def seeing(self) -> FrameData:
+        """The first view with any point that has weight; this one if there is none."""
+        return next((view for view in self.views if np.count_nonzero(view.weights)), self)
 
     def for_size(self, ratio: float) -> FrameData:
         """The frame with the network's depths for a body that is taller by a factor."""
