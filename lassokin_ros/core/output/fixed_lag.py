@@ -94,7 +94,7 @@ class FixedLag:
         estimate = waiting.estimate
         assert estimate.solved is not None
         state = moved(estimate.solved, offset[0] + offset[1])
-        if is_too_far_in_depth(state, estimate.solved):
+        if is_too_far_in_depth(state, estimate.solved, estimate.solved.translation - estimate.centre):
             return estimate
         pose = self._kinematics.pose(state, waiting.offsets)
         return replace(estimate, state=state, pose=pose, reprojection_px=waiting.reprojection_px(pose))

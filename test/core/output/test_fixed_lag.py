@@ -9,7 +9,7 @@ from sequences import CONFIG, RATE, observations, published_by, same
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.estimate import Estimate
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.observation import CameraPose, Status
 from lassokin_ros.core.output.fixed_lag import FixedLag
 from lassokin_ros.core.output.output_filter import (
     DEPTH_RATIO,
@@ -196,6 +196,19 @@ def test_smoothing_stops_at_an_initialisation():
     assert len(rest) == len(went_on.published) == 3
     for a, b in zip(rest, went_on.published):
         assert a.stamp == b.stamp and same(a.state, b.state)
+
+
+def test_what_is_published_does_not_depend_on_the_origin_of_the_skeletons_frame():
+    """Here it is at the person, so that the distance from the origin is small and that from the camera is not."""
+    up = np.array([0.0, -1.0, 0.0])
+    own, other = (Tracker(replace(LAGGED, smoothing=0.1), up=up) for _ in range(2))
+    place = observations(own, 0.1)[0][0][0]
+    moved = CameraPose("moved", np.eye(3), place)
+    for _, observation in observations(own, 2.0):
+        own.track(replace(observation, camera=CameraPose("own")))
+        other.track(replace(observation, camera=moved))
+        for a, b in zip(own.published, other.published, strict=True):
+            assert np.abs(a.pose.positions - b.pose.positions - place).max() < 1e-4
 
 
 def test_reset_drops_waiting_frames():
