@@ -58,11 +58,18 @@ class FrameModel:
         self._users = [UsersEvidence(evidence) for evidence in users]
         built_in = self.image, self.prior, self.upright, self.balance, self.measured_depth, self.learned_depth
         self.pieces: dict[str, Evidence] = {}
-        for piece in (*built_in, self.foot_contact, self.floor, *self._users):
+        for piece in (*built_in, self.foot_contact, self.floor):
             if piece is not None:
-                if piece.name in self.pieces:
-                    raise ConfigurationError(f"two pieces of evidence are named '{piece.name}'; expected unique names")
                 self.pieces[piece.name] = piece
+        reserved = tuple(self.pieces)
+        for own in self._users:
+            if own.name in self.pieces:
+                raise ConfigurationError(f"two pieces of evidence are named '{own.name}'; expected unique names")
+            if own.name.rstrip("0123456789").rstrip() in reserved:
+                raise ConfigurationError(
+                    f"evidence is named '{own.name}', as that of a further camera; expected a name without the number"
+                )
+            self.pieces[own.name] = own
         self._compiled = CompiledEvidence(kinematics, self.prior, self.balance, self.learned_depth)
         self._compiled.add_camera(self.image, self.learned_depth)
         self._layouts: dict[tuple[str, ...], tuple[dict[str, slice], int]] = {}

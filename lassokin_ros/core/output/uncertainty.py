@@ -38,7 +38,7 @@ from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.foot_contact import FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.evidence.learned_depth import DEPTH_ROWS, WEIGHT
+from lassokin_ros.core.evidence.learned_depth import WEIGHT, LearnedDepth
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
@@ -178,7 +178,7 @@ class UncertaintyModel:
         #: Columns of the root's rotation. The root comes first and every landmark moves with it.
         self._turns = np.eye(len(live), 3)
         self._proportions, self.observed, self._learned_depth = proportions, observed, frame_model.learned_depth
-        self._image_rows = frame_model.image_rows
+        self._image_rows, self._pieces = frame_model.image_rows, frame_model.pieces
         names, ancestors = kinematics.skeleton.joint_names, kinematics.skeleton.ancestors
         still = np.isin(names, [name for part in STILL for name in sided(part)])
         self._least_rotation = np.sqrt(3) * STILL_DEVIATION * still
@@ -193,8 +193,9 @@ class UncertaintyModel:
         shares: list[tuple[slice | np.ndarray, float]] = []
         if FootContact.name in estimate.rows:  # an anchor has the errors of the poses before
             shares.append((estimate.rows[FootContact.name], 0.0))
-        if DEPTH_ROWS in estimate.rows and estimate.cameras == 1 and not estimate.depth_covers:
-            shares.append((estimate.rows[DEPTH_ROWS], 1 / WEIGHT))  # they do not know more than they say
+        if estimate.cameras == 1 and not estimate.depth_covers:
+            depths = [own for name, own in estimate.rows.items() if isinstance(self._pieces[name], LearnedDepth)]
+            shares += [(own, 1 / WEIGHT) for own in depths]  # they do not know more than they say
         # Rows of the image may not be the only ones with the translation.
         if share < 1 and (estimate.depth_measured or estimate.cameras > 1):
             shares.append((image, share))
