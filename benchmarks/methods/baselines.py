@@ -45,7 +45,7 @@ class ImageOnly:
         self._starter = Tracker(config, skeleton)
         self._config = config
         self._kinematics = self._starter.kinematics
-        self._live = np.flatnonzero(self._kinematics.live)
+        self._live = self._kinematics.live_index
         self._state: BodyState | None = None
 
     def track(self, observation: Observation) -> Estimate:

@@ -608,7 +608,7 @@ class Tracker:
             return
         assert self._output_filter.forward is not None
         reprojection_px = partial(_reprojection_px, measured)
-        self._lag.add(estimate, self._output_filter.forward, self.skeleton.offsets, reprojection_px)
+        self._lag.add(estimate, self._output_filter.forward, self.kinematics.vectors, reprojection_px)
         self.published = self._lag.due(estimate.stamp, self.config.smoothing_lag)
 
     def _reject(

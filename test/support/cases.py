@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import AXIS_ORDERS, Skeleton
@@ -25,6 +25,11 @@ def body(layout: str = "coco17", height: float = 1.75) -> Kinematics:
     """The built-in skeleton with a built-in layout."""
     skeleton = Skeleton.load("anthropometric", height)
     return Kinematics(skeleton, Layout.load(layout, skeleton))
+
+
+def posed(kinematics: Kinematics, state: BodyState, offsets: np.ndarray) -> BodyPose:
+    """The pose of a state, with other offsets (n, 3) m of the joints."""
+    return kinematics.pose(state, np.concatenate([offsets, kinematics.layout.offsets])[..., None])
 
 
 def random_body(random: np.random.Generator, joints: int = 12, landmarks: int = 9) -> Kinematics:

@@ -11,7 +11,6 @@ Functions take leading batch axes (several states) where shapes are written with
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -20,8 +19,6 @@ from lassokin_ros.core.body.rotations import exponential, hat
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.record import record
-
-_IDENTITY = np.eye(3)
 
 
 @record
@@ -66,18 +63,19 @@ class Kinematics:
         n = skeleton.joint_count
         ancestors = skeleton.ancestors.astype(float)
         reach = ancestors[layout.joints]
-        self._jumps = _pointer_doubling(skeleton.parents)
+        depth = skeleton.ancestors.sum(axis=1)
+        self._levels = [np.flatnonzero(depth == level) for level in range(2, depth.max() + 1)]
         # Centres and landmarks are sums of vectors: bones are fixed to the parent joint, landmark offsets to the joint.
         self._carriers = np.concatenate([np.maximum(skeleton.parents, 0), layout.joints])
         self._sums = np.block([[ancestors, np.zeros(reach.T.shape)], [reach, np.eye(len(reach))]])
-        self._vectors = np.concatenate([skeleton.offsets, layout.offsets])[:, :, None]
+        self.set_skeleton(skeleton)
         #: (l, 3 n): 1 where a degree of freedom moves a landmark (its joint is the landmark's joint or an ancestor).
         self.reach = np.repeat(reach, 3, axis=1)
         self._row_reach = np.repeat(self.reach, 2, axis=0)
         self.joint_count, self.landmark_count = n, len(layout.names)
-        self._live = np.flatnonzero(self.live)
-        #: Indices of the root's live degrees of freedom; they are the first ones of all live degrees of freedom.
-        self.live_root = self._live[skeleton.parents[self._live // 3] < 0]
+        #: Indices of the live degrees of freedom, and of those that are the root's; these come first.
+        self.live_index = np.flatnonzero(self.live)
+        self.live_root = self.live_index[skeleton.parents[self.live_index // 3] < 0]
         self._reaches: dict[tuple[bytes, int], np.ndarray] = {}
 
     def set_skeleton(self, skeleton: Skeleton) -> None:
@@ -85,7 +83,8 @@ class Kinematics:
         if skeleton.height != self.skeleton.height:
             self.layout = self._given_layout.scaled(skeleton.height / self._given_height)
         self.skeleton = skeleton
-        self._vectors = np.concatenate([skeleton.offsets, self.layout.offsets])[:, :, None]
+        #: (n + l, 3, 1) m: bones and landmark offsets, on which a pose depends besides the state.
+        self.vectors = np.concatenate([skeleton.offsets, self.layout.offsets])[:, :, None]
 
     @cached_property
     def live(self) -> np.ndarray:
@@ -99,44 +98,32 @@ class Kinematics:
         L = self.jacobian(self.pose(BodyState(exponential(vectors), np.zeros((4, 3)))))
         return np.any(np.abs(L) > 1e-9, axis=(0, 1))
 
-    def pose(self, state: BodyState, offsets: np.ndarray | None = None) -> BodyPose:
+    def pose(self, state: BodyState, vectors: np.ndarray | None = None) -> BodyPose:
         """Forward kinematics, (1)-(2): orientations, joint centres and landmarks of a state.
 
         T_i is the product of the joints' transforms from the root to joint i; a landmark is q_i = T_i q_i^0.
-        offsets: (..., n, 3) m, rest offsets of another skeleton with the same tree for each state; default: this
-        skeleton's.
+        vectors: (..., n + l, 3, 1) m, `vectors` of another body with the same tree; default: this body's.
         """
-        if kernel.active and offsets is None:
+        vectors = self.vectors if vectors is None else vectors
+        if kernel.active:
             lead = state.rotations.shape[:-3]
-            orientations, places = np.empty(state.rotations.shape), np.empty((*lead, len(self._vectors), 3))
+            orientations, places = np.empty(state.rotations.shape), np.empty((*lead, len(self.vectors), 3))
             tree = self.skeleton.parents, self.layout.joints
-            if kernel.pose(state.rotations, state.translation, *tree, self._vectors, orientations, places):
+            if kernel.pose(state.rotations, state.translation, *tree, vectors, orientations, places):
                 return BodyPose(orientations, places[..., : self.joint_count, :], places[..., self.joint_count :, :])
         orientations = self._orientations(state.rotations)
-        local = self._vectors if offsets is None else self._with_levers(offsets)
-        vectors = (orientations.take(self._carriers, axis=-3) @ local)[..., 0]
-        places = self._sums @ vectors
+        places = self._sums @ (orientations.take(self._carriers, axis=-3) @ vectors)[..., 0]
         places += state.translation[..., None, :]
         n = self.joint_count
         return BodyPose(orientations, places[..., :n, :], places[..., n:, :])
 
-    def _with_levers(self, offsets: np.ndarray) -> np.ndarray:
-        levers = np.broadcast_to(self.layout.offsets, offsets.shape[:-2] + self.layout.offsets.shape)
-        return np.concatenate([offsets, levers], axis=-2)[..., None]
-
     def _orientations(self, rotations: np.ndarray) -> np.ndarray:
-        """(..., n, 3, 3): products of the rotations from the root to each joint, in log2(depth) batched steps.
-
-        Pointer doubling: after step k, each joint has the product over its last 2^k ancestors. An extra joint with
-        the identity rotation is the parent of the root, so that the root needs no special case.
-        """
-        product = np.empty(rotations.shape[:-3] + (self.joint_count + 1, 3, 3))
-        product[..., :-1, :, :] = rotations
-        product[..., -1, :, :] = _IDENTITY
-        for rest, above in self._jumps:
-            below = product[rest]
-            np.matmul(product.take(above, axis=-3), below, out=below)
-        return product[..., :-1, :, :]
+        """(..., n, 3, 3): products of the rotations from the root to each joint, level by level of the tree."""
+        product = rotations.copy()
+        for joints in self._levels:
+            above = product.take(self.skeleton.parents[joints], axis=-3)
+            product[..., joints, :, :] = above @ rotations.take(joints, axis=-3)
+        return product
 
     def jacobian(self, pose: BodyPose) -> np.ndarray:
         """L of (11), (..., 3 l, 3 n): block (i, j) is J_j(q_i) of (3)-(4), zero where joint j does not move q_i (5).
@@ -166,10 +153,10 @@ class Kinematics:
     def live_twists(self, pose: BodyPose, axes: np.ndarray) -> np.ndarray:
         """(..., live, 6): `twists` of the live degrees of freedom; axes: (..., n, 3, 3), see `twists`."""
         if kernel.active:
-            found = np.empty((*axes.shape[:-3], len(self._live), 6))
-            if kernel.twists(axes, pose.positions, self._live, found):
+            found = np.empty((*axes.shape[:-3], len(self.live_index), 6))
+            if kernel.twists(axes, pose.positions, self.live_index, found):
                 return found
-        return twists(pose, axes).take(self._live, axis=-2)
+        return twists(pose, axes).take(self.live_index, axis=-2)
 
     def point_columns(
         self,
@@ -199,7 +186,7 @@ class Kinematics:
         """
         key = joints.tobytes(), rows
         if key not in self._reaches:
-            carried = np.repeat(self.skeleton.ancestors[joints].astype(float), 3, axis=1)[:, self._live]
+            carried = np.repeat(self.skeleton.ancestors[joints].astype(float), 3, axis=1)[:, self.live_index]
             self._reaches[key] = np.ascontiguousarray(np.repeat(carried, rows, axis=0).T)
         return self._reaches[key]
 
@@ -223,18 +210,3 @@ def wrenches(root: np.ndarray, points: np.ndarray, rows: np.ndarray) -> np.ndarr
     np.matmul(by_point, hat(root[..., None, :] - points), out=result[..., :3])
     result[..., 3:] = by_point
     return result.reshape(*rows.shape[:-1], 6)
-
-
-def _pointer_doubling(parents: np.ndarray) -> list[tuple[tuple[Any, ...], np.ndarray]]:
-    """(rest, above) for each doubling step: the index of the joints that have an ancestor 2^k levels up, and above.
-
-    The joints are first..n-1 on the third last axis; above holds the ancestor of each, n if a later one has none.
-    """
-    top = len(parents)
-    above = np.append(np.where(parents < 0, top, parents), top)
-    steps = []
-    while np.any(above != top):
-        first = int(np.argmax(above != top))
-        steps.append(((..., slice(first, -1), slice(None), slice(None)), above[first:-1]))
-        above = above[above]
-    return steps

@@ -76,7 +76,7 @@ class FrameModel:
         self.image_pieces = [self.image]
         """The reprojection errors of each camera."""
         #: Indices of the estimated degrees of freedom. The root's come first; the prior has no rows for them.
-        self.live = np.flatnonzero(kinematics.live)
+        self.live = kinematics.live_index
 
     def add_camera(self) -> None:
         """Add the evidence of a further camera. Its views follow those of the cameras before in each frame."""

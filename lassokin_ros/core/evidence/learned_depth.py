@@ -52,8 +52,7 @@ class LearnedDepth(Evidence):
         self.joints = np.array([skeleton.index(joint) for joint, _ in chosen])
         #: (DEPTHS + 1, 3, 1) in heights.
         self.levers = np.array([offset for _, offset in chosen])[..., None]
-        live = np.flatnonzero(kinematics.live)
-        self.reach = np.repeat(skeleton.ancestors[self.joints], 3, axis=1)[:, live].T.astype(float, order="C")
+        self.reach = kinematics.reach_of(self.joints, 1)
         #: (DEPTHS, DEPTHS + 1): maps positions of the targets and the right hip to positions relative to the mid-hip.
         self._relative = np.eye(DEPTHS, DEPTHS + 1)
         self._relative[:, [0, DEPTHS]] -= 0.5

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import body, central_difference, random_body, random_state, relative_error
+from cases import body, central_difference, posed, random_body, random_state, relative_error
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
@@ -167,7 +167,7 @@ def test_other_offsets_are_another_skeleton(case):
     reshaped = Kinematics(kinematics.skeleton, kinematics.layout)
     reshaped.set_skeleton(skeleton)
     assert reshaped.skeleton is skeleton
-    for pose in (kinematics.pose(states[0], skeleton.offsets), reshaped.pose(states[0])):
+    for pose in (posed(kinematics, states[0], skeleton.offsets), reshaped.pose(states[0])):
         assert np.allclose(pose.positions, expected.positions, rtol=0, atol=1e-13)
         assert np.allclose(pose.landmarks, expected.landmarks, rtol=0, atol=1e-13)
 

@@ -43,7 +43,7 @@ def textbook(values, steps, times):
     return means[:, 0]
 
 
-def lagging(values, steps, offsets=None, speeds=None):
+def lagging(values, steps, vectors=None, speeds=None):
     """A FixedLag with waiting frames: the body is moved by values (f, 3), m; the angles are constant.
 
     speeds: (f,) m/s.
@@ -59,7 +59,7 @@ def lagging(values, steps, offsets=None, speeds=None):
         state = BodyState(rotations, np.array(place))
         steady = published_by(output_filter, state, kinematics.pose(state), none, place - last, step, speed, TIME)
         estimate = Estimate(stamp, Status.TRACKING, None, steady, solved=state)
-        own = kinematics.skeleton.offsets if offsets is None else offsets
+        own = kinematics.vectors if vectors is None else vectors
         lag.add(estimate, output_filter.forward, own, lambda pose: float(pose.positions[0, 0]))
         last = place
     return lag
@@ -99,7 +99,7 @@ def test_a_frame_without_new_keypoints_does_not_change_earlier_frames():
             output_filter, state, kinematics.pose(state), step, np.zeros(3), 1 / RATE, TYPICAL_SPEED, TIME
         )
         estimate = Estimate(frame / RATE, Status.TRACKING, None, steady, solved=state)
-        lag.add(estimate, output_filter.forward, kinematics.skeleton.offsets, lambda pose: 0.0)
+        lag.add(estimate, output_filter.forward, kinematics.vectors, lambda pose: 0.0)
     settled = [waiting.estimate for waiting in lag._waiting][30:]
     assert len(settled) == 10
     for smooth, before in zip(lag.flush()[30:], settled, strict=True):
@@ -116,17 +116,18 @@ def test_a_body_that_jumps_in_depth_is_not_smoothed_through_the_camera():
             assert abs(estimate.state.translation[2] - solved) <= (LARGEST_DEPTH_OFFSET + 1e-9) * solved
 
 
-def test_pose_and_reprojection_are_of_the_smoothed_state_and_the_frames_own_skeleton():
+def test_pose_and_reprojection_are_of_the_smoothed_state_and_the_frames_own_body():
     random = np.random.default_rng(1)
     values = 0.01 * random.normal(size=(5, 3)) + [0.0, 0.0, 3.0]
-    offsets = 1.1 * body().skeleton.offsets
-    due = lagging(values, np.full(5, 0.02), offsets).due(0.1, 0.02)
+    taller = body(height=1.9)
+    due = lagging(values, np.full(5, 0.02), taller.vectors).due(0.1, 0.02)
     assert len(due) > 0
     for estimate in due:
         assert np.allclose(estimate.pose.positions[0], estimate.state.translation)
         assert estimate.reprojection_px == estimate.pose.positions[0, 0]
-        bones = estimate.pose.positions[1:] - estimate.pose.positions[body().skeleton.parents[1:]]
-        assert np.allclose(np.linalg.norm(bones, axis=1), np.linalg.norm(offsets[1:], axis=1))
+        expected = taller.pose(estimate.state)
+        assert np.allclose(estimate.pose.positions, expected.positions, rtol=0, atol=1e-12)
+        assert np.allclose(estimate.pose.landmarks, expected.landmarks, rtol=0, atol=1e-12)
 
 
 def test_without_a_lag_the_answer_is_published_unchanged():
@@ -258,7 +259,7 @@ def test_waiting_frames_are_not_changed_by_a_replaced_state():
         pose = kinematics.pose(solved)
         steady = published_by(output_filter, solved, pose, none, np.zeros(3), 1 / RATE, TYPICAL_SPEED, TIME)
         estimate = Estimate(frame / RATE, Status.TRACKING, None, steady, solved=solved)
-        lag.add(estimate, output_filter.forward, kinematics.skeleton.offsets, lambda pose: 0.0)
+        lag.add(estimate, output_filter.forward, kinematics.vectors, lambda pose: 0.0)
     published = lag.flush()
     away = [np.abs(e.state.rotations - e.solved.rotations).max() for e in published]
     assert max(away) < 1e-9
