@@ -164,7 +164,7 @@ class UncertaintyModel:
         """observed: of this skeleton and layout."""
         kinematics = self._kinematics = frame_model.kinematics
         live, dead = kinematics.live_index, np.flatnonzero(~kinematics.live)
-        self.live_count = len(live)
+        self.live_count, self.live_root = len(live), kinematics.live_root
         # Unobserved degrees of freedom have the standard deviation of the prior.
         deviation = np.concatenate([np.ones(len(live)), np.sqrt(np.diagonal(prior.covariance)[dead])])
         self._columns = np.concatenate([live, dead])
@@ -293,10 +293,10 @@ class Posterior:
         """Add the pelvis' own uncertainty: x = Y (z - A Omega) by (15), and (B^T B)^-1 = Y Y^T for a given Omega."""
         estimate, pose, Y = self.estimate, self.estimate.pose, self.problem.reduced.Y
         assert pose is not None
-        count = len(self.lower)
+        count, turns = len(self.lower), self.model.live_root
         columns = np.zeros((count, 6))
-        # The root comes first, and every landmark moves with it.
-        columns[:, :3], columns[:3, 3:] = -Y.dot(self.problem.A).T, pose.orientations[0].T
+        # The root's degrees of freedom come first, and every landmark moves with it.
+        columns[:, :3], columns[: len(turns), 3:] = -Y.dot(self.problem.A).T, pose.orientations[0].T[turns]
         root, _ = lapack.dtrtrs(self.lower, columns, lower=1)
         sizes = np.repeat([self.factor[0], ROTATION_FACTOR], 3)
         pelvis = sizes[:, None] * root.T.dot(root) * sizes
