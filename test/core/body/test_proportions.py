@@ -68,7 +68,7 @@ def test_the_joints_jacobian_is_the_derivative_of_their_centres(all_lengths):
     expected = central_difference(
         lambda lengths: posed(kinematics, state, all_lengths.offsets(lengths)).positions, all_lengths.count
     )
-    actual = all_lengths.joint_jacobian(kinematics.pose(state))
+    actual = all_lengths.motion(kinematics.pose(state), np.zeros(13)).joints
     assert actual.shape == (24, 3, 13)
     assert relative_error(actual.reshape(-1, 13), expected) < 1e-8
 
@@ -103,7 +103,8 @@ def test_another_given_body_has_lengths_of_its_own(all_lengths):
     state = random_state(np.random.default_rng(5), kinematics)
     kinematics.set_skeleton(taller)
     expected = central_difference(lambda log: posed(kinematics, state, proportions.offsets(log)).positions, 13)
-    assert relative_error(proportions.joint_jacobian(kinematics.pose(state)).reshape(-1, 13), expected) < 1e-8
+    actual = proportions.motion(kinematics.pose(state), np.zeros(13)).joints
+    assert relative_error(actual.reshape(-1, 13), expected) < 1e-8
     moved = proportions.motion(posed(kinematics, state, proportions.offsets(lengths)), lengths)
     expected = central_difference(
         lambda log: posed(kinematics, state, proportions.offsets(lengths + log)).landmarks, 13
