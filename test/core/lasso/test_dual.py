@@ -236,7 +236,7 @@ def test_an_answer_is_exact_if_the_active_set_finds_it(monkeypatch):
     assert found.exact and guessed.exact and (found.method, guessed.method) == ("proxqp", "proxqp")
     monkeypatch.setattr("lassokin_ros.core.lasso.solver.solve_active_set", lambda *_: None)
     assert not LassoSolver().solve(problem).exact
-    assert not LassoSolution(found.omega, found.x, found.alpha, found.certifier, "proxqp").exact
+    assert not LassoSolution(found.omega, found.x, found.alpha, problem, "proxqp").exact
 
 
 def test_tiny_entries_are_cut_where_that_fits_the_conditions_better():
