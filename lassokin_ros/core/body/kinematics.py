@@ -71,7 +71,6 @@ class Kinematics:
         self.set_skeleton(skeleton)
         #: (l, 3 n): 1 where a degree of freedom moves a landmark (its joint is the landmark's joint or an ancestor).
         self.reach = np.repeat(reach, 3, axis=1)
-        self._row_reach = np.repeat(self.reach, 2, axis=0)
         self.joint_count, self.landmark_count = n, len(layout.names)
         #: Indices of the live degrees of freedom, and of those that are the root's; these come first.
         self.live_index = np.flatnonzero(self.live)
@@ -137,18 +136,6 @@ class Kinematics:
         shape = pose.landmarks.shape[:-2]
         blocks = np.moveaxis(columns, -1, -3).reshape(*shape, self.landmark_count, 3, 3 * self.joint_count)
         return (blocks * self.reach[:, None, :]).reshape(*shape, 3 * self.landmark_count, 3 * self.joint_count)
-
-    def image_jacobian(self, pose: BodyPose, rows: np.ndarray) -> np.ndarray:
-        """P L of (9)-(12), (..., 2 l, 3 n), without forming L.
-
-        rows: (..., 2 l, 3), the rows f of P's blocks F(q_i) of (8), possibly weighted. Since
-        f . (w x (q - p)) = w . (q x f) - (w x p) . f, all entries are one product of the wrenches (q x f, f) of the
-        landmarks with the twists (w, p x w) of the degrees of freedom, and a mask. Positions are relative to the
-        root, which keeps the numbers small.
-        """
-        moments = wrenches(pose.positions[..., 0, :], pose.landmarks, rows).swapaxes(-1, -2)
-        columns = twists(pose, pose.orientations) @ moments
-        return columns.swapaxes(-1, -2) * self._row_reach
 
     def live_twists(self, pose: BodyPose, axes: np.ndarray) -> np.ndarray:
         """(..., live, 6): `twists` of the live degrees of freedom; axes: (..., n, 3, 3), see `twists`."""

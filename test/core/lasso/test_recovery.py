@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from cases import body, random_state
+from cases import body, image_rows, random_state
 
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.stacked_model import linearise
 from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
 from lassokin_ros.core.lasso.recovery import theorem1_literal, theorem1_projected
 from lassokin_ros.core.lasso.solver import LassoSolver
@@ -103,8 +102,8 @@ def sparse_motion(random, k):
     kinematics = body("smpl24")
     state = random_state(random, kinematics, 0.4)
     pose = kinematics.pose(state)
-    model = linearise(kinematics, pose, project(pose.landmarks), np.ones(kinematics.landmark_count))
-    A, B = np.ascontiguousarray(model.A[:, kinematics.live]), model.B
+    A, B, _ = image_rows(kinematics, pose, project(pose.landmarks), np.ones(kinematics.landmark_count))
+    A = np.ascontiguousarray(A[:, kinematics.live])
     norms = np.linalg.norm(eliminate_translation(Lasso(A, B, A[:, 0], np.ones(A.shape[1]))).A, axis=0)
     usable = np.flatnonzero(norms > 1e-3 * norms.max())
     A, norms = np.ascontiguousarray(A[:, usable]), norms[usable]
