@@ -23,7 +23,7 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
-from lassokin_ros.core.body.roles import missing_roles
+from lassokin_ros.core.body.roles import ANKLES, missing_roles
 from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.body.symmetry import symmetric_skeleton
@@ -31,7 +31,6 @@ from lassokin_ros.core.cameras import Camera, Cameras
 from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence
-from lassokin_ros.core.evidence.foot_contact import ANKLES
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.initialisation import Fit, Initialiser

@@ -62,6 +62,7 @@ LIMBS = tuple(sided_chain for side in SIDES for sided_chain in (
 """Chains of joints from the trunk outwards. Each joint except the last one rotates the bone to the next joint."""
 LIMB_BONES = tuple(bone for limb in LIMBS for bone in zip(limb, limb[1:]))
 FEET = sided("ankle", "foot")
+ANKLES = sided("ankle")
 
 THICKNESS = {
     "hip": 0.055, "knee": 0.034, "ankle": 0.021, "foot": 0.018, "neck": 0.036, "head": 0.045, "shoulder": 0.040,

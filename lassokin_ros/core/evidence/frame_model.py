@@ -13,6 +13,7 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.proportions import LengthMotion
+from lassokin_ros.core.body.roles import ANKLES
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.evidence.balance import Balance
 from lassokin_ros.core.evidence.compiled import CompiledEvidence
@@ -53,8 +54,9 @@ class FrameModel:
         self.upright, self.balance = Upright(), Balance(kinematics)
         self.measured_depth = MeasuredDepth(kinematics.landmark_count)
         self.learned_depth = LearnedDepth(kinematics) if LearnedDepth.fits(kinematics.skeleton) else None
-        self.foot_contact = FootContact(kinematics) if FootContact.fits(kinematics.skeleton.joint_names) else None
-        self.floor = Floor(kinematics) if Floor.fits(kinematics.skeleton.joint_names) else None
+        with_ankles = set(ANKLES) <= set(kinematics.skeleton.joint_names)
+        self.foot_contact = FootContact(kinematics) if with_ankles else None
+        self.floor = Floor(kinematics) if with_ankles else None
         self._users = [UsersEvidence(evidence) for evidence in users]
         built_in = self.image, self.prior, self.upright, self.balance, self.measured_depth, self.learned_depth
         self.pieces: dict[str, Evidence] = {}
