@@ -1,9 +1,10 @@
 """Forward kinematics (1)-(2) and differential kinematics (3)-(6) of a tree of ball joints.
 
-All quantities are in the camera optical frame (x right, y down, z forward), in metres and radians. At rest, every
-joint frame is parallel to the root's frame. Joint j rotates by R_j about its own centre, in its parent's frame. An
-increment omega_j is applied on the right, R_j <- R_j exp(hat(omega_j)): the three angular degrees of freedom are
-rotations about the axes of the joint's own frame.
+All quantities are in metres and radians, in the frame of the skeleton: the first camera's optical frame (x right, y
+down, z forward), or a fixed frame in which the cameras' places are given. At rest, every joint frame is parallel to the
+root's frame. Joint j rotates by R_j about its own centre, in its parent's frame. An increment omega_j is applied on the
+right, R_j <- R_j exp(hat(omega_j)): the three angular degrees of freedom are rotations about the axes of the joint's
+own frame.
 
 Functions take leading batch axes (several states) where shapes are written with `...`.
 """
@@ -23,7 +24,7 @@ from lassokin_ros.core.record import record
 
 @record
 class BodyState:
-    """The moving state: local rotations (..., n, 3, 3), root position (..., 3) in the camera frame, m."""
+    """The moving state: local rotations (..., n, 3, 3), root position (..., 3) m, in the frame of the skeleton."""
 
     rotations: np.ndarray
     translation: np.ndarray
@@ -31,7 +32,7 @@ class BodyState:
     def retract(self, omega: np.ndarray, translation_step: np.ndarray) -> BodyState:
         """The state after the increment: R_j exp(hat(omega_j)), translation + x.
 
-        omega: (..., 3 n) rad, the seed's Omega; translation_step: (..., 3) m, its x.
+        omega: (..., 3 n) rad, the paper's Omega; translation_step: (..., 3) m, its x.
         """
         if kernel.active:
             moved = np.empty(self.rotations.shape)
@@ -43,7 +44,7 @@ class BodyState:
 
 @record
 class BodyPose:
-    """The result of forward kinematics, in the camera frame.
+    """The result of forward kinematics, in the frame of the skeleton.
 
     orientations: (..., n, 3, 3). positions: (..., n, 3) m, joint centres. landmarks: (..., l, 3) m, q.
     """
@@ -128,7 +129,7 @@ class Kinematics:
         """L of (11), (..., 3 l, 3 n): block (i, j) is J_j(q_i) of (3)-(4), zero where joint j does not move q_i (5).
 
         Column c of J_j(q_i) is the spatial twist of degree of freedom c applied to q_i: w x (q_i - p_j), with its
-        unit axis w and the joint's centre p_j, both in the camera frame.
+        unit axis w and the joint's centre p_j.
         """
         levers = pose.landmarks[..., :, None, :] - pose.positions[..., None, :, :]
         axes = pose.orientations.swapaxes(-1, -2)

@@ -1,7 +1,7 @@
-"""The roles of joints in a human body: the one table of joint names on which the method depends.
+"""The roles of joints in a human body, as far as several modules use them.
 
-A joint has a role by its name. The roles are those of SMPL's tree. A skeleton may lack some, or have further joints;
-what needs a missing role is then off, and `missing_roles` says so.
+A joint has a role by its name. Names that one module alone needs stand there. The roles are those of SMPL's tree. A
+skeleton may lack some, or have further joints; evidence without its roles is then off, and `missing_roles` says so.
 """
 
 from __future__ import annotations

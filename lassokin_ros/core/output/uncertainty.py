@@ -75,8 +75,8 @@ LARGEST_DEVIATION = 0.6
 the linear model."""
 HIDDEN_LEG = 0.25
 """As a fraction of the height: least standard deviation of the joints of a leg without any visible point from the knee
-down. The prior knows people who stand and walk. With it 70 instead of 44 % of the hidden knees and ankles of people who
-sit are within one deviation, and 100 instead of 95 % within two.
+down. The prior was learned from people who stand and walk. With it 70 instead of 44 % of the hidden knees and ankles of
+people who sit are within one deviation, and 100 instead of 95 % within two.
 """
 SCALE_DEVIATION = 0.045
 """Standard deviation of the body's size, as a fraction of it: height, shoes, proportions.
