@@ -24,7 +24,7 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
-from lassokin_ros.core.body.roles import missing_roles
+from lassokin_ros.core.body.roles import ANKLES, missing_roles
 from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.body.symmetry import symmetric_skeleton
@@ -32,7 +32,6 @@ from lassokin_ros.core.cameras import Camera, Cameras
 from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence
-from lassokin_ros.core.evidence.foot_contact import ANKLES
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.initialisation import Fit, Initialiser
@@ -611,7 +610,7 @@ class Tracker:
             return
         assert self._output_filter.forward is not None
         reprojection_px = partial(_reprojection_px, measured)
-        self._lag.add(estimate, self._output_filter.forward, self.skeleton.offsets, reprojection_px)
+        self._lag.add(estimate, self._output_filter.forward, self.kinematics.vectors, reprojection_px)
         self.published = self._lag.due(estimate.stamp, self.config.smoothing_lag)
 
     def _reject(

@@ -17,6 +17,7 @@ from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.observation import CameraPose, Observation, Rejection
+from lassokin_ros.core.output import uncertainty
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 
@@ -137,6 +138,19 @@ def test_a_camera_that_falls_silent_and_returns_does_not_make_the_body_jump():
     jumps = np.linalg.norm(np.diff(places[5:], axis=0), axis=-1)
     assert jumps.max() < 0.02
     assert np.linalg.norm(places[-1]) < 0.03
+
+
+def test_depths_of_the_only_camera_that_sees_the_person_have_their_own_deviations(monkeypatch):
+    """The rows of the network have more weight than its deviations say, also if they are those of the second camera."""
+    _, front, side, observe = scene(2.0)
+    tracker = Tracker(CONFIG)
+    for frame in range(60):
+        estimate = tracker.track([observe(side, frame)] if frame else [observe(front, frame), observe(side, frame)])
+    assert estimate.cameras == 1 and "learned depth 2" in estimate.rows
+    before = tracker.uncertainty(estimate).deviation
+    monkeypatch.setattr(uncertainty, "WEIGHT", 1.0)
+    after = tracker.uncertainty(estimate).deviation
+    assert np.all(after[1:] <= before[1:]) and after.mean() < 0.95 * before.mean()
 
 
 def test_a_late_message_only_updates_its_track():

@@ -65,7 +65,7 @@ class Initialiser:
         self._kinematics, self._frame_model = kinematics, frame_model
         self.mean_pose = exponential(prior.mean)
         """(n, 3, 3) local rotations of the prior's mean."""
-        self._live = np.flatnonzero(kinematics.live)
+        self._live = kinematics.live_index
         self._damping = np.append(np.full(len(self._live), DAMPING), np.full(3, 1e-6))
 
     def fit(self, frame: FrameData) -> Fit:

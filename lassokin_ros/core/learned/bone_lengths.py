@@ -95,7 +95,7 @@ class Calibration:
         self._frame_model, kinematics = frame_model, frame_model.kinematics
         self.proportions = Proportions(kinematics)
         self._models = length_models(self.proportions)
-        self._live, self._joint_count = np.flatnonzero(kinematics.live), kinematics.joint_count
+        self._live, self._joint_count = kinematics.live_index, kinematics.joint_count
         self.reset()
 
     def reset(self) -> None:

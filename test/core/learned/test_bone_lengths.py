@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cases import FACING, body, central_difference, random_body, random_state, relative_error
+from cases import FACING, body, central_difference, posed, random_body, random_state, relative_error
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.proportions import Proportions
@@ -53,11 +53,11 @@ def test_motion_by_lengths_is_the_derivative_of_landmarks_and_joints(layout):
     for _ in range(5):
         state = random_state(random, kinematics)
         lengths = random.normal(size=proportions.count) * 0.1
-        pose = kinematics.pose(state, proportions.offsets(lengths))
+        pose = posed(kinematics, state, proportions.offsets(lengths))
         motion_by_lengths = proportions.motion(pose, lengths)
         for points, actual in (("landmarks", motion_by_lengths.landmarks), ("positions", motion_by_lengths.joints)):
             expected = central_difference(
-                lambda d, points=points: getattr(kinematics.pose(state, proportions.offsets(lengths + d)), points),
+                lambda d, points=points: getattr(posed(kinematics, state, proportions.offsets(lengths + d)), points),
                 proportions.count,
             )
             assert relative_error(actual.reshape(-1, proportions.count), expected) < 1e-8

@@ -141,7 +141,8 @@ def test_the_line_of_a_certificate(kkt1, level, words):
     B[[2, 3, 4], [0, 1, 2]] = 1
     problem = Lasso(A, B, np.array([3.0, 0.25, 0, 0, 0]), np.array([1.0, 1.0]))
     certificate = Certificate(kkt1, 2e-9, 3e-9, 4.5, 5e-9, 6e-9, 1)
-    solution = LassoSolution(np.array([2.0, 0]), np.zeros(3), problem.alpha, lambda: certificate, "proxqp")
+    solution = LassoSolution(np.array([2.0, 0]), np.zeros(3), problem.alpha, problem, "proxqp")
+    vars(solution)["certificate"] = certificate
     found = SimpleNamespace(problem=problem, solution=solution, reprojection_px=1.23456789, initialised=True)
     doubt = Doubt(reversed=True, probability=0.125, unseen=("left leg", "right leg"))
     judgement = Judgement(doubt, ("this", "that"), 0.75)
