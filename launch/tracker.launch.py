@@ -100,7 +100,7 @@ def _start(context: LaunchContext) -> list:
     if show_rviz:
         of_camera = "lassokin_people.rviz" if settings.several_people else "lassokin.rviz"
         config = CONFIG / ("lassokin_world.rviz" if settings.fixed_frame else of_camera)
-        frame = given["frame"] or settings.fixed_frame
+        frame = settings.fixed_frame or given["frame"]
         actions.append(_rviz(config, given["camera"].rstrip("/"), frame, sim_time, common))
     return [*actions, *_bag(given["bag"])]
 

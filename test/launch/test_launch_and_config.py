@@ -214,3 +214,9 @@ def test_launch_sets_several_cameras_and_their_fixed_frame(launch_file):
     assert {display["Topic"]["Value"] for display in displays if "Topic" in display} == {"tracker/markers"}
     (grid,) = [display for display in displays if display["Class"] == "rviz_default_plugins/Grid"]
     assert grid["Plane"] == "XY"  # z is up
+
+
+def test_rviz_shows_the_fixed_frame_although_the_cameras_frame_is_given(launch_file):
+    """The view of the world has z up; the optical frame would lay it on its side."""
+    rviz = start(launch_file, fixed_frame="odom", frame="camera_optical_frame", rviz="1")["rviz2"]
+    assert rviz.arguments[1].endswith("lassokin_world.rviz") and rviz.arguments[2:] == ["-f", "odom"]
