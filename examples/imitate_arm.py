@@ -26,8 +26,7 @@ class ImitateArm(Node):
     def on_limbs(self, message):
         """Publish the target, scaled to the robot's arm."""
         (wrist,) = [limb for limb in points(message) if limb["index"] == joints.RIGHT_WRIST]
-        late = self.people.age(message.header) > 0.5
-        if late or not wrist["observed"] or wrist["deviation"] > LARGEST_DEVIATION:
+        if not self.people.fresh(message.header) or not wrist["observed"] or wrist["deviation"] > LARGEST_DEVIATION:
             return
         target = PoseWithCovarianceStamped()
         target.header.stamp, target.header.frame_id = message.header.stamp, "right_shoulder"

@@ -18,6 +18,7 @@ rclpy = pytest.importorskip("rclpy")
 from geometry_msgs.msg import PointStamped, PoseArray, PoseWithCovarianceStamped, TransformStamped, Twist  # noqa: E402
 from live import BACKEND, NO_HANDLERS, NodeProcess  # noqa: E402
 from messages import FRAME, camera_info, cloud, pixels_of_motion, raw_cloud  # noqa: E402
+from rcl_interfaces.msg import Log  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from sensor_msgs.msg import CameraInfo, PointCloud2  # noqa: E402
@@ -42,6 +43,7 @@ SCENES = {
     "safety_zone": (String, "zone", lambda message: message.data == "safe"),
     "wrist_in_base": (PointStamped, "right_wrist", bool),
     "two_cameras": (PointStamped, "person", bool),
+    "hand_over": (PointStamped, "hand", bool),
 }
 """Message type, topic, and whether a message makes the robot do something."""
 
@@ -238,6 +240,32 @@ def test_a_zone_with_a_person_is_occupied_and_then_unknown(robot, name):
         robot.spin_until(lambda: acts(robot, lambda m: m.data == "safe"), "an empty zone")
         words = [message.data for _, message in robot.published]
         assert words.count("unknown") > 10 and "safe" not in words[: words.index("unknown")]
+
+
+RAISED = PIXELS.copy()
+"""The same person, with the left arm (shoulder 5, elbow 7, wrist 9) straight up. 1 m is about 160 px."""
+RAISED[:, 7], RAISED[:, 9] = PIXELS[:, 5] + [15, -45], PIXELS[:, 5] + [15, -85]
+
+
+@pytest.mark.parametrize("name", ["raised_hand"])
+def test_a_raised_hand_in_old_keypoints_is_not_logged(robot, name):
+    robot.listen(Log, "/rosout")
+    skeletons = []
+    robot.node.create_subscription(PointCloud2, "/tracker/skeleton", skeletons.append, 10)
+    robot.pixels, robot.keypoints_late_s = RAISED, 1.5
+
+    def raised(message):
+        return message.name == name and "left hand raised" in message.msg
+
+    with running(name, robot), trackers(robot):
+        robot.spin_until(
+            lambda: len(robot.node.get_subscriptions_info_by_topic("/tracker/skeleton")) == 2, "the example"
+        )
+        robot.spin_until(lambda: len(skeletons) > 20, "old skeletons")
+        robot.spin_for(2.0)
+        assert not acts(robot, raised)
+        robot.keypoints_late_s = 0.0
+        robot.spin_until(lambda: acts(robot, raised), "a raised hand")
 
 
 PERSON_FIELDS = {
