@@ -14,7 +14,13 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
-from geometry_msgs.msg import PointStamped, Pose, PoseArray, TransformStamped  # noqa: E402
+from geometry_msgs.msg import (  # noqa: E402
+    PointStamped,
+    Pose,
+    PoseArray,
+    PoseWithCovarianceStamped,
+    TransformStamped,
+)
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
@@ -22,6 +28,7 @@ from sensor_msgs.msg import PointCloud2  # noqa: E402
 
 from lassokin_ros import joints as indices  # noqa: E402
 from msg_adapters.backends import RclpyBackend  # noqa: E402
+from msg_adapters.output_messages.limb_cloud import LimbCloudBuilder  # noqa: E402
 from msg_adapters.output_messages.skeleton_cloud import SkeletonCloudBuilder  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -77,9 +84,9 @@ def script(*command):
 
 
 @contextmanager
-def example(name, robot, act=lambda: None):
+def example(name, robot, act=lambda: None, arguments=()):
     """The process of an example; at SIGINT, while `act` is repeated, it must end with exit code 0."""
-    with script(f"examples/{name}.py") as process:
+    with script(f"examples/{name}.py", *arguments) as process:
         yield process
         process.send_signal(signal.SIGINT)
         robot.spin_until(lambda: process.poll() is not None, "the end", act)
@@ -158,6 +165,25 @@ def test_a_hand_is_published_while_it_is_visible_certain_and_new(robot):
         robot.spin_until(lambda: robot.got[-1].point.x == 25.0, "the last hand")
     assert {point.point.x for point in robot.got} == {24.0, 25.0}
     assert {point.header.frame_id for point in robot.got} == {"camera"}
+
+
+@pytest.mark.parametrize("frame", ["", "right_arm_base"])
+def test_the_target_of_an_arm_is_in_a_frame_of_the_robot_or_in_none(robot, frame):
+    """~/limbs has the frame_id of the camera, and the person's right_shoulder has other axes than the trunk."""
+    robot.listen(PoseWithCovarianceStamped, "arm_target")
+    tracker = robot.node.create_publisher(PointCloud2, "/tracker/limbs", 10)
+    cloud = LimbCloudBuilder(RclpyBackend(), [indices.RIGHT_WRIST], [indices.RIGHT_SHOULDER])
+
+    def send():
+        place, doubt, seen = np.array([[0.5, 0.1, -0.2]]), 1e-4 * np.eye(3)[None], np.array([True])
+        tracker.publish(cloud.fill(time.time_ns(), "camera", place, doubt, seen))
+
+    arguments = ("--ros-args", "-p", f"shoulder_frame:={frame}") if frame else ()
+    with example("imitate_arm", robot, send, arguments):
+        robot.spin_until(lambda: robot.got, "a target", send)
+    assert {target.header.frame_id for target in robot.got} == {frame}
+    place = robot.got[0].pose.pose.position
+    assert [place.x, place.y, place.z] == pytest.approx([0.4, 0.08, -0.16])
 
 
 SIGNALLED = """
