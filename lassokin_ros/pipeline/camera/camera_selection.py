@@ -100,7 +100,7 @@ class Camera:
                 f"camera_info of two cameras with the frame_id '{frame[:40]}' on one topic; used is the first one, "
                 f"with {used}; expected one publisher"
             )
-        return view.intrinsics.warning
+        return view.intrinsics.warning or view.lens.warning
 
     @property
     def is_shared(self) -> bool:
