@@ -45,9 +45,9 @@ class CameraPose:
     """Where a camera is, in the frame in which the skeleton is kept: x_camera = rotation x + translation.
 
     name: of the camera; each camera of a tracker has another one. rotation: (3, 3) into the camera's optical frame.
-    translation: (3,) m. The default is the frame of a single camera: its own optical frame. known: False if nobody
-    knows where the camera is; with `extrinsics` learn, its pose is found from the person. Raises CameraError if they
-    are not a rotation and a finite translation.
+    translation: (3,) m. The default is the frame of a single camera: its own optical frame. known: False if its
+    pose is not known; with `extrinsics` learn, it is found from the person. Raises CameraError if they are not a
+    rotation and a finite translation.
     """
 
     name: str = ""
@@ -72,6 +72,18 @@ class CameraPose:
     def centre(self) -> np.ndarray:
         """(3,) m: the camera's centre in the frame of the skeleton."""
         return -self.rotation.T @ self.translation
+
+    @property
+    def inverse(self) -> CameraPose:
+        """The pose of a camera whose transform is the inverse of this one's."""
+        return CameraPose(self.name, self.rotation.T, self.centre)
+
+    def relative_to(self, first: CameraPose) -> CameraPose:
+        """The pose in the optical frame of another camera; the pose itself if it is not known."""
+        if not self.known:
+            return self
+        rotation = self.rotation @ first.rotation.T
+        return CameraPose(self.name, rotation, self.translation - rotation @ first.translation)
 
     def into_camera(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 3) m in the camera's optical frame."""

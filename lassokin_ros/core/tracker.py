@@ -130,7 +130,7 @@ class Tracker:
         self._network_pose = None
         propose = MirroredLimbs(self.kinematics).propose
         if self._network is not None:
-            self._network_pose = NetworkPose(self._cameras, self.kinematics, self._initialiser.mean_pose)
+            self._network_pose = NetworkPose(self._cameras.network_places, self.kinematics, self._initialiser.mean_pose)
             propose = self._network_pose.propose
         self._other_pose = OtherPose(self._initialiser, self.frame_model, propose)
         self._reinitialisation = Reinitialisation()

@@ -337,7 +337,7 @@ class TrackerNode(Node):
         """Lock the person whom the parameter `follow` names, or release the lock."""
         try:
             if request.data:
-                response.success, response.message = True, f"locked: {self._pipeline.people.lock()}"
+                response.success, response.message = True, f"locked: {self._pipeline.lock(self._as_of_ns)}"
             else:
                 self._pipeline.people.release()
                 response.success, response.message = True, "nobody is locked"

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from lassokin_ros.common.atomic_files import refuse_existing
-from lassokin_ros.core.doubt.doubt import Doubt
-from lassokin_ros.core.doubt.spans import AROUND_S
+from lassokin_ros.doubt.doubt import Doubt
+from lassokin_ros.doubt.monitor import AROUND_S
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.replay.analysis.capsules import side_of
 from lassokin_ros.video.body_view import BACKGROUND, COLOURS, NAME, BodyView

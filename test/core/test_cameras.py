@@ -211,7 +211,7 @@ def test_two_cameras_measure_an_unknown_height():
     for frame in range(len(truth.positions)):
         estimate = tracker.track([observe(front, frame), observe(side, frame)])
     assert tracker.learned.height.measured
-    assert tracker.learned.lengths.stature == pytest.approx(1.75, rel=0.03)
+    assert tracker.learned.height.height == pytest.approx(1.75, rel=0.03)
     assert np.linalg.norm(estimate.pose.positions - truth.positions[-1], axis=-1).mean() < 0.04
 
 

@@ -7,6 +7,8 @@ row decreases where the state disagrees with the network. All depths are relativ
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
@@ -100,7 +102,7 @@ class LearnedDepth(Evidence):
         given = frame.views[self._camera].joint_depths
         assert given is not None
         factor = self.factor(frame)
-        return given if factor == 1.0 else given.with_weight(factor)
+        return given if factor == 1.0 else replace(given, whitening=factor * given.whitening)
 
     def factor(self, frame: FrameData) -> float:
         """Factor on the rows of a frame."""

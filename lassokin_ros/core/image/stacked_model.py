@@ -1,6 +1,6 @@
 """The stacked model of landmark motion, (9)-(12): y = P Gamma x + P L Omega.
 
-`linearise` computes the weighted blocks in one pass; `stacked_matrices` computes P, Gamma and L as the seed defines
+`linearise` computes the weighted blocks in one pass; `stacked_matrices` computes P, Gamma and L as the paper defines
 them. Both serve for reading and testing. The tracker uses `core/evidence/frame_model.py`.
 """
 
@@ -45,7 +45,7 @@ def linearise(kinematics: Kinematics, pose: BodyPose, points: np.ndarray, weight
 def stacked_matrices(kinematics: Kinematics, pose: BodyPose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(P, Gamma, L) of (9)-(11), unweighted: (2 l, 3 l), (3 l, 3), (3 l, 3 n).
 
-    The seed calls Gamma "a 3l-identity matrix", which cannot multiply x in R^3: it is the stack of l identities.
+    The paper calls Gamma "a 3l-identity matrix", which cannot multiply x in R^3: it is the stack of l identities.
     """
     count = kinematics.landmark_count
     F = projection_jacobian(pose.landmarks)

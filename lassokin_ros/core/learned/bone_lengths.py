@@ -24,7 +24,20 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.learned.length_prior import LengthPosterior, initial_deviation, length_models, posterior
-from lassokin_ros.core.schedule import Schedule
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Growing intervals in s: at least `first`, then `share` of the evidence collected so far, at most `last`."""
+
+    first: float
+    share: float
+    last: float
+
+    def interval(self, known: float) -> float:
+        """Time in s until the next piece of work. known: s of evidence collected so far."""
+        return min(max(self.first, self.share * known), self.last)
+
 
 STATURE_DEVIATION, OBSERVED_STATURE_DEVIATION = 0.005, 0.03
 """Standard deviation of the logarithm of the stature at rest: with one camera, which does not observe size, and with
@@ -92,7 +105,6 @@ class Calibration:
         self.deviation = initial_deviation(self._models)
         self.frozen = count == 0
         self.kept_motion = 0.0
-        self.odds = np.array([model.odds for model in self._models])
         self._frames: list[KeptFrame] = []
         self._next_relinearised = 0
         self._last_work_stamp = -math.inf
@@ -101,21 +113,17 @@ class Calibration:
 
     def resize(self, ratio: float) -> None:
         """Use a given body that is taller by a factor. The log-lengths stay, and the kept frames move away from the
-        camera, so that their images stay.
+        camera, so that their images stay. The network's depths in them are those of the taller body.
         """
         self.proportions.use(self.proportions.given.scaled(ratio))
         for frame in self._frames:
             frame.state = BodyState(frame.state.rotations, ratio * frame.state.translation)
+            frame.data = frame.data.for_size(ratio)
 
     @property
     def skeleton(self) -> Skeleton:
         """The skeleton with the present lengths."""
         return self.proportions.skeleton(self.lengths)
-
-    @property
-    def stature(self) -> float:
-        """m: the height of the person with the present lengths. With one camera it stays near the given one."""
-        return float(self.skeleton.height * (1 + self.proportions.stature_shares @ np.expm1(self.lengths)))
 
     @property
     def certain(self) -> bool:
@@ -201,7 +209,6 @@ class Calibration:
         H, g = self._normal_equations()
         g += shares * (shares @ self.lengths - excess) / self.stature_deviation**2
         found = posterior(self._models, H, g, stature)
-        self.odds = found.odds
         best = self._best(found)
         self.lengths = self.lengths + np.clip(best - self.lengths, -LARGEST_STEP, LARGEST_STEP)
         self.deviation = found.deviation(best)

@@ -50,7 +50,7 @@ def test_length_rows_are_the_derivatives_of_all_errors(scene):
     about = model.evaluate(state)
     rows = model.linearise(about, frame, huber_weights)
     C = model.length_rows(rows, about, frame, proportions.motion(about.pose, np.zeros(proportions.count)))
-    given = frame.joint_depths.with_weight(WEIGHT_WITH_DEPTH)
+    given = replace(frame.joint_depths, whitening=WEIGHT_WITH_DEPTH * frame.joint_depths.whitening)
     weight = np.sqrt((TAIL + 1) / (TAIL + learned._whitened(learned._points(about.pose), given) ** 2))
     errors = {
         model.image: (lambda pose: project(pose.landmarks).ravel(), 300.0),

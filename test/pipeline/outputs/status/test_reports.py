@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.doubt.doubt import Doubt
-from lassokin_ros.core.doubt.live import Judgement
 from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution
 from lassokin_ros.core.observation import Status
+from lassokin_ros.doubt.doubt import Doubt
+from lassokin_ros.doubt.live import Judgement
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.body_frames import BodyFrames, hip_joints
 from lassokin_ros.pipeline.outputs.frame_messages import principal_axes
