@@ -30,6 +30,7 @@ from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.body.symmetry import symmetric_skeleton
 from lassokin_ros.core.cameras import Camera, Cameras
 from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
+from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence
 from lassokin_ros.core.evidence.frame_model import FrameModel
@@ -109,9 +110,9 @@ class Tracker:
         """Build the tracker for one skeleton and one landmark layout.
 
         skeleton: in place of the configured one. evidence: further pieces of evidence for each frame's lasso, see
-        docs/extending.md. up: (3,) the vertical of the fixed frame in which the cameras' places are given; None if the
-        skeleton is kept in the first camera's optical frame, whose mount the settings give. Raises a LassokinError
-        (skeleton, layout, solver or setting) for a configuration that cannot be used.
+        docs/extending.md. up: (3,) the vertical of the fixed frame in which the cameras' places are given, of any
+        length; None if the skeleton is kept in the first camera's optical frame, whose mount the settings give. Raises
+        a LassokinError (skeleton, layout, solver or setting) for a configuration that cannot be used.
         """
         self.config = (config or TrackerConfig()).checked()
         self.given_skeleton = skeleton or Skeleton.load(self.config.skeleton, self.config.assumed_height)
@@ -121,7 +122,7 @@ class Tracker:
         self.kinematics = Kinematics(body, Layout.load(self.config.landmarks, body))
         prior = PoseDistribution.load(body)
         self.frame_model = FrameModel(self.kinematics, prior, evidence)
-        self.learned = Learned(self.frame_model, self.config, up)
+        self.learned = Learned(self.frame_model, self.config, None if up is None else _unit_vertical(up))
         self._cameras = Cameras(Camera(self.kinematics, self._depth_estimator(), self.learned.depth_noise))
         self._increments = IncrementSolver(self.frame_model, prior, self.config.solver)
         self._initialiser = Initialiser(self.kinematics, prior, self.frame_model)
@@ -626,6 +627,19 @@ class Tracker:
                 self._status = Status.LOST
             self.published = self._lag.due(observation.stamp, self.config.smoothing_lag)
         return Estimate(observation.stamp, self._status, rejection, certificate=certificate)
+
+
+def _unit_vertical(up: np.ndarray) -> np.ndarray:
+    """Return the vertical (3,) with length 1. Raises ConfigurationError."""
+    found = np.asarray(up)
+    length = np.linalg.norm(found) if found.shape == (3,) and found.dtype.kind in "fiu" else 0.0
+    if not 0.0 < length < np.inf:
+        raise ConfigurationError(
+            f"up is {found.tolist()}; expected the vertical of the fixed frame, (3,) finite numbers that are not all "
+            "0, such as [0, 0, 1]"
+        )
+    unit: np.ndarray = found / length
+    return unit
 
 
 def _reprojection_px(measured: dict[Camera, Measurement], pose: BodyPose) -> float:

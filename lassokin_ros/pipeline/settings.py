@@ -19,7 +19,7 @@ ROOT, ALL = "root", "all"
 SKELETON_SUFFIXES = (".yaml", ".yml")
 """Suffixes of skeletons that are written. One with another suffix would be read as another format."""
 PEOPLE_TYPES = tuple(BUILDERS)
-CAMERA_NAME = re.compile(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*")
+CAMERA_NAME = re.compile(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 """Name of a camera: the beginning of a topic's name."""
 PER_BODY_TYPE = "hri_msgs/msg/Skeleton2D"
 """Message type with the keypoints of one person; the name of the topic contains the id of the person."""
@@ -261,8 +261,8 @@ class NodeSettings:
         for name in names:
             if name and CAMERA_NAME.fullmatch(name) is None:
                 raise ConfigurationError(
-                    f"cameras has the name '{name}'; expected letters, digits and _, not starting with a digit, as in "
-                    "the topic <name>/keypoints"
+                    f"cameras has the name '{name}'; expected letters from a to z, digits and _, not starting with a "
+                    "digit, as in the topic <name>/keypoints"
                 )
             if names.count(name) > 1:
                 raise ConfigurationError(f"cameras has the name '{name}' twice; expected one name for each camera")
