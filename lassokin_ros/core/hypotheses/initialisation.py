@@ -18,6 +18,7 @@ from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import capped_weights
+from lassokin_ros.core.lasso.problem import WEAKEST
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.core.record import record
 
@@ -42,8 +43,6 @@ FAR = (8.0,) * 8 + (2.0,) * 6 + (1.0,) * 6
 """Factor on the noise in each iteration of a fit whose start may be far from the solution."""
 NEAR = (4.0,) * 3 + (1.0,) * 5
 """The same for a start near the solution. With half the iterations, poses after a gap had larger errors."""
-DAMPING = 1e-3
-"""1/rad^2, fixes unobservable degrees of freedom."""
 LARGEST_ROTATION = 0.7
 """rad: largest rotation of a degree of freedom in one step."""
 LEAST_DEPTH = 0.3
@@ -66,7 +65,7 @@ class Initialiser:
         self.mean_pose = exponential(prior.mean)
         """(n, 3, 3) local rotations of the prior's mean."""
         self._live = kinematics.live_index
-        self._damping = np.append(np.full(len(self._live), DAMPING), np.full(3, 1e-6))
+        self._damping = np.append(np.full(len(self._live), WEAKEST), np.full(3, 1e-6))
 
     def fit(self, frame: FrameData) -> Fit:
         """The best fit of all starts. At least two landmarks must be visible."""

@@ -23,6 +23,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import huber_weights
+from lassokin_ros.core.lasso.problem import WEAKEST
 from lassokin_ros.core.learned.length_prior import LengthPosterior, initial_deviation, length_models, posterior
 
 
@@ -59,8 +60,6 @@ UPDATE = Schedule(0.2, 0.25, 1.0)
 """s between two updates of the skeleton."""
 SETTLED = 0.05
 """s after an initialisation before frames are kept."""
-DAMPING = 1e-3
-"""1/rad^2, fixes unobservable degrees of freedom."""
 TYPICAL_COST = 12.0
 """Robust cost of a frame (image and prior) at which its weight is halved, because a high cost indicates a wrong pose.
 If the median over the kept frames is larger, as it is while the lengths are wrong, the median is used instead."""
@@ -173,7 +172,7 @@ class Calibration:
         """Recompute a frame's normal equations at the present lengths, and do one Gauss-Newton step of its pose."""
         J, C, z, cost = self._frame_rows(frame)
         H = J.T @ J
-        H.reshape(-1)[:: len(H) + 1] += DAMPING
+        H.reshape(-1)[:: len(H) + 1] += WEAKEST
         right = np.column_stack([J.T @ C, J.T @ z])
         _, solved, failed = lapack.dposv(H, right)
         if failed:
