@@ -30,6 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.environ.setdefault(name, level)
     try:
         from lassokin_ros.common.summary_output import print_summary
+        from lassokin_ros.video.output_paths import check_output_paths
         from lassokin_ros.video.several_videos import track_videos
         from lassokin_ros.video.track import track
 
@@ -37,6 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         several = len(options.sources) > 1 or options.cameras is not None
         if options.save_cameras is not None and not several:
             raise CameraError("--save-cameras is for several videos; expected two or more")
+        check_output_paths(options)
         tracked = track_videos(options) if several else track(options)
         print_summary(tracked.summary)
     except LassokinError as error:

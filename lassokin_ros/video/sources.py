@@ -239,10 +239,14 @@ def natural_key(name: str) -> list[tuple[str, int, str]]:
     return [(text, int(digits or -1), digits) for text, digits in parts]
 
 
+def images_of(folder: Path) -> list[Path]:
+    """Return the images in a folder, in no order."""
+    return [file for file in folder.iterdir() if file.suffix.lower() in IMAGES]
+
+
 def _folder(path: Path, fps: float) -> Source:
     cv2 = _opencv()
-    images_in = [file for file in path.iterdir() if file.suffix.lower() in IMAGES]
-    files = sorted(images_in, key=lambda file: natural_key(file.name))
+    files = sorted(images_of(path), key=lambda file: natural_key(file.name))
     if not files:
         raise SourceError(f"the folder '{path}' has no images; expected {', '.join(IMAGES)}")
     first = cv2.imread(str(files[0]))
