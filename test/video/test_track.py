@@ -17,6 +17,7 @@ from lassokin_ros.replay.first_pass import WHOLE_FILE
 from lassokin_ros.video import track as track_module
 from lassokin_ros.video.camera import from_file, from_fov
 from lassokin_ros.video.command import main
+from lassokin_ros.video.output_video import OutputVideo
 from lassokin_ros.video.sources import Image, Source, open_source
 
 cv2 = pytest.importorskip("cv2")
@@ -257,6 +258,31 @@ def test_a_file_is_smoothed_with_later_frames_and_detected_once(long_video, tmp_
     shake = [np.abs(np.diff(joints[:25, 20:22], n=2, axis=0)).mean() for joints in (whole, causal)]  # wrists
     assert shake[0] < 0.7 * shake[1]
     assert [open_source(str(tmp_path / f"{name}.mp4")).count for name in ("whole", "causal")] == [120, 120]
+
+
+def test_frames_before_an_absence_are_shown_as_tracked(long_video, tmp_path, monkeypatch):
+    """A rejected frame is known at once, and tracked ones after the lag: the video and the page have them in order."""
+
+    class Leaving(Walking):
+        def detect(self, image, seconds):
+            return [] if 0.09 < seconds < 0.12 else super().detect(image, seconds)
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Leaving())
+    shown, added = {}, OutputVideo.add
+
+    def add(self, seconds, images, frames):
+        shown[round(seconds, 3)] = any(frame.accepted for frame in frames)
+        added(self, seconds, images, frames)
+
+    monkeypatch.setattr(OutputVideo, "add", add)
+    files = ["--export", str(tmp_path / "m.npz"), "--video", str(tmp_path / "v.mp4"), "--report", str(tmp_path / "r")]
+    assert main([str(long_video), "--fov", "60", "--height", "1.8", *files]) == 0
+    with np.load(tmp_path / "m.npz") as motion:
+        tracked = {round(seconds, 3) for seconds in motion["stamp_ns"] * 1e-9}
+    assert {seconds for seconds, accepted in shown.items() if accepted} == tracked and not all(shown.values())
+    text = (tmp_path / "r").read_text(encoding="utf-8")
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text).group(1))
+    assert min(data["people"][0]["time"]) >= 0 and np.all(np.diff(data["people"][0]["time"]) > 0)
 
 
 def test_the_users_settings_replace_those_for_files(long_video, tmp_path, monkeypatch):
