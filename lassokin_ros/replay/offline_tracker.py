@@ -71,6 +71,8 @@ class OfflineTracker:
         self.pipeline = Pipeline(tracker_config, node_config, poses=poses, bodies=bodies)
         self.frame_seconds: list[float] = []
         """Time for decoding and tracking each message, s."""
+        self.messages_tracked = 0
+        """Keypoint messages with a skeleton; with several cameras, instants with one."""
         self.reprojection_px: list[float] = []
         """Reprojection error of each accepted frame, px."""
         self.listeners: list[Callable[[Sequence[FrameResult], int, float], None]] = []
@@ -203,8 +205,6 @@ class OfflineTracker:
     def _notify(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         if self.first_rejection is None:
             self.first_rejection = next(((f.rejection, f.detail) for f in frames if f.rejection is not None), None)
-        if not self.listeners:
-            return
         if self.pipeline.tracker.config.smoothing_lag > 0:
             messages = self._in_order.add(frames, self.pipeline.image)
         else:
@@ -213,6 +213,7 @@ class OfflineTracker:
 
     def _tell(self, messages: Sequence[Sequence[FrameResult]], time_ns: int, seconds: float) -> None:
         for number, message in enumerate(messages, 1):
+            self.messages_tracked += any(frame.accepted for frame in message)
             for listener in self.listeners:
                 listener(message, time_ns, seconds if number == len(messages) else float("nan"))
 

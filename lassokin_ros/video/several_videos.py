@@ -230,7 +230,7 @@ def _summary(
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     images = ", ".join(f"{camera.source.name} ({camera.name})" for camera in cameras)
     lines = {
-        "images": f"{counts['received']} in, {counts['accepted']} instants tracked",
+        "images": f"{counts['received']} in, {tracker.messages_tracked} instants tracked",
         "height": tracker.pipeline.tracker.config.height_text,
         "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
         "total": f"{seconds:.1f} s",

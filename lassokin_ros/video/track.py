@@ -218,7 +218,7 @@ class Run:
         counts, error = tracker.pipeline.counts, tracker.reprojection_px
         times, detect_times = tracker.frame_seconds or [np.nan], self.detections.detect_seconds or [np.nan]
         lines = {
-            "images": f"{counts['received']} in, {counts['accepted']} tracked",
+            "images": f"{counts['received']} in, {tracker.messages_tracked} tracked",
             "height": _height_line(tracker.pipeline.tracker.config, options),
             "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
             "detector": f"{1e3 * float(np.median(detect_times)):.1f} ms median",

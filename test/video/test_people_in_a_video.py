@@ -71,6 +71,17 @@ def test_all_people_have_their_files(two, long_video, tmp_path, capsys):  # noqa
     assert set(only) == {"p1", "p2"}
 
 
+def test_images_without_anybody_do_not_count_as_tracked(monkeypatch, long_video, tmp_path, capsys):  # noqa: F811
+    class Empty(Two):
+        def detect(self, image, seconds):
+            return [] if 2.0 <= seconds < 2.3 else super().detect(image, seconds)
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Empty())
+    found = run(long_video, tmp_path, "--person", "all")
+    stamps = set(np.concatenate([seconds for seconds, _ in found.values()]))
+    assert f"120 in, {len(stamps)} tracked" in capsys.readouterr().out and len(stamps) < 115
+
+
 class ShortLegged(Two):
     """The small person's shanks are 30 % shorter."""
 
