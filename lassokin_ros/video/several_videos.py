@@ -77,12 +77,20 @@ def track_videos(options: argparse.Namespace) -> Tracked:
                 if number:
                     detector = make_detector(options.detector)  # it follows the person from image to image
                 _detect(camera, detector, backend, outputs, stopped)
+        if stopped:
+            _keep_common_part(cameras)
         if (unplaced or tracker_config.calibrate and tracker_config.height > 0) and not options.causal:
             with TemporaryDirectory(prefix="lassokin_") as folder:
                 inputs = _inputs(first, cameras)
                 tracker_config = learn_lengths(_messages(cameras, backend), inputs, first, tracker_config, Path(folder))
                 if unplaced:
-                    poses, tracker_config = found_poses(first.pipeline), replace(tracker_config, extrinsics=CHECK)
+                    try:
+                        poses = found_poses(first.pipeline)
+                    except CameraError:
+                        if stopped:
+                            raise KeyboardInterrupt from None
+                        raise
+                    tracker_config = replace(tracker_config, extrinsics=CHECK)
                 second = make(tracker_config, poses=poses)
         else:
             second = make(tracker_config, poses=poses)
@@ -169,6 +177,16 @@ def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutp
             progress.advance(note=camera.name)
     finally:
         detector.close()
+
+
+def _keep_common_part(cameras: list[Filmed]) -> None:
+    """Keep the keypoints of the time for which all cameras were detected. Raises KeyboardInterrupt if there is none."""
+    kept = [camera.detections for camera in cameras if camera.detections is not None and camera.detections.found]
+    if len(kept) < len(cameras):
+        raise KeyboardInterrupt
+    end = min(detections.found[-1][0] for detections in kept)
+    for detections in kept:
+        detections.found = [found for found in detections.found if found[0] <= end]
 
 
 def _images_together(cameras: list[Filmed], options: argparse.Namespace) -> Iterator[dict[str, Image]]:

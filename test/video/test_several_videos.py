@@ -1,7 +1,9 @@
 """`lassokin track left right --cameras FILE`: synchronised image folders, and a detector that knows the motion."""
 
 import json
+import os
 import re
+import signal
 from itertools import count
 from pathlib import Path
 
@@ -108,6 +110,27 @@ def test_without_a_calibration_the_places_are_found_and_written(rig, capsys, tmp
     assert np.median(np.linalg.norm(apart - apart[:, :1], axis=-1)) < 0.04
     rig.clear()
     assert main(["left", "right", "--cameras", "found.toml", "--height", "1.75", "--export", "again.npz"]) == 0
+
+
+@pytest.mark.parametrize("at, placed, kept", [(FRAMES + 60, True, 60), (60, True, 0), (FRAMES + 60, False, 0)])
+def test_after_an_interrupt_the_part_that_all_cameras_show_is_kept(rig, capsys, monkeypatch, at, placed, kept):
+    """In the second of two cameras that are known; or before any, or too early to find where the cameras are."""
+    detect, images = Knowing.detect, count(1)
+
+    def interrupted(self, image, seconds):
+        if next(images) == at:
+            os.kill(os.getpid(), signal.SIGINT)
+        return detect(self, image, seconds)
+
+    monkeypatch.setattr(Knowing, "detect", interrupted)
+    lenses = ["--cameras", "calib.toml"] if placed else ["--fov", "60"]
+    assert main(["left", "right", *lenses, "--height", "1.75", "--export", "walk.npz"]) == 130
+    said = capsys.readouterr()
+    assert ("interrupted; nothing was written" in said.err) == (kept == 0) and Path("walk.npz").exists() == (kept > 0)
+    if kept:
+        assert f"{2 * kept} in, " in said.out
+        with np.load("walk.npz") as motion:
+            assert np.isfinite(motion["detected_px_right"])[5:].any(axis=(1, 2)).all()
 
 
 @pytest.mark.parametrize(

@@ -159,6 +159,15 @@ def test_tracked_frames_are_kept_if_the_user_interrupts(images, tmp_path, monkey
     assert "4 in, 4 tracked" in capsys.readouterr().out and motion.is_file()
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_while_the_images_are_drawn_leaves_no_file(long_video, tmp_path, monkeypatch, capsys, number):
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+    monkeypatch.setattr(OutputVideo, "add", lambda *_: os.kill(os.getpid(), number))
+    assert main([str(long_video), "--fov", "60", "--height", "1.8", "--video", str(tmp_path / "v.mp4")]) == 130
+    assert capsys.readouterr().err.endswith("lassokin track: interrupted; nothing was written\n")
+    assert list(tmp_path.iterdir()) == [long_video]
+
+
 def test_a_mount_frame_is_not_silently_without_effect(images, monkeypatch, capsys):
     """A video has no TF."""
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
