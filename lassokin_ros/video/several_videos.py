@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -26,13 +26,14 @@ from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.settings import OPTICAL_FRAME
+from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
 from lassokin_ros.replay.bags import typestore
 from lassokin_ros.replay.first_pass import WHOLE_FILE, Inputs, learn_lengths
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.found_cameras import calibration_toml, found_poses, where_in_words
+from lassokin_ros.video.people import PersonError
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
 from lassokin_ros.video.track import HEIGHT_ASSUMED, Tracked, height_given, lens_of, stop_flag
 from lassokin_ros.video.track_outputs import TrackOutputs
@@ -61,6 +62,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     learn = ["extrinsics:=learn"] if unplaced else []
     chosen = [f"landmarks:={detector.landmarks}", names, *learn, *options.p, *height]
     tracker_config, node_config = offline_settings(options.params_file, chosen, {} if options.causal else WHOLE_FILE)
+    _check(options, node_config, [camera.name for camera in cameras])
     if unplaced and tracker_config.height == 0:
         raise CameraError("height is 0, and without the places of the cameras nothing shows the size; give --height")
     types, poses = typestore(), {camera.name: camera.pose for camera in cameras}
@@ -114,6 +116,18 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     summary = _summary(options, cameras, second, written, time.monotonic() - began)
     faults = [camera.detections.fault for camera in cameras if camera.detections is not None]
     return Tracked("\n".join([summary, *outputs.doubts]), not stopped, "; ".join(filter(None, faults)))
+
+
+def _check(options: argparse.Namespace, node: NodeSettings, names: Sequence[str]) -> None:
+    """Raise a LassokinError for settings that several videos have no use for, before anything is detected."""
+    if options.person is not None or node.several_people:
+        raise PersonError(
+            "several videos are tracked with one person in view; expected no --person, max_people 1 and rep155 false"
+        )
+    if list(node.camera_names) != list(names):
+        raise CameraError(
+            f"cameras is {', '.join(node.camera_names)}; expected no setting: the videos name the cameras"
+        )
 
 
 def _cameras(options: argparse.Namespace) -> list[Filmed]:

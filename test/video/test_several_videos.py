@@ -224,6 +224,9 @@ def relative(origin, pose):
         (["--cameras", "others.toml"], "has no camera 'left'; its cameras are: right, lft"),
         (["--cameras", "one.toml"], "expected one for each of 2 videos"),
         (["--cameras", "nothing.toml"], "nothing.toml"),
+        (["--cameras", "calib.toml", "--person", "all"], "expected no --person, max_people 1 and rep155 false"),
+        (["--cameras", "calib.toml", "-p", "max_people:=2"], "expected no --person, max_people 1 and rep155 false"),
+        (["--cameras", "calib.toml", "-p", "cameras:=[left]"], "cameras is left; expected no setting: the videos name"),
     ],
 )
 def test_unusable_input_is_one_line(rig, capsys, tmp_path, options, words):

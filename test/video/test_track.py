@@ -90,6 +90,9 @@ def test_unusable_input_is_one_line_and_writes_nothing(images, tmp_path, monkeyp
         ([images, "--export", none / "m.npz"], "no folder"),
         ([images, "--video", none / "v.mp4"], "no folder"),
         ([images, "-p", "height:=tall"], "height"),
+        ([images, "-p", "cameras:=[a]"], "cameras is a; expected no setting: one video has one camera"),
+        ([images, "-p", "cameras:=[a,b]"], "cameras is a, b; expected no setting"),
+        ([images, "--fov", "60", "--camera-info", none], "--camera-info has the lens; expected no --fov beside it"),
     ]:
         refused(arguments, text, capsys)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["broken.mp4", "images"]
@@ -168,12 +171,13 @@ def test_an_interrupt_while_the_images_are_drawn_leaves_no_file(long_video, tmp_
     assert list(tmp_path.iterdir()) == [long_video]
 
 
-def test_a_mount_frame_is_not_silently_without_effect(images, monkeypatch, capsys):
+@pytest.mark.parametrize("name", ["camera_mount_frame", "fixed_frame"])
+def test_a_frame_is_not_silently_without_effect(images, monkeypatch, capsys, name):
     """A video has no TF."""
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
-    assert main([str(images), "--fov", "60", "-p", "camera_mount_frame:=base_link"]) == 0
+    assert main([str(images), "--fov", "60", "-p", f"{name}:=base_link"]) == 0
     output = capsys.readouterr()
-    assert output.err.startswith("lassokin track: camera_mount_frame is not used") and output.err.count("\n") == 1
+    assert output.err.startswith(f"lassokin track: {name} is not used") and output.err.count("\n") == 1
     assert "6 in, 6 tracked" in output.out
 
 
