@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import threading
 import time
@@ -16,7 +17,10 @@ import numpy as np
 from lassokin_ros.core.errors import LassokinError
 
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
-ASSUMED_FPS = 30.0
+ASSUMED_FPS, HIGHEST_FPS = 30.0, 240.0
+"""Hz: rate of a folder, and the highest that a video is believed to have. WebM of browsers says 1000: ticks per s."""
+MOST_FPS = 1000.0
+"""Hz: highest `--fps`."""
 BLACK, NOISE = 32, 0.02
 """Grey value of a black bar's pixels at most (codecs have noise), and the share of pixels that may be brighter."""
 LEAST_BAR, UNEVEN_BAR = 0.02, 0.01
@@ -69,6 +73,8 @@ def open_source(name: str, fps: float | None = None) -> Source:
     name: a path, the number of a webcam ("0"), its device ("/dev/video0", "/dev/v4l/by-id/..."), or an address
     ("rtsp://...", "http://..."). fps: of a folder, Hz.
     """
+    if fps is not None and not 0 < fps <= MOST_FPS:  # False for NaN
+        raise SourceError(f"--fps {fps:g}; expected a rate above 0 and up to {MOST_FPS:g} Hz")
     if name.isdecimal():
         return _webcam(int(name), f"camera {name}")
     if urlsplit(name).scheme.lower() in STREAMS and "://" in name:
@@ -76,11 +82,28 @@ def open_source(name: str, fps: float | None = None) -> Source:
     path = Path(name)
     if DEVICES in path.parents:
         return _webcam(_device_number(path), str(path))
-    if path.is_dir():
+    _check_name(path)
+    if os.path.isdir(path):  # False for a name that is too long, for which Path.is_dir raises OSError
         return _folder(path, fps or ASSUMED_FPS)
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise SourceError(f"there is no file or folder '{name}'")
     return _video(path)
+
+
+def _check_name(path: Path) -> None:
+    """Raise SourceError for a name that ends OpenCV in a crash."""
+    if not is_utf8(path):
+        raise SourceError(f"the name '{printable(path)}' is not UTF-8, which OpenCV needs; rename the file")
+
+
+def is_utf8(path: Path) -> bool:
+    """Return whether the path can be written in UTF-8. Other bytes of a name are surrogates in Python's text."""
+    return not any("\ud800" <= character <= "\udfff" for character in str(path))
+
+
+def printable(path: Path) -> str:
+    """Return a path that can be printed. Bytes that are not UTF-8 become escapes."""
+    return str(path).encode(errors="backslashreplace").decode()
 
 
 def content_size(image: np.ndarray) -> tuple[int, int]:
@@ -107,8 +130,7 @@ def _video(path: Path) -> Source:
     if not good:
         raise SourceError(f"'{path}' has no video stream that OpenCV can read")
     first = _upright(cv2, capture, first)
-    rate = _rate(cv2, capture)
-    count = max(int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+    rate, count = _rate_and_count(cv2, capture)
     return Source(path.name, *_sizes(first), rate, count, _frames(cv2, capture, first, rate))
 
 
@@ -116,9 +138,12 @@ def _sizes(image: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
     return (image.shape[1], image.shape[0]), content_size(image)
 
 
-def _rate(cv2: Any, capture: Any) -> float:
-    rate = float(capture.get(cv2.CAP_PROP_FPS))
-    return rate if 1.0 <= rate <= 1000.0 else ASSUMED_FPS
+def _rate_and_count(cv2: Any, capture: Any) -> tuple[float, int]:
+    """Return the nominal rate, Hz, and the number of images, 0 = unknown. Both are assumed for an unlikely rate."""
+    nominal, count = (float(capture.get(name)) for name in (cv2.CAP_PROP_FPS, cv2.CAP_PROP_FRAME_COUNT))
+    if 1.0 <= nominal <= HIGHEST_FPS:
+        return nominal, max(int(count), 0)
+    return ASSUMED_FPS, max(int(count * ASSUMED_FPS / nominal if nominal > 0 else count), 0)
 
 
 def _upright(cv2: Any, capture: Any, image: np.ndarray) -> np.ndarray:
@@ -169,7 +194,7 @@ def _stream(address: str) -> Source:
     if not good:
         capture.release()
         raise SourceError(f"'{name}' gives no images: check the address, the password and that the camera is on")
-    rate, count = _rate(cv2, capture), int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    rate, count = _rate_and_count(cv2, capture)
     if count > 0:
         return Source(name, *_sizes(first), rate, count, _frames(cv2, capture, first, rate))
     return Source(name, *_sizes(first), rate, 0, _newest_images(cv2, capture, name), live=True)
@@ -230,7 +255,7 @@ def _webcam(number: int, name: str) -> Source:
         finally:
             capture.release()
 
-    return Source(name, *_sizes(first), _rate(cv2, capture), 0, images(), live=True)
+    return Source(name, *_sizes(first), _rate_and_count(cv2, capture)[0], 0, images(), live=True)
 
 
 def natural_key(name: str) -> list[tuple[str, int, str]]:
@@ -249,6 +274,8 @@ def _folder(path: Path, fps: float) -> Source:
     files = sorted(images_of(path), key=lambda file: natural_key(file.name))
     if not files:
         raise SourceError(f"the folder '{path}' has no images; expected {', '.join(IMAGES)}")
+    for file in files:
+        _check_name(file)
     first = cv2.imread(str(files[0]))
     if first is None:
         raise SourceError(f"'{files[0]}' is no image that OpenCV can read")

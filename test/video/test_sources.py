@@ -1,5 +1,6 @@
 """Videos made by the test: rotation metadata, variable frame rate, portrait, black bars; cameras, streams, folders."""
 
+import os
 import struct
 import threading
 import time
@@ -102,6 +103,33 @@ def test_a_constant_frame_rate_gives_even_times(fps, tmp_path):
     source = open_source(str(record(tmp_path / "even.avi", corner(), fps)))
     assert np.allclose([image.seconds for image in source.images], np.arange(FRAMES) / fps, atol=2e-3)
     assert np.isclose(source.fps, fps, rtol=1e-3) and source.count == FRAMES and not source.live
+
+
+def test_a_rate_of_ticks_is_not_believed(tmp_path):
+    """WebM files of browsers say 1000 Hz. The announced number of images is then that of the duration."""
+    source = open_source(str(record(tmp_path / "ticks.avi", np.tile(corner(), (4, 4, 1)), 1000.0)))
+    assert source.fps == 30.0 and source.seconds <= FRAMES / 1000 and len(list(source.images)) == FRAMES
+
+
+@pytest.mark.parametrize("fps", [-5.0, 0.0, float("nan"), float("inf"), 1e6])
+def test_an_impossible_rate_of_a_folder_is_refused(fps, tmp_path):
+    cv2.imwrite(str(tmp_path / "0.png"), corner())
+    with pytest.raises(SourceError, match="expected a rate above 0 and up to 1000 Hz"):
+        open_source(str(tmp_path), fps)
+
+
+def test_names_that_crash_opencv_are_refused(tmp_path):
+    folder = tmp_path / "images"
+    folder.mkdir()
+    strange = os.fsdecode(b"w\xe4lk.png")
+    cv2.imwrite(str(folder / "a.png"), corner())
+    (folder / "a.png").rename(folder / strange)
+    for name in (folder, folder / strange):
+        with pytest.raises(SourceError, match="is not UTF-8, which OpenCV needs; rename the file") as error:
+            open_source(str(name))
+        assert str(error.value).encode()
+    with pytest.raises(SourceError, match="there is no file or folder"):
+        open_source("x" * 300 + ".mp4")
 
 
 def test_a_portrait_video_has_its_field_of_view_along_its_height(tmp_path):
