@@ -87,3 +87,9 @@ def test_paths_next_to_the_input_are_accepted(folder):
     for more in ([], ["--force"]):
         assert main(["walk.mcap", *wanted, *more]) == 0
     assert {"walk.csv", "walk.html", "walk", "walk.mcap"} <= {file.name for file in folder.iterdir()}
+
+
+def test_a_name_that_is_too_long_is_one_line(folder, capsys):
+    assert main([300 * "x"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("lassokin replay: the name 'xxx") and said.endswith("x' is too long for a file\n")

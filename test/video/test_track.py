@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lassokin_ros.detector.backend import Detected
+from lassokin_ros.detector.backend import Detected, DetectorError
 from lassokin_ros.replay.first_pass import WHOLE_FILE
 from lassokin_ros.video import track as track_module
 from lassokin_ros.video.camera import from_file, from_fov
@@ -132,6 +132,21 @@ def test_tracked_frames_are_kept_if_the_images_end_early(images, tmp_path, monke
     with np.load(motion) as data:
         assert len(data["stamp_ns"]) == 4
     assert open_source(str(video)).count == 4 and not list(tmp_path.glob(".*part*"))
+
+
+def test_tracked_frames_are_kept_if_the_detector_fails(images, tmp_path, monkeypatch, capsys):
+    class Failing(Standing):
+        def detect(self, image, seconds):
+            if seconds > 0.12:  # the fifth image
+                raise DetectorError("the model 'pose.onnx' cannot be run: out of memory")
+            return super().detect(image, seconds)
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Failing())
+    motion = tmp_path / "motion.npz"
+    assert main([str(images), "--fov", "60", "--export", str(motion)]) == 2
+    output = capsys.readouterr()
+    assert output.err.endswith("out of memory; what was tracked until then is kept\n")
+    assert "4 in, 4 tracked" in output.out and motion.is_file()
 
 
 def test_a_video_that_was_cut_is_tracked_to_its_end_with_a_note(tmp_path, monkeypatch, capsys):

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from test_track import Standing
 
+from lassokin_ros.detector.backend import make_detector
 from lassokin_ros.video import several_videos
 from lassokin_ros.video import track as track_module
 from lassokin_ros.video.command import main
 
 cv2 = pytest.importorskip("cv2")
+
+LONG = 300 * "x"
 
 
 @pytest.fixture
@@ -83,3 +86,22 @@ def test_a_file_that_is_there_is_kept_and_nothing_is_detected_in_vain(detected, 
 def test_an_export_by_its_suffix_has_one_name(detected):
     assert main(["walk.avi", "--height", "1.7", "--fov", "60", "--export", ".csv", "--export", "motion.csv"]) == 0
     assert Path("motion.csv").is_file()
+
+
+@pytest.mark.parametrize(
+    "option, name",
+    [
+        ("--camera-info", f"{LONG}.yaml"),
+        ("--params-file", f"{LONG}.yaml"),
+        ("--video", f"{LONG}.mp4"),
+        ("--detector", f"{LONG}.onnx"),
+        ("-p", f"skeleton:={LONG}.bvh"),
+    ],
+)
+def test_a_name_that_is_too_long_is_one_line(detected, option, name, capsys, monkeypatch):
+    if option == "--detector":
+        pytest.importorskip("onnxruntime", reason="a model needs onnxruntime")
+        monkeypatch.setattr(track_module, "make_detector", make_detector)
+    assert main(["walk.avi", "--height", "1.7", option, name]) == 2
+    said = [line for line in capsys.readouterr().err.splitlines() if "field of view of 60" not in line]
+    assert len(said) == 1 and LONG in said[0] and not detected
