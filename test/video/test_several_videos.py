@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.learned import camera_finder
 from lassokin_ros.detector.backend import Detected
-from lassokin_ros.pipeline.camera.calibration_file import Calibration, read_cameras
+from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
 from lassokin_ros.video import several_videos
 from lassokin_ros.video.command import main
 from lassokin_ros.video.found_cameras import calibration_toml
@@ -110,6 +110,20 @@ def test_without_a_calibration_the_places_are_found_and_written(rig, capsys, tmp
     assert np.median(np.linalg.norm(apart - apart[:, :1], axis=-1)) < 0.04
     rig.clear()
     assert main(["left", "right", "--cameras", "found.toml", "--height", "1.75", "--export", "again.npz"]) == 0
+
+
+def test_names_of_videos_that_are_no_topics_are_found_in_a_saved_file(rig, capsys):
+    """--save-cameras writes the names in the topics; YAML would read `no` as false."""
+    for camera, name in (("left", "no"), ("right", "caméra-2")):
+        for file in sorted(Path(camera).iterdir())[30:]:
+            file.unlink()
+        Path(camera).rename(name)
+    write_calibration(Path("saved.toml"), ["no", "cam_ra_2"])
+    command = ["caméra-2", "no", "--cameras", "saved.toml", "--height", "1.75", "--causal", "--save-cameras", "b.toml"]
+    assert main(command) == 0
+    assert (
+        camera_names(Path("b.toml")) == ["cam_ra_2", "no"] and "caméra-2 (cam_ra_2), no (no)" in capsys.readouterr().out
+    )
 
 
 @pytest.mark.parametrize("at, placed, kept", [(FRAMES + 60, True, 60), (60, True, 0), (FRAMES + 60, False, 0)])
