@@ -25,6 +25,8 @@ BLACK, NOISE = 32, 0.02
 """Grey value of a black bar's pixels at most (codecs have noise), and the share of pixels that may be brighter."""
 LEAST_BAR, UNEVEN_BAR = 0.02, 0.01
 """Least width of a bar, and the largest difference of the two, as shares of the image."""
+SPREAD = (0.2, 0.4, 0.6, 0.8)
+"""Places in a file, as shares, at which further images are looked at for black bars."""
 
 STREAMS = ("rtsp", "rtsps", "rtmp", "http", "https", "udp", "tcp")
 """Schemes of addresses that OpenCV's FFmpeg opens."""
@@ -107,9 +109,10 @@ def printable(path: Path) -> str:
 
 
 def content_size(image: np.ndarray) -> tuple[int, int]:
-    """Return the (width, height) px between black bars of equal width on opposite sides of an image.
+    """Return the (width, height) px between black bars of equal width on two opposite sides of an image.
 
     A letterboxed video has them. The optical axis stays in the middle, but the field of view is that of the content.
+    Dark surroundings on all four sides are no bars: they are those of a lit stage.
     """
     bright = image.max(axis=2) > BLACK
     size = []
@@ -119,7 +122,19 @@ def content_size(image: np.ndarray) -> tuple[int, int]:
         first, last = (int(filled[0]), full - 1 - int(filled[-1])) if len(filled) else (0, 0)
         are_bars = min(first, last) > LEAST_BAR * full and abs(first - last) <= UNEVEN_BAR * full
         size.append(full - first - last if are_bars else full)
-    return size[0], size[1]
+    full_width, full_height = image.shape[1], image.shape[0]
+    around = size[0] < full_width and size[1] < full_height
+    return (full_width, full_height) if around else (size[0], size[1])
+
+
+def _largest_content(first: np.ndarray, others: Iterator[np.ndarray]) -> tuple[int, int]:
+    """Return the largest content of some images: one may be dark at its sides. others: read if the first has bars."""
+    width, height = content_size(first)
+    if (width, height) != (first.shape[1], first.shape[0]):
+        for image in others:
+            wide, high = content_size(image)
+            width, height = max(width, wide), max(height, high)
+    return width, height
 
 
 def _video(path: Path) -> Source:
@@ -131,7 +146,22 @@ def _video(path: Path) -> Source:
         raise SourceError(f"'{path}' has no video stream that OpenCV can read")
     first = _upright(cv2, capture, first)
     rate, count = _rate_and_count(cv2, capture)
-    return Source(path.name, *_sizes(first), rate, count, _frames(cv2, capture, first, rate))
+    size, content = (first.shape[1], first.shape[0]), _largest_content(first, _spread(cv2, path, count))
+    return Source(path.name, size, content, rate, count, _frames(cv2, capture, first, rate))
+
+
+def _spread(cv2: Any, path: Path, count: int) -> Iterator[np.ndarray]:
+    """Yield some images spread over a video of `count` images, those that can be read."""
+    capture = cv2.VideoCapture(str(path))
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+    try:
+        for share in SPREAD:
+            capture.set(cv2.CAP_PROP_POS_FRAMES, int(share * count))
+            good, image = capture.read()
+            if good:
+                yield _upright(cv2, capture, image)
+    finally:
+        capture.release()
 
 
 def _sizes(image: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -288,7 +318,9 @@ def _folder(path: Path, fps: float) -> Source:
                 raise SourceError(f"'{file}' {problem}")
             yield Image(number / fps, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 
-    return Source(path.name, *_sizes(first), fps, len(files), images())
+    others = (cv2.imread(str(files[int(share * len(files))])) for share in SPREAD)
+    content = _largest_content(first, (image for image in others if image is not None))
+    return Source(path.name, (first.shape[1], first.shape[0]), content, fps, len(files), images())
 
 
 def _opencv() -> Any:

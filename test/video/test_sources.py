@@ -153,6 +153,24 @@ def test_dark_areas_are_no_bars():
     assert content_size(bright) == content_size(np.zeros_like(bright)) == (160, 96)
     bright[:, :60] = 0  # on one side only
     assert content_size(bright) == (160, 96)
+    stage = np.zeros_like(bright)
+    stage[30:-30, 50:-50] = 200  # lit in the middle
+    assert content_size(stage) == (160, 96)
+
+
+def test_bars_are_in_all_images(tmp_path):
+    """The first image is a scene that is lit in a strip; bars stay, the strip does not."""
+    images = np.full((10, 96, 160, 3), 200, np.uint8)
+    images[:3, :, :50] = images[:3, :, -50:] = 0
+    writer = cv2.VideoWriter(str(tmp_path / "strip.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), FPS, SIZE)
+    (tmp_path / "strip").mkdir()
+    for number, image in enumerate(images):
+        writer.write(image)
+        cv2.imwrite(str(tmp_path / "strip" / f"{number}.png"), image)
+    writer.release()
+    for name in ("strip.mp4", "strip"):
+        source = open_source(str(tmp_path / name))
+        assert source.content == (160, 96) and len(list(source.images)) == 10
 
 
 class Camera:
