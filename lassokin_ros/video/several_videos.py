@@ -34,7 +34,7 @@ from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.found_cameras import calibration_toml, found_poses, where_in_words
-from lassokin_ros.video.people import PersonError
+from lassokin_ros.video.people import PersonError, people_in
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
 from lassokin_ros.video.track import HEIGHT_ASSUMED, Tracked, height_given, lens_of, stop_flag
 from lassokin_ros.video.track_outputs import TrackOutputs
@@ -82,6 +82,8 @@ def track_videos(options: argparse.Namespace) -> Tracked:
                 _detect(camera, detector, backend, outputs, stopped)
         if stopped:
             _keep_common_part(cameras)
+        remarks = [_keep_largest(camera) for camera in cameras if detector.several]
+        outputs.remarks += filter(None, remarks)
         if (unplaced or tracker_config.calibrate and tracker_config.height > 0) and not options.causal:
             with TemporaryDirectory(prefix="lassokin_") as folder:
                 inputs = _inputs(first, cameras)
@@ -115,6 +117,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
             written.append(options.save_cameras)
         files.check()
     summary = _summary(options, cameras, second, written, time.monotonic() - began)
+    summary = "\n".join([summary, *(f"{'people':<15} {remark}" for remark in remarks if remark)])
     faults = [camera.detections.fault for camera in cameras if camera.detections is not None]
     return Tracked("\n".join([summary, *outputs.doubts]), not stopped, "; ".join(filter(None, faults)))
 
@@ -193,6 +196,19 @@ def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutp
             progress.advance(note=camera.name)
     finally:
         detector.close()
+
+
+def _keep_largest(camera: Filmed) -> str:
+    """Keep the keypoints of the largest person in the images, and return who else is there; empty for one person."""
+    assert camera.detections is not None
+    people = people_in(camera.detections.found)
+    if len(people) < 2:
+        return ""
+    present = dict(zip(people[0].seconds.tolist(), people[0].detected))
+    times = [seconds for seconds, _ in camera.detections.found]
+    camera.detections.found = [(seconds, [present[seconds]] if seconds in present else []) for seconds in times]
+    listed = "; ".join(person.words(camera.source.size[0]) for person in people)
+    return f"{len(people)} people in the images of {camera.name}, the first, largest one is tracked: {listed}."
 
 
 def _keep_common_part(cameras: list[Filmed]) -> None:

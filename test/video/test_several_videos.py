@@ -112,6 +112,24 @@ def test_without_a_calibration_the_places_are_found_and_written(rig, capsys, tmp
     assert main(["left", "right", "--cameras", "found.toml", "--height", "1.75", "--export", "again.npz"]) == 0
 
 
+def test_of_several_people_the_largest_in_each_video_is_tracked_all_the_time(rig, capsys, monkeypatch):
+    """The detector names the surest one first, which is now the one and now the other."""
+    detect = Knowing.detect
+
+    def both(self, image, seconds):
+        (near,) = detect(self, image, seconds)
+        far = Detected(0.5 * near.pixels + [20.0, 20.0], near.confidence)
+        return [near, far] if round(seconds * 30) % 20 < 10 else [far, near]
+
+    monkeypatch.setattr(Knowing, "detect", both)
+    monkeypatch.setattr(Knowing, "several", True)
+    assert main(["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--export", "walk.npz"]) == 0
+    assert "2 people in the images of right, the first, largest one is tracked: 0.0 to" in capsys.readouterr().out
+    with np.load("walk.npz") as motion:
+        frames, pelvis = np.round(motion["stamp_ns"] * 30e-9).astype(int), motion["joint_positions"][:, 0]
+    assert len(frames) > FRAMES - 4 and np.linalg.norm(np.diff(pelvis, axis=0), axis=1).max() < 0.06
+
+
 def test_names_of_videos_that_are_no_topics_are_found_in_a_saved_file(rig, capsys):
     """--save-cameras writes the names in the topics; YAML would read `no` as false."""
     for camera, name in (("left", "no"), ("right", "caméra-2")):
