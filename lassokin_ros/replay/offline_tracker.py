@@ -29,7 +29,7 @@ from lassokin_ros.pipeline.outputs.status.warning_log import WarningLog
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.replay.frames_in_order import FramesInOrder, by_stamp
+from lassokin_ros.replay.analysis.frames_in_order import FramesInOrder, by_stamp
 from msg_adapters.backends import Backend, RosbagsBackend
 from msg_adapters.detectors.definitions import DEFINITIONS as OF_DETECTORS
 from msg_adapters.detectors.registry import full_type_name

@@ -3,7 +3,7 @@
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.replay.frames_in_order import FramesInOrder, by_stamp
+from lassokin_ros.replay.analysis.frames_in_order import FramesInOrder, by_stamp
 
 
 def accepted(stamp_ns, person=""):
