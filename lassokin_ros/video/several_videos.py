@@ -6,7 +6,6 @@ Without a file with the places of the cameras, a first pass finds them from the 
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import time
 from collections.abc import Iterator, Sequence
@@ -58,7 +57,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     cameras = _cameras(options)
     height = [] if options.height is None else [f"height:={options.height}"]
     detector = make_detector(options.detector)
-    names = f"cameras:={json.dumps([camera.name for camera in cameras])}"  # YAML reads a plain `no` as false
+    names = f"cameras:=[{', '.join(camera.name for camera in cameras)}]"
     unplaced = options.cameras is None
     learn = ["extrinsics:=learn"] if unplaced else []
     chosen = [f"landmarks:={detector.landmarks}", names, *learn, *options.p, *height]
@@ -144,12 +143,11 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
     if options.camera_info is not None or options.fov is not None:
         raise CameraError("--cameras has the lenses; expected neither --camera-info nor --fov beside it")
     known = camera_names(options.cameras)
-    stems, by_topic = [Path(source).stem for source in options.sources], {_topic(name): name for name in known}
-    found_names = [stem if stem in known else by_topic.get(_topic(stem), "") for stem in stems]
-    strange = [stem for stem, name in zip(stems, found_names) if not name]
+    stems = [Path(source).stem for source in options.sources]
+    strange = [stem for stem in stems if stem not in known]
     if strange and len(strange) < len(stems):
         raise CameraError(f"'{options.cameras}' has no camera '{strange[0]}'; its cameras are: {', '.join(known)}")
-    names = known[: len(stems)] if strange else found_names
+    names = stems if set(stems) <= set(known) else known[: len(stems)]
     if len(names) < len(stems):
         raise CameraError(
             f"'{options.cameras}' has the cameras {', '.join(known)}; expected one for each of {len(stems)} videos"
@@ -182,8 +180,8 @@ def _unplaced_cameras(options: argparse.Namespace) -> list[Filmed]:
 
 
 def _topic(name: str) -> str:
-    """Return the name of a camera as a part of a topic's name; it is also the one in the file of --save-cameras."""
-    return re.sub(r"\W", "_", name if re.match(r"[A-Za-z_]", name) else f"c{name}", flags=re.ASCII)
+    """Return the name of a camera as a part of a topic's name."""
+    return re.sub(r"\W", "_", name if re.match(r"[A-Za-z_]", name) else f"c{name}")
 
 
 def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutputs, stopped: list[int]) -> None:
