@@ -17,7 +17,7 @@ CONFIDENT, NEAREST, CENTRE = "confident", "nearest", "centre"
 RULES = (CONFIDENT, NEAREST, CENTRE)
 GUESS_AFTER_S = 0.5
 """s: a person who is found by place after a longer absence may be somebody else, see FrameResult.guessed."""
-ID = re.compile(r"p?(\d{1,9})")
+ID = re.compile(r"p?(\d{1,18})")
 """One person: the number of the detector; with several people, the number of the id in ~/people."""
 
 

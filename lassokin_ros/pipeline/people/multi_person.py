@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Iterable, Sequence
 
 import numpy as np
@@ -182,11 +182,11 @@ class MultiPersonTracker:
                 sights.setdefault(number, []).append(sight)
         self._newest = {n: seen[0].seen for n, seen in sights.items() if n in self._present}
         self._newest_ns = stamp_ns
-        results = self._track(images[0], frame_id, sights)
+        results = self._track(images[0], frame_id, sights, persistent)
         if self._lock_next:
             with suppress(NoPersonError):  # wait for the next image
                 self.lock()
-        return [self._identified(result, persistent) for result in results]
+        return results
 
     def _only_one(self, image: PeopleImage, view: Sequence[Sight], sights: dict[int, list[Sight]]) -> dict[int, Sight]:
         """Return the sight of a camera whose place is not known, if it is that of the only person in view.
@@ -199,11 +199,6 @@ class MultiPersonTracker:
         there = recent | sights.keys()
         return dict(zip(there, view)) if len(there) == 1 else {}
 
-    def _identified(self, result: FrameResult, persistent: bool) -> FrameResult:
-        number = number_named(result.person)
-        assert number is not None
-        return replace(result, detector_id=number if persistent else -1, guessed=number in self._guessed)
-
     def _numbered(self, view: Sequence[Sight]) -> dict[int, Sight]:
         """Return the sights by person number, which lasts. People of new numbers are added."""
         pairs = {s.seen.number: s for s in view if s.seen.number in self._present or self._is_trackable(s.seen)}
@@ -212,7 +207,9 @@ class MultiPersonTracker:
                 self._add(number, sight.stamp_ns, pairs)
         return pairs
 
-    def _track(self, image: PeopleImage, frame_id: str, pairs: dict[int, list[Sight]]) -> list[FrameResult]:
+    def _track(
+        self, image: PeopleImage, frame_id: str, pairs: dict[int, list[Sight]], persistent: bool
+    ) -> list[FrameResult]:
         stamp_ns = self._newest_ns
         lost = {number for number, person in self._present.items() if person.status_at(stamp_ns) is Status.LOST}
         results, found = [], 0
@@ -220,7 +217,7 @@ class MultiPersonTracker:
         for number, person in list(self._present.items()):
             seen = pairs.get(number) if number not in lost or found < MOST_REINITIALISED else None
             try:
-                results += self._results_of(number, image, frame_id, seen)
+                results += self._results_of(number, image, frame_id, seen, number if persistent else -1)
             except Exception as error:  # the others are tracked all the same
                 errors.append(error)
             found += seen is not None and number in lost and person.status is Status.TRACKING
@@ -229,7 +226,7 @@ class MultiPersonTracker:
         return results
 
     def _results_of(
-        self, number: int, image: PeopleImage, frame_id: str, seen: Sequence[Sight] | None
+        self, number: int, image: PeopleImage, frame_id: str, seen: Sequence[Sight] | None, detector_id: int
     ) -> list[FrameResult]:
         """The accepted results of one person; rejections are counted. seen: None for a person not in the images."""
         person = self._present[number]
@@ -238,7 +235,8 @@ class MultiPersonTracker:
             return person.mark_absent(nothing) if image.camera.known else []
         placed = {sight.camera.name: sight for sight in seen if sight.camera.known}
         self._sights.setdefault(number, {}).update(placed)
-        answers = person.track(seen, frame_id, name(number))
+        guessed = number in self._guessed
+        answers = person.track(seen, frame_id, name(number), detector_id=detector_id, guessed=guessed)
         refused = [result for result in answers if not result.accepted]
         for result in refused if placed else ():
             late = result.rejection == Rejection.LATE.value

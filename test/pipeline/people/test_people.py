@@ -371,6 +371,16 @@ def test_a_person_who_cannot_be_tracked_does_not_block_others(hidden):
         assert frame.accepted, (frame.rejection, frame.detail)
 
 
+def test_numbers_of_ten_digits_are_those_of_people():
+    """Some trackers count from the time of the day."""
+    here, there = walk(2, -0.8, 3.5, 0.0, 1)[1], walk(2, 0.8, 3.5, 0.0, 2)[1]
+    pipeline = pipeline_for(max_people=2, follow="p1500000000", lock=True)
+    for i in range(2):
+        found = feed(pipeline, i, [here[i], there[i]], [1_500_000_000, 4])
+    assert {person: frame.detector_id for person, frame in found.items()} == {"p4": 4, "p1500000000": 1_500_000_000}
+    assert pipeline.locked == "p1500000000"
+
+
 @pytest.mark.skipif(not (DETECTIONS / "openpose_balancing.npz").is_file(), reason="no real detections (LASSOKIN_DATA)")
 @pytest.mark.parametrize("camera", [0, 1])
 def test_real_people_in_a_changing_order_keep_their_ids(camera):
