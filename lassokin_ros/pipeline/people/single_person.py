@@ -132,11 +132,11 @@ class SinglePersonTracker:
 
     def update(self, images: Sequence[PeopleImage], frame_id: str, forget_after: float) -> list[FrameResult]:
         """Track the followed person; see PeopleTracker.update. A refused message gives a result with the reason."""
-        found = [self._select(image, forget_after) for image in images]
-        sights = [Sight(image.stamp_ns, one, image.lens, image.camera) for image, one in zip(images, found)]
-        if len(sights) > 1:
-            sights = [sight for sight in sights if _has_points(sight.seen)] or sights
-        number = found[0].number if images[0].persistent else -1
+        found = [(image, self._select(image, forget_after)) for image in images]
+        if len(found) > 1:
+            found = [(image, one) for image, one in found if self._is_followed(image, one)] or found
+        sights = [Sight(image.stamp_ns, one, image.lens, image.camera) for image, one in found]
+        number = sights[0].seen.number if found[0][0].persistent else -1
         results = self._person.track(sights, frame_id, label=self._id, detector_id=number, guessed=self._guessed)
         rejected = results and not results[-1].accepted
         if rejected and (absence := self._absence(images[0], forget_after)):
@@ -178,6 +178,12 @@ class SinglePersonTracker:
         if followed is None:
             return self._nobody(people)
         return followed.detection if followed.seen_ns == stamp_ns else self._nobody(())
+
+    def _is_followed(self, image: PeopleImage, one: Detection) -> bool:
+        """Return True if a detection in an image shows the followed person, and no bystander."""
+        view = self._views[image.camera.name]
+        shown = view.unnumbered if view.followed is None else view.followed.detection
+        return one is shown and _has_points(one)
 
     def _count_absence(self, one: Detection, stamp_ns: int, patience: float) -> None:
         """Note that somebody without a number comes after an absence: it may be another person, so the id is new."""
