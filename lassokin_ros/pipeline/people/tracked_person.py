@@ -230,8 +230,7 @@ class TrackedPerson:
         place = estimate.state.translation
         if estimate.initialised or self._place is None or self.seen_ns is None:
             self._velocity[:] = 0.0
-        else:
-            seconds = (stamp_ns - self.seen_ns) * 1e-9
+        elif (seconds := (stamp_ns - self.seen_ns) * 1e-9) > 0:  # 0: another camera's image of the same stamp
             share = 1 - math.exp(-seconds / VELOCITY_MEMORY_S)
             self._velocity += share * ((place - self._place) / seconds - self._velocity)
         self._place, self._landmarks, self.seen_ns = place, estimate.pose.landmarks, stamp_ns

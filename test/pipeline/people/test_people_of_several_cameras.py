@@ -60,3 +60,19 @@ def test_the_points_of_a_bystander_are_not_published_as_the_persons():
         frames = rig.send("left", index, bystander) + rig.send("right", index, me)
     (frame,) = frames
     assert (frame.camera.name, frame.detector_id, frame.others) == ("right", 42, ())
+
+
+def test_an_image_with_the_stamp_of_an_earlier_result_does_not_spoil_the_velocity():
+    """The stamp of a result is the newest one of its images; that of the right camera was of no use."""
+    rig = Rig("left", "right", "third", camera_wait=0.01)
+    whole, faint, wait_ns = np.full(17, 0.9), np.full(17, 0.05), 20_000_000
+    for index in range(12):
+        frames = rig.send("left", index, {1: (rig.pixels("left", index), whole)})
+        if index == 8:
+            rig.send("right", index, {1: (rig.pixels("right", index), faint)}, 1_000_000)
+        late_ns = 30_000_000 if index == 8 else 0
+        rig.pipeline.due(START_NS + index * PERIOD_NS + wait_ns)
+        later_ns = 1_000_000 if index == 8 else 0
+        frames += rig.send("third", index, {1: (rig.pixels("third", index), whole)}, later_ns, late_ns)
+        frames += rig.pipeline.due(START_NS + index * PERIOD_NS + 2 * wait_ns + late_ns)
+        assert all(np.isfinite(frame.velocity).all() for frame in frames if frame.accepted)
