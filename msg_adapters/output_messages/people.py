@@ -175,8 +175,8 @@ class PeopleCloudBuilder:
     """sensor_msgs/PointCloud2, one point per person.
 
     x, y, z in m, vx, vy, vz in m/s, xx, xy, xz, yy, yz, zz in m^2: pelvis; confidence; person: `PersonReport.number`;
-    tracked: 1, or 0 for a person who is lost. age, detector_id, guessed, doubtful: as in PersonReport; a detector_id above
-    LARGEST_NUMBER is -1.
+    tracked: 1, or 0 for a person who is lost. age, detector_id, guessed, doubtful: as in PersonReport; a
+    detector_id above LARGEST_NUMBER is -1.
     """
 
     def __init__(self, backend: Backend, serialised: bool = False) -> None:

@@ -18,10 +18,10 @@ from lassokin_ros.pipeline.people.assignment import assign
 from lassokin_ros.pipeline.people.choice import (
     CONFIDENT,
     GUESS_AFTER_S,
-    SCORES,
     NoPersonError,
     nobody_to_lock,
     number_named,
+    preferred,
 )
 from lassokin_ros.pipeline.people.cross_view import SAME_PERSON, cross_view_cost
 from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, is_trackable, match_radius
@@ -117,7 +117,7 @@ class MultiPersonTracker:
         there = {n: seen for n, seen in self._newest.items() if self._present[n].seen_ns == self._newest_ns}
         number = number_named(self._follow)
         if number is None and there:
-            number = max(there, key=lambda n: SCORES[self._follow](there[n]))
+            number = list(there)[preferred(self._follow, list(there.values()))]
         if number is None or number not in there:
             raise NoPersonError(nobody_to_lock(self._follow, len(there)))
         self._locked, self._lock_next = number, False

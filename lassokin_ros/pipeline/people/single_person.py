@@ -23,10 +23,10 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.choice import (
     CONFIDENT,
     GUESS_AFTER_S,
-    SCORES,
     NoPersonError,
     nobody_to_lock,
     number_named,
+    preferred,
 )
 from lassokin_ros.pipeline.people.cross_view import same_person
 from lassokin_ros.pipeline.people.image_tracks import RIVAL, ImageTrack, ImageTracks
@@ -240,10 +240,10 @@ class SinglePersonTracker:
     def _choose_anew(self, view: _View) -> ImageTrack | None:
         """Follow the best person in the image. Return the track, None if nobody can be tracked."""
         tracks = [t for t in view.tracks.seen_at(view.seen_ns) if self._is_trackable(t.detection)]
-        best = self._best(tracks, view.persistent)
-        if best is not None and best is not view.followed:
-            self._begin(best, view)
-        return best
+        chosen = self._best(tracks, view.persistent)
+        if chosen is not None and chosen is not view.followed:
+            self._begin(chosen, view)
+        return chosen
 
     def _begin(self, track: ImageTrack | None, view: _View) -> None:
         """Follow another person, under a new id. The images of other cameras will show who it is there."""
@@ -260,14 +260,14 @@ class SinglePersonTracker:
         if number is not None:
             lasting = tracks if persistent else ()
             return next((track for track in lasting if track.detection.number == number), None)
-        score = SCORES[self._follow]
-        return max(tracks, key=lambda track: score(track.detection), default=None)
+        return tracks[preferred(self._follow, [track.detection for track in tracks])] if tracks else None
 
     def _nobody(self, people: Sequence[Detection]) -> Detection:
         """Return the detection with the most points of those who cannot be tracked, so that the reason is reported."""
-        empty = Detection(np.full((self._count, 2), np.nan), np.zeros(self._count))
         untrackable = [one for one in people if not self._is_trackable(one)]
-        return max(untrackable, key=SCORES[CONFIDENT], default=empty)
+        if untrackable:
+            return untrackable[preferred(CONFIDENT, untrackable)]
+        return Detection(np.full((self._count, 2), np.nan), np.zeros(self._count))
 
     def _absence(self, image: PeopleImage, forget_after: float) -> str:
         """Return the explanation for a message that shows other people only; empty if that is not the case.

@@ -144,7 +144,7 @@ class TrackedPerson:
                 self.status = Status.SEARCHING if self.seen_ns is None else Status.LOST
                 reason, detail = FROZEN, frozen_text(frozen_s, self.tracker.config)
             due = self._due(self.tracker.published, stamp_ns)
-            return [*due, frame(estimate, reason, detail)]
+            return [*due, frame(estimate=estimate, rejection=reason, detail=detail)]
         self._update_motion(stamp_ns, estimate)
         tracker, velocity = self.tracker, self._velocity.copy()
         made = partial(frame, velocity=velocity, measure=tracker.uncertainty, observe=tracker.observed)
