@@ -73,7 +73,7 @@ class MultiPersonTracker:
         self._follow, self._lock_first, self._lock_next = follow, lock, lock
         self._locked: int | None = None
         self._guessed: set[int] = set()
-        self._newest: dict[int, Detection] = {}  # the detections of the newest image, by person
+        self._newest: dict[int, Detection] = {}  # the newest detection, by person
         self._newest_ns = 0
         self._idle = list(people)
         self._counts = counts
@@ -114,7 +114,8 @@ class MultiPersonTracker:
 
     def lock(self) -> str:
         """See PeopleTracker.lock."""
-        there = {n: seen for n, seen in self._newest.items() if self._present[n].seen_ns == self._newest_ns}
+        ages = {n: self._present[n].unseen_s(self._newest_ns) for n in self._newest}
+        there = {n: seen for n, seen in self._newest.items() if ages[n] <= GUESS_AFTER_S}
         number = number_named(self._follow)
         if number is None and there:
             number = list(there)[preferred(self._follow, list(there.values()))]
@@ -180,7 +181,7 @@ class MultiPersonTracker:
                 found = self._numbered(view) if persistent else self._match(image, view, sights)
             for number, sight in found.items():
                 sights.setdefault(number, []).append(sight)
-        self._newest = {n: seen[0].seen for n, seen in sights.items() if n in self._present}
+        self._newest |= {n: seen[0].seen for n, seen in sights.items() if n in self._present}
         self._newest_ns = stamp_ns
         results = self._track(images[0], frame_id, sights, persistent)
         if self._lock_next:

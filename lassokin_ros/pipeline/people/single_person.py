@@ -58,7 +58,6 @@ class SinglePersonTracker:
     def _forget_identity(self) -> None:
         self._locked, self._guessed, self._lock_next = False, False, self._lock_first
         self._views: dict[str, _View] = {}
-        self._newest: _View | None = None  # of the last image
         self._left_ns: int | None = None  # last sight of a person without a number, after whom there was a new id
 
     @property
@@ -105,9 +104,9 @@ class SinglePersonTracker:
 
     def lock(self) -> str:
         """See PeopleTracker.lock."""
-        view = self._newest or _View()
+        view = self._view_to_lock()
         candidates = [t for t in view.tracks.seen_at(view.seen_ns) if self._is_trackable(t.detection)]
-        tracked = self._person.status is Status.TRACKING and self._person.seen_ns == view.seen_ns
+        tracked = self._person.status is Status.TRACKING and self._person.unseen_s(view.seen_ns) <= GUESS_AFTER_S
         if not (tracked and (self._follow == CONFIDENT or not candidates)):
             chosen = self._best(candidates, view.persistent)
             if chosen is None:
@@ -118,12 +117,18 @@ class SinglePersonTracker:
         self._guessed = False
         return self._id
 
+    def _view_to_lock(self) -> _View:
+        """Return the view with the newest sight of the followed person, else that of the newest image."""
+        newest = max(self._views.values(), key=lambda view: view.seen_ns, default=_View())
+        shown = [view for view in self._views.values() if newest.seen_ns - view.shown_ns <= GUESS_AFTER_S * 1e9]
+        return max(shown, key=lambda view: view.shown_ns, default=newest)
+
     def _lock_followed(self, view: _View) -> None:
         """Lock the followed person. One without a number is known by place from now on."""
         self._locked, self._lock_next = True, False
         if view.followed is None and view.unnumbered is not None:
             view.tracks.clear()
-            view.tracks.update(view.seen_ns, [view.unnumbered], False, math.inf)
+            view.tracks.update(view.unnumbered_ns, [view.unnumbered], False, math.inf)
             view.followed = view.tracks.tracks[0]
 
     def release(self) -> None:
@@ -141,8 +146,8 @@ class SinglePersonTracker:
         rejected = results and not results[-1].accepted
         if rejected and (absence := self._absence(images[0], forget_after)):
             results[-1] = replace(results[-1], rejection=PERSON_ABSENT, detail=absence)
-        if self._lock_next and self.tracked_at(max(image.stamp_ns for image in images)):
-            self._lock_followed(self._views[images[0].camera.name])
+        if self._lock_next and any(self.tracked_at(image.stamp_ns) for image in images):
+            self._lock_followed(self._view_to_lock())
         return results
 
     def _select(self, image: PeopleImage, forget_after: float) -> Detection:
@@ -150,21 +155,23 @@ class SinglePersonTracker:
         keypoints, stamp_ns = image.keypoints, image.stamp_ns
         if image.camera.name not in self._views:
             self._views[image.camera.name] = _View()
-        view = self._newest = self._views[image.camera.name]
+        view = self._views[image.camera.name]
         view.seen_ns, view.persistent = stamp_ns, image.persistent
         view.lens, view.camera = image.lens, image.camera
         patience = max(forget_after, self._person.tracker.config.lost_after)
-        view.unnumbered = None
         if keypoints.persons is None:
-            view.unnumbered = detection(keypoints, None, self._count, image.lens)
+            one = detection(keypoints, None, self._count, image.lens)
+            if self._is_trackable(one):
+                view.unnumbered, view.unnumbered_ns = one, stamp_ns
             if not self._locked:
                 view.followed = None
-                self._count_absence(view.unnumbered, stamp_ns, patience)
-                return view.unnumbered
-            people = [view.unnumbered]
+                self._count_absence(one, stamp_ns, patience)
+                return one
+            people = [one]
         elif len(keypoints.persons) == 0:
             return detection(keypoints, None, self._count, image.lens)
         else:
+            view.unnumbered = None
             people = detections_by_person(keypoints, self._count, image.lens)
         self._update_tracks(people, image, view, patience)
         followed = view.followed
@@ -303,10 +310,17 @@ class _View:
     def __init__(self) -> None:
         self.tracks = ImageTracks()
         self.followed: ImageTrack | None = None
-        self.unnumbered: Detection | None = None  # of the last image, if its message has no person numbers
-        self.seen_ns, self.persistent = 0, False
+        self.unnumbered: Detection | None = None  # the last one who could be tracked, if messages have no numbers
+        self.seen_ns, self.unnumbered_ns, self.persistent = 0, 0, False
         self.lens: Lens | None = None
         self.camera = HERE
+
+    @property
+    def shown_ns(self) -> float:
+        """Stamp of the newest image that shows the followed person, ns; -inf if there is none."""
+        if self.followed is not None:
+            return self.followed.seen_ns
+        return -math.inf if self.unnumbered is None else self.unnumbered_ns
 
     def sight(self, seen: Detection) -> Sight:
         """Return a detection as one of the last image."""

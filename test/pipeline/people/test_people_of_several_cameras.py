@@ -76,3 +76,18 @@ def test_an_image_with_the_stamp_of_an_earlier_result_does_not_spoil_the_velocit
         frames += rig.send("third", index, {1: (rig.pixels("third", index), whole)}, later_ns, late_ns)
         frames += rig.pipeline.due(START_NS + index * PERIOD_NS + 2 * wait_ns + late_ns)
         assert all(np.isfinite(frame.velocity).all() for frame in frames if frame.accepted)
+
+
+@pytest.mark.parametrize("max_people", [1, 3])
+@pytest.mark.parametrize("later_ns", [2_000_000, 16_000_000])
+@pytest.mark.parametrize("by_call", [True, False])
+def test_a_person_can_be_locked_while_another_camera_sees_nobody(max_people, later_ns, by_call):
+    rig = Rig("left", "right", max_people=max_people, lock=not by_call)
+    for index in range(6):
+        rig.send("left", index, {7: (rig.pixels("left", index), np.full(17, 0.9))})
+        rig.send("right", index, {}, later_ns)
+    rig.pipeline.due(START_NS + 10**9)
+    if by_call:
+        assert rig.pipeline.locked is None
+        rig.pipeline.lock(START_NS + 6 * PERIOD_NS)
+    assert rig.pipeline.locked in rig.pipeline.people.ids if max_people > 1 else rig.pipeline.locked == "p1"

@@ -274,6 +274,15 @@ def test_one_of_several_people_is_locked(room):
     assert room.tracker.locked is None
 
 
+def test_a_person_missed_for_a_moment_can_be_locked(room):
+    room.tracker.tune("centre", False)
+    room.see(0, (0, 0), (5, 0), numbers=[7, 9])
+    room.see(5, (5, 0), numbers=[9])
+    assert room.tracker.lock() == "p7"
+    room.see(6, (5, 0), numbers=[9])
+    assert room.tracker.lock() == "p9"
+
+
 def test_a_locked_person_keeps_the_tracker_while_others_come():
     room = Room(2)
     room.tracker.tune("p1", False)
@@ -452,6 +461,20 @@ def test_a_person_without_a_number_is_locked_by_place(followed, by_call):
     assert followed.tracker.lock() == "p2"
     assert followed.see(602, (0, 5.0, 0.9), numbered=False) == 5.0
     assert followed.see(603, (0, 0.0, 0.9), numbered=False) == "person_absent"
+
+
+@pytest.mark.parametrize("numbered", [True, False])
+def test_a_followed_person_missed_for_a_moment_can_be_locked(followed, numbered):
+    assert followed.see(0, (4, 0.0, 0.9), numbered=numbered) == 0.0
+    for index in (3, 6):
+        followed.see(index, numbered=numbered)
+        if index == 6:
+            with pytest.raises(NoPersonError, match="shows nobody"):
+                followed.tracker.lock()
+    followed.see(7, (4, 0.1, 0.9), numbered=numbered)
+    followed.see(12, numbered=numbered)
+    assert followed.tracker.lock() == "p1"
+    assert followed.see(13, (4, 0.1, 0.9), numbered=numbered) == 0.1 and followed.label == "p1"
 
 
 def test_somebody_without_a_number_has_a_new_id_after_an_absence(followed):
