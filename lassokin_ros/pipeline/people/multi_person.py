@@ -83,6 +83,7 @@ class MultiPersonTracker:
         self._sights: dict[int, dict[str, Sight]] = {}  # the newest ones, by person and camera
         self._crowds: dict[str, tuple[int, int]] = {}  # stamp, ns, and number of people in the newest image, by camera
         self._next = 1
+        self._made: set[int] = set()  # people whose number is not the detector's
         self._count = people[0].tracker.kinematics.landmark_count
         self._nothing = Detection(np.full((self._count, 2), np.nan), np.zeros(self._count))
 
@@ -202,11 +203,24 @@ class MultiPersonTracker:
 
     def _numbered(self, view: Sequence[Sight]) -> dict[int, Sight]:
         """Return the sights by person number, which lasts. People of new numbers are added."""
+        for sight in view:
+            self._give_up_number(sight)
         pairs = {s.seen.number: s for s in view if s.seen.number in self._present or self._is_trackable(s.seen)}
         for number, sight in pairs.items():
             if number not in self._present:
                 self._add(number, sight.stamp_ns, pairs)
         return pairs
+
+    def _give_up_number(self, sight: Sight) -> None:
+        """Remove a person of the number of a sight if the number is not the detector's, and the person is elsewhere."""
+        number = sight.seen.number
+        if number not in self._made:
+            return
+        self._made.remove(number)
+        row = list(self._present).index(number)
+        if self._distances(sight.stamp_ns, [sight])[row, 0] > NEAR:
+            self._remove(number)
+            self._locked = None if self._locked == number else self._locked
 
     def _track(
         self, image: PeopleImage, frame_id: str, pairs: dict[int, list[Sight]], persistent: bool
@@ -267,6 +281,7 @@ class MultiPersonTracker:
         for stranger in self._confirmed(image.camera.name, _without_duplicates(strangers)):
             number = self._next
             if self._add(number, stamp_ns, {**sights, **pairs}):
+                self._made.add(number)
                 pairs[number] = stranger
         return pairs
 
@@ -358,6 +373,7 @@ class MultiPersonTracker:
         person.reset(same_camera=True)
         self._idle.append(person)
         self._guessed.discard(number)
+        self._made.discard(number)
         self._newest.pop(number, None)
         self._sights.pop(number, None)
         self._counts["people left"] += 1

@@ -225,6 +225,20 @@ def test_numbers_are_not_reused(room):
     assert room.tracker.ids == ["p9"]
 
 
+@pytest.mark.parametrize(("x", "same"), [(5.1, True), (9.0, False)])
+def test_a_number_made_by_the_node_is_given_up_if_the_detector_gives_it_to_another_person(room, x, same):
+    room.see(0, (0, 0), numbers=[5])
+    for index in range(1, 4):
+        room.see(index, (0, 0), (5, 0))
+    room.tracker.tune("p6", False)
+    assert room.tracker.lock() == "p6" and room.tracker.ids == ["p5", "p6"]
+    stranger = room.tracker.tracked["p6"]
+    assert room.see(4, (0, 0), (x, 0), numbers=[5, 6]) == ["p5", "p6"]
+    assert (len(stranger.resets), room.tracker.locked) == ((0, "p6") if same else (1, None))
+    assert room.see(5, (0, 0), (9, 9), numbers=[5, 6]) == ["p5", "p6"]  # from then on it is the detector's
+    assert len(stranger.resets) == (0 if same else 1)
+
+
 def test_a_reset_forgets_unconfirmed_people(room):
     room.see(0, (0, 0))
     room.see(1, (0, 0))
