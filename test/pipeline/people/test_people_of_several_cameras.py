@@ -6,6 +6,7 @@ from camera_rig import MAP, eye, pixels, tf_of, truth_at
 from messages import camera_info, crowd, rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.pipeline.detections import MOST_PEOPLE
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 
@@ -91,3 +92,13 @@ def test_a_person_can_be_locked_while_another_camera_sees_nobody(max_people, lat
         assert rig.pipeline.locked is None
         rig.pipeline.lock(START_NS + 6 * PERIOD_NS)
     assert rig.pipeline.locked in rig.pipeline.people.ids if max_people > 1 else rig.pipeline.locked == "p1"
+
+
+def test_too_many_people_in_one_image_are_refused_without_the_other_cameras():
+    rig = Rig("left", "right")
+    for index in range(6):
+        many = {number: (rig.pixels("right", index)[:5], np.full(5, 0.9)) for number in range(MOST_PEOPLE + 1)}
+        frames = rig.send("right", index, many)
+        assert [frame.rejection for frame in frames] == ["too_many_people"] and "'right'" in frames[0].detail
+        (frame,) = rig.send("left", index, {7: (rig.pixels("left", index), np.full(17, 0.9))})
+        assert frame.accepted
