@@ -350,7 +350,7 @@ class MultiPersonTracker:
         """Assign a tracker to a new person. Return False, and count it, if none is free.
 
         The new tracker adopts the direction of gravity from the others. If a tracker has this person's skeleton, it is
-        that one.
+        that one; else one that has nobody's, if there is one.
         """
         if not self._idle:
             kept = {*pairs, self._locked}
@@ -359,7 +359,9 @@ class MultiPersonTracker:
                 self._counts["people beyond max_people"] += 1
                 return False
             self._remove(max(away)[1])
-        newcomer = next((person for person in self._idle if person.number == number), self._idle[-1])
+        own = [person for person in self._idle if person.number == number]
+        nobodys = [person for person in self._idle if person.number is None]
+        newcomer = (self._idle[-1:] + nobodys + own)[-1]
         for known in self._idle, self._present.values():  # present people override those who left
             newcomer.tracker.adopt_vertical(person.tracker for person in known)
         self._idle.remove(newcomer)

@@ -124,6 +124,14 @@ def test_a_person_gets_the_tracker_with_the_own_body(room):
     assert room.tracker.tracked["p7"] is room.people[1]
 
 
+def test_a_stranger_gets_no_body_of_somebody_who_left(room):
+    room.people[0].number = 2
+    room.see(0, (0, 0), numbers=[2])
+    room.see(10, (0, 0), numbers=[7], forget_after=0.1)  # 2 has left, and this tracker is the last idle one
+    room.see(11, (0, 0), (5, 0), numbers=[7, 2])
+    assert room.tracker.tracked["p2"] is room.people[0] is not room.tracker.tracked["p7"]
+
+
 def test_a_new_number_needs_landmarks_and_a_known_one_does_not(room):
     assert room.see(0, partly(2), numbers=[7]) == [] and room.tracker.ids == []
     assert room.see(1, partly(3), numbers=[7]) == ["p7"]
