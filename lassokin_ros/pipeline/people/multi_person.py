@@ -82,6 +82,7 @@ class MultiPersonTracker:
         self._cameras: set[str] = set()
         self._sights: dict[int, dict[str, Sight]] = {}  # the newest ones, by person and camera
         self._crowds: dict[str, tuple[int, int]] = {}  # stamp, ns, and number of people in the newest image, by camera
+        self._left: list[FrameResult] = []  # results of people removed, which waited for smoothing_lag
         self._next = 1
         self._made: set[int] = set()  # people whose number is not the detector's
         self._count = people[0].tracker.kinematics.landmark_count
@@ -145,7 +146,8 @@ class MultiPersonTracker:
 
     def flush(self) -> list[FrameResult]:
         """See PeopleTracker.flush."""
-        return [result for person in self._present.values() for result in person.flush()]
+        left, self._left = self._left, []
+        return [*left, *(result for person in self._present.values() for result in person.flush())]
 
     def sights_at(self, stamp_ns: int) -> dict[int, dict[str, Detection]]:
         """Return the detections of each person in the images of a stamp, by number and by camera."""
@@ -160,6 +162,7 @@ class MultiPersonTracker:
             self._remove(number)
         for person in self._idle:
             person.reset()
+        self._left.clear()
         self._candidates.clear()
         self._locked, self._lock_next = None, self._lock_first
 
@@ -188,7 +191,8 @@ class MultiPersonTracker:
         if self._lock_next:
             with suppress(NoPersonError):  # wait for the next image
                 self.lock()
-        return results
+        left, self._left = self._left, []
+        return left + results
 
     def _only_one(self, image: PeopleImage, view: Sequence[Sight], sights: dict[int, list[Sight]]) -> dict[int, Sight]:
         """Return the sight of a camera whose place is not known, if it is that of the only person in view.
@@ -372,6 +376,7 @@ class MultiPersonTracker:
 
     def _remove(self, number: int) -> None:
         person = self._present.pop(number)
+        self._left += person.flush()
         person.reset(same_camera=True)
         self._idle.append(person)
         self._guessed.discard(number)

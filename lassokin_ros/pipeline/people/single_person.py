@@ -53,6 +53,7 @@ class SinglePersonTracker:
         self._count = person.tracker.kinematics.landmark_count
         self._follow, self._lock_first = follow, lock
         self._number_of_person = 0
+        self._left: list[FrameResult] = []  # results of the person before, which waited for smoothing_lag
         self._forget_identity()
 
     def _forget_identity(self) -> None:
@@ -89,11 +90,15 @@ class SinglePersonTracker:
 
     def flush(self) -> list[FrameResult]:
         """See PeopleTracker.flush."""
-        return self._person.flush()
+        left, self._left = self._left, []
+        return left + self._person.flush()
 
     def reset(self) -> None:
-        """Forget the person. The next message chooses a person anew."""
+        """Forget the person. The next message chooses a person anew, under a new id."""
+        if self._person.seen_ns is not None:
+            self._number_of_person = max(self._number_of_person, 1) + 1
         self._person.reset()
+        self._left.clear()
         self._forget_identity()
 
     def tune(self, follow: str, lock: bool) -> None:
@@ -148,7 +153,8 @@ class SinglePersonTracker:
             results[-1] = replace(results[-1], rejection=PERSON_ABSENT, detail=absence)
         if self._lock_next and any(self.tracked_at(image.stamp_ns) for image in images):
             self._lock_followed(self._view_to_lock())
-        return results
+        left, self._left = self._left, []
+        return left + results
 
     def _select(self, image: PeopleImage, forget_after: float) -> Detection:
         """Return the detection of the followed person; an empty detection if the person is not in the message."""
@@ -258,6 +264,7 @@ class SinglePersonTracker:
             other.followed = None
         view.followed, self._guessed = track, False
         if self._person.seen_ns is not None:
+            self._left += self._person.flush()
             self._person.reset(same_camera=True)
             self._number_of_person = max(self._number_of_person, 1) + 1
 

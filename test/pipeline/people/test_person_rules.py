@@ -33,7 +33,7 @@ class Pretended:
         self.verticals, self.resets, self.absences = [], [], 0
         kinematics = SimpleNamespace(landmark_count=4)
         self.tracker = SimpleNamespace(kinematics=kinematics, config=CONFIG, adopt_vertical=self._adopt)
-        self.refuses = False
+        self.refuses = self.holds = False
         self.number = None
         self.reset()
         self.resets.clear()
@@ -67,7 +67,7 @@ class Pretended:
         return self.points
 
     def flush(self):
-        return [FrameResult(1, "held")]
+        return [FrameResult(1, "camera", person="held")] if self.holds else []
 
 
 class Room:
@@ -112,7 +112,6 @@ def test_each_number_of_a_detector_is_a_person_at_once(room):
     assert not room.tracker.tracked_at(SECOND + 1)
     assert room.see(1, (5, 0), (0, 0), numbers=[7, 2]) == ["p2", "p7"]  # wherever they are
     assert room.counts == {"people come": 2}
-    assert len(room.tracker.flush()) == 2
 
 
 def test_a_person_gets_the_tracker_with_the_own_body(room):
@@ -211,6 +210,19 @@ def test_a_person_absent_for_half_a_second_can_be_replaced(away, room_made):
     assert sorted(seen) == (["p2", "p3"] if room_made else ["p2"])
     assert room.counts["people beyond max_people"] == (not room_made)
     assert room.counts["people left"] == room_made
+
+
+def test_what_waits_is_published_when_the_person_is_removed_or_no_message_follows(room):
+    room.see(0, (0, 0), (5, 0), numbers=[1, 2])
+    for person in room.people:
+        person.holds = True
+    room.see(10, (5, 0), numbers=[2], forget_after=1.0)
+    assert room.see(20, (5, 0), numbers=[2], forget_after=1.0) == ["held", "p2"]
+    assert room.see(21, (5, 0), numbers=[2]) == ["p2"]
+    assert [result.person for result in room.tracker.flush()] == ["held"]
+    room.see(60, numbers=[], forget_after=1.0)
+    room.tracker.reset()
+    assert room.tracker.flush() == [] and room.tracker.ids == []
 
 
 def test_the_person_absent_for_the_longest_time_is_replaced():
@@ -460,7 +472,6 @@ def test_the_presence_of_one_person_follows_the_clock(followed):
     assert followed.tracker.presence_at(2 * SECOND + PERIOD, 0.1) == Presence(Status.LOST)
     followed.tracker.reset()
     assert followed.tracker.presence_at(2 * SECOND, 0.1) == Presence(Status.SEARCHING)
-    assert followed.tracker.flush()[0].frame_id == "held"
 
 
 @pytest.mark.parametrize("by_call", [True, False])
