@@ -575,4 +575,4 @@ def _people_tracker(people: Sequence[TrackedPerson], counts: Counter[str], confi
         return SinglePersonTracker(people[0], config.follow, config.lock)
     from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
 
-    return MultiPersonTracker(people, counts, config.follow, config.lock)
+    return MultiPersonTracker(people, counts, config.follow, config.lock, config.several_cameras)

@@ -64,22 +64,28 @@ class MultiPersonTracker:
     """Implements PeopleTracker for several people. The trackers are created at the start and reused."""
 
     def __init__(
-        self, people: Sequence[TrackedPerson], counts: Counter[str], follow: str = CONFIDENT, lock: bool = False
+        self,
+        people: Sequence[TrackedPerson],
+        counts: Counter[str],
+        follow: str = CONFIDENT,
+        lock: bool = False,
+        several_cameras: bool = False,
     ) -> None:
         """counts: receives the numbers of people who come and leave, and the rejections of single people.
 
-        follow, lock: see NodeSettings.
+        follow, lock: see NodeSettings. several_cameras: numbers of people are not used, because each camera's detector
+        has its own.
         """
         self._follow, self._lock_first, self._lock_next = follow, lock, lock
         self._locked: int | None = None
         self._guessed: set[int] = set()
         self._newest: dict[int, Detection] = {}  # the newest detection, by person
         self._newest_ns = 0
+        self._several_cameras = several_cameras
         self._idle = list(people)
         self._counts = counts
         self._present: dict[int, TrackedPerson] = {}
         self._candidates: dict[str, list[Candidate]] = {}  # by camera
-        self._cameras: set[str] = set()
         self._sights: dict[int, dict[str, Sight]] = {}  # the newest ones, by person and camera
         self._crowds: dict[str, tuple[int, int]] = {}  # stamp, ns, and number of people in the newest image, by camera
         self._left: list[FrameResult] = []  # results of people removed, which waited for smoothing_lag
@@ -168,8 +174,7 @@ class MultiPersonTracker:
 
     def update(self, images: Sequence[PeopleImage], frame_id: str, forget_after: float) -> list[FrameResult]:
         """Track the people of one image, or of one instant; see PeopleTracker.update. Returns accepted results only."""
-        self._cameras.update(image.camera.name for image in images)
-        persistent = images[0].persistent and len(self._cameras) == 1  # detectors number people independently
+        persistent = images[0].persistent and not self._several_cameras
         stamp_ns = max(image.stamp_ns for image in images)
         for number in [n for n, person in self._present.items() if person.unseen_s(stamp_ns) > forget_after]:
             self._remove(number)
@@ -273,14 +278,14 @@ class MultiPersonTracker:
         numbers = list(self._present)
         limits = [match_radius(self._present[n].unseen_s(stamp_ns)) for n in numbers]
         costs = self._distances(stamp_ns, usable)
-        if len(self._cameras) > 1:
+        if self._several_cameras:
             self._compare_views(image, usable, costs, sights)
         matched = assign(costs, limits)
         pairs = {numbers[row]: usable[column] for row, column in matched}
         self._guessed |= {n for n in pairs if GUESS_AFTER_S < self._present[n].unseen_s(stamp_ns) < math.inf}
         known, taken = [row for row, _ in matched], {column for _, column in matched}
         strangers = [d for i, d in enumerate(usable) if i not in taken and np.all(costs[known, i] > SAME_BODY)]
-        if len(self._cameras) > 1:
+        if self._several_cameras:
             strangers = [s for s in strangers if not self._is_near_anybody(s, sights)]
         for stranger in self._confirmed(image.camera.name, _without_duplicates(strangers)):
             number = self._next

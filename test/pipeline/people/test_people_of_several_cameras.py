@@ -102,3 +102,13 @@ def test_too_many_people_in_one_image_are_refused_without_the_other_cameras():
         assert [frame.rejection for frame in frames] == ["too_many_people"] and "'right'" in frames[0].detail
         (frame,) = rig.send("left", index, {7: (rig.pixels("left", index), np.full(17, 0.9))})
         assert frame.accepted
+
+
+def test_a_detectors_number_is_no_id_before_the_second_camera_sends():
+    rig = Rig("left", "right", max_people=3)
+    found = []
+    for index in range(8):
+        found += rig.send("left", index, {17: (rig.pixels("left", index), np.full(17, 0.9))})
+        if index > 5:
+            found += rig.send("right", index, {17: (rig.pixels("right", index), np.full(17, 0.9))})
+    assert {(frame.person, frame.detector_id) for frame in found if frame.accepted} == {("p1", -1)}
