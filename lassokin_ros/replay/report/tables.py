@@ -40,8 +40,7 @@ def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], number
 
 def figures(facts: Facts) -> str:
     """Return the table of result figures."""
-    counts, tracks = facts.counts, facts.tracks
-    received, accepted = facts.received, counts.get("accepted", 0)
+    tracks, received, tracked = facts.tracks, facts.received, facts.tracked
     spans = [span for person in facts.people for span in facts.spans[person]]
     lost = [span.seconds for span in spans if span.lost]
     short = [span.seconds for span in spans if not span.lost]
@@ -49,8 +48,8 @@ def figures(facts: Facts) -> str:
     inputs = inputs if len(facts.cameras) == 1 else f"Instants of {len(facts.cameras)} cameras"
     rows = [
         (inputs, f"{received} in {facts.duration:.1f} s, {facts.rate:.1f} Hz"),
-        ("With a skeleton", f"{accepted}" + (f" ({accepted / received:.1%})" if received else "")),
-        ("Rejected", f"{received - accepted}"),
+        ("With a skeleton", f"{tracked}" + (f" ({tracked / received:.1%})" if received else "")),
+        ("Without a skeleton", f"{received - tracked}"),
     ]
     if facts.node.several_people:
         rows.append(("People", f"{len(facts.people)} tracked, {len(tracks)} skeletons in total"))
@@ -58,7 +57,7 @@ def figures(facts: Facts) -> str:
         pixels = np.array([row.reprojection_px for row in tracks])
         gap, kkt = np.array([row.relative_gap for row in tracks]), np.array([row.kkt for row in tracks])
         support = np.array([row.support for row in tracks])
-        depth = np.array([row.positions[0, 2] for row in tracks if row.positions is not None])
+        depth = np.array([row.depth for row in tracks])
         rows += [
             ("Reprojection error", f"{_percentile(pixels, 50):.2f} px median, {_percentile(pixels, 99):.2f} px p99"),
             ("Duality gap, relative", f"{_percentile(gap, 50):.1e} median, {gap.max():.1e} largest"),

@@ -76,7 +76,7 @@ def reprojection(facts: Facts) -> Iterator[Finding]:
 
 def place(facts: Facts) -> Iterator[Finding]:
     """Report a distance that no video has."""
-    depths = [float(row.positions[0, 2]) for row in facts.tracks if row.positions is not None]
+    depths = [row.depth for row in facts.tracks]
     if depths and not NEAREST_M < np.median(depths) < FARTHEST_M:
         yield Finding(
             PROBLEM,

@@ -147,6 +147,15 @@ def test_the_page_is_reproducible_except_for_times(clean, tmp_path):
     assert lasting(other) == lasting(page) and len(page) - len(lasting(page)) > 500
 
 
+def test_images_without_people_count_as_such_with_several_people(tmp_path):
+    page = report(recording(tmp_path / "bag", absent(20, 60)), "-p", "max_people:=2")
+    assert figure(page, "Keypoint messages").startswith(f"{FRAMES} in")
+    without = int(figure(page, "Without a skeleton"))
+    assert 40 <= without <= 44  # people who appear are no people yet
+    assert figure(page, "With a skeleton").split()[0] == str(FRAMES - without)
+    assert figure(page, "People").endswith(f"{FRAMES - without} skeletons in total")
+
+
 def test_the_summary_lists_the_problems_of_the_page(tmp_path, capsys):
     problems = [
         text for level, text in said(report(recording(tmp_path / "dark", absent(0, FRAMES)))) if level == "problem"
