@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 ASSUMED_FPS = 30.0
 BLACK, NOISE = 32, 0.02
 """Grey value of a black bar's pixels at most (codecs have noise), and the share of pixels that may be brighter."""
+SAMPLES = (0.2, 0.4, 0.6, 0.8)
+"""Places of further images, as shares of a file: what is black in all of them, too, is a bar."""
 LEAST_BAR, UNEVEN_BAR = 0.02, 0.01
 """Least width of a bar, and the largest difference of the two, as shares of the image."""
 
@@ -87,6 +89,7 @@ def content_size(image: np.ndarray) -> tuple[int, int]:
     """Return the (width, height) px between black bars of equal width on opposite sides of an image.
 
     A letterboxed video has them. The optical axis stays in the middle, but the field of view is that of the content.
+    Bars on all four sides do not count: a lit part of a dark scene looks the same.
     """
     bright = image.max(axis=2) > BLACK
     size = []
@@ -96,7 +99,8 @@ def content_size(image: np.ndarray) -> tuple[int, int]:
         first, last = (int(filled[0]), full - 1 - int(filled[-1])) if len(filled) else (0, 0)
         are_bars = min(first, last) > LEAST_BAR * full and abs(first - last) <= UNEVEN_BAR * full
         size.append(full - first - last if are_bars else full)
-    return size[0], size[1]
+    whole = image.shape[1], image.shape[0]
+    return whole if size[0] < whole[0] and size[1] < whole[1] else (size[0], size[1])
 
 
 def _video(path: Path) -> Source:
@@ -109,11 +113,37 @@ def _video(path: Path) -> Source:
     first = _upright(cv2, capture, first)
     rate = _rate(cv2, capture)
     count = max(int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
-    return Source(path.name, *_sizes(first), rate, count, _frames(cv2, capture, first, rate))
+    sizes = _sizes(first, lambda: _some_images(cv2, path, count))
+    return Source(path.name, *sizes, rate, count, _frames(cv2, capture, first, rate))
 
 
-def _sizes(image: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
-    return (image.shape[1], image.shape[0]), content_size(image)
+def _sizes(
+    image: np.ndarray, others: Callable[[], Iterable[np.ndarray]] = tuple
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return the size of the images and that of their content, (width, height) px each.
+
+    others: reads further images of the file. They are read only if the first image has bars, or shows nothing.
+    """
+    size, content = (image.shape[1], image.shape[0]), content_size(image)
+    if content != size or image.max() <= BLACK:
+        brightest = image
+        for other in others():
+            if other.shape == image.shape:
+                brightest = np.maximum(brightest, other)
+        content = content_size(brightest)
+    return size, content
+
+
+def _some_images(cv2: Any, path: Path, count: int) -> Iterator[np.ndarray]:
+    """Yield images from all over a video. count: of its images."""
+    capture = cv2.VideoCapture(str(path))
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+    for share in SAMPLES:
+        capture.set(cv2.CAP_PROP_POS_FRAMES, int(share * count))
+        good, image = capture.read()
+        if good:
+            yield _upright(cv2, capture, image)
+    capture.release()
 
 
 def _rate(cv2: Any, capture: Any) -> float:
@@ -257,7 +287,9 @@ def _folder(path: Path, fps: float) -> Source:
                 raise SourceError(f"'{file}' {problem}")
             yield Image(number / fps, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 
-    return Source(path.name, *_sizes(first), fps, len(files), images())
+    some = [files[int(share * len(files))] for share in SAMPLES]
+    sizes = _sizes(first, lambda: (image for file in some if (image := cv2.imread(str(file))) is not None))
+    return Source(path.name, *sizes, fps, len(files), images())
 
 
 def _opencv() -> Any:
