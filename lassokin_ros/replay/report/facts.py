@@ -137,6 +137,19 @@ def floor_of(facts: Facts, person: str) -> float:
     return floor_height(positions, observed, contacts, facts.skeleton.joint_names, facts.skeleton.height, facts.level)
 
 
+def bone_changes(facts: Facts, person: str) -> list[tuple[str, float, float]]:
+    """Return (joint, length at the end in mm, relative change) of each bone, named by the joint at which it ends."""
+    lengths = [row.lengths for row in facts.accepted(person) if row.lengths is not None]
+    if not lengths:
+        return []
+    given = np.linalg.norm(facts.skeleton.offsets, axis=-1)
+    return [
+        (name, 1e3 * float(end), float(end / start - 1))
+        for name, start, end in zip(facts.skeleton.joint_names, given, lengths[-1])
+        if start > 1e-6
+    ]
+
+
 def landmark_errors(facts: Facts, rows: list[PersonRow]) -> tuple[np.ndarray, np.ndarray]:
     """Return per landmark: median distance between detected and reprojected point (l,) px, share of images (l,)."""
     count, numbers = len(facts.landmarks), range(len(facts.cameras))

@@ -25,7 +25,6 @@ SMALL_ERROR = 0.3
 SLOW_HZ = 12.0
 SELDOM = 0.5
 """Share of frames below which a landmark is reported as rarely detected."""
-NEAREST_M, FARTHEST_M = 0.6, 25.0
 LONG_DELAY_S = 1.0
 
 
@@ -248,10 +247,8 @@ def _times(count: int) -> str:
 
 
 def _place(facts: Facts) -> Iterator[Finding]:
-    if not facts.tracks:
-        return
-    depth = float(np.median([row.depth for row in facts.tracks]))
-    if not NEAREST_M < depth < FARTHEST_M:
+    depth = video_findings.unlikely_distance(facts)
+    if depth is not None:
         text = f"The median distance of the person is {depth:.2g} m: check camera_info (K) and `height`."
         yield Finding(PROBLEM, text)
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.replay.report.facts import Facts, landmark_errors
+from lassokin_ros.replay.report.facts import Facts, bone_changes, landmark_errors
 from lassokin_ros.replay.report.rejection_advice import advice_for, reason_text
 
 MOST_ROWS = 40
@@ -85,23 +85,10 @@ def calibration(facts: Facts) -> str:
     """Return the state of calibration in one line."""
     if not facts.tracker.calibrate:
         return f"off; bone lengths of '{facts.skeleton.name}' at {facts.skeleton.height:g} m"
-    changes = [abs(change) for person in facts.people for _, _, change in bones(facts, person)]
+    changes = [abs(change) for person in facts.people for _, _, change in bone_changes(facts, person)]
     if not changes or max(changes) < 1e-4:
         return "on; bone lengths unchanged"
     return f"on; bone lengths changed by up to {max(changes):.1%}"
-
-
-def bones(facts: Facts, person: str) -> list[tuple[str, float, float]]:
-    """Return (joint, length at the end in mm, relative change) of each bone, named by the joint at which it ends."""
-    lengths = [row.lengths for row in facts.accepted(person) if row.lengths is not None]
-    if not lengths:
-        return []
-    given = np.linalg.norm(facts.skeleton.offsets, axis=-1)
-    return [
-        (name, 1e3 * float(end), float(end / start - 1))
-        for name, start, end in zip(facts.skeleton.joint_names, given, lengths[-1])
-        if start > 1e-6
-    ]
 
 
 def timing(facts: Facts) -> str:
@@ -163,7 +150,7 @@ def bone_lengths(facts: Facts) -> str:
             f"{change:+.1%}" if abs(change) > 5e-5 else "unchanged",
         )
         for person in facts.people
-        for name, length, change in bones(facts, person)
+        for name, length, change in bone_changes(facts, person)
     ]
     return table("Bone lengths at the end", ("to joint", "[mm]", "change"), rows, (1, 2))
 
