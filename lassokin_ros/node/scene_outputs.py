@@ -21,7 +21,7 @@ from msg_adapters.detectors.registry import full_type_name
 from msg_adapters.output_messages.builders import StringBuilder
 
 LOG_MESSAGES = {TRACKING: "tracking", LOST: "lost: no usable frame for stale_after", NOBODY: "nobody is tracked"}
-"""Log messages about a new state."""
+"""Log messages about a new state, except one that follows from a reset, which has a message of its own."""
 REPEAT_S = 0.2
 """s: ~/people and ~/state are repeated after this time, so that their absence shows that the node has stopped."""
 
@@ -44,6 +44,7 @@ class SceneOutputs:
         self._markers_out, self._cameras = markers, CameraMarkers(backend, pipeline)
         self._state, self._text = PresenceState(), StringBuilder(backend)
         self._people_at = self._state_at = 0.0  # s of the steady clock
+        self._as_of_ns = 0  # newest time of the clock of arrivals for which the state was derived
         self._publish_state()
 
     def publish(self, frames: Sequence[FrameResult], arrival_ns: int) -> None:
@@ -61,12 +62,22 @@ class SceneOutputs:
             self.check(arrival_ns)
 
     def check(self, now_ns: int) -> None:
-        """Publish the state if it has changed. now_ns: ns, a time up to which all messages were processed."""
-        pipeline = self._pipeline
-        limits = pipeline.reported_lost_after, pipeline.config.forget_after
-        if self._state.update(pipeline.presence_at(now_ns), now_ns, *limits, pipeline.is_informed_at(now_ns)):
-            self._publish_state()
+        """Publish the state if it has changed. now_ns: ns, a time up to which all messages were processed.
+
+        A time before that of the last call is replaced by it, so that the state does not return to an earlier one.
+        """
+        self._as_of_ns = max(now_ns, self._as_of_ns)
+        if self._update_state():
             self._node.get_logger().info(LOG_MESSAGES[self._state.value])
+
+    def _update_state(self) -> bool:
+        """Derive the state, and publish it if it has changed. Return True in this case."""
+        pipeline, now_ns = self._pipeline, self._as_of_ns
+        limits = pipeline.reported_lost_after, pipeline.config.forget_after
+        changed = self._state.update(pipeline.presence_at(now_ns), now_ns, *limits, pipeline.is_informed_at(now_ns))
+        if changed:
+            self._publish_state()
+        return changed
 
     def repeat(self, now_ns: int) -> None:
         """Publish ~/people and ~/state again if the last ones are older than REPEAT_S, and the places of the cameras.
@@ -84,9 +95,10 @@ class SceneOutputs:
             self._publish_state()
 
     def forget(self) -> None:
-        """Forget all people: the pipeline was reset."""
+        """Forget all people: the pipeline was reset, and the clock may have jumped."""
         self._people.forget()
-        self.check(0)
+        self._as_of_ns = 0
+        self._update_state()
 
     def _publish_people(self, image: Image) -> None:
         limits = self._pipeline.reported_lost_after, self._pipeline.config.forget_after

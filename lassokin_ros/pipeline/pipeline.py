@@ -39,6 +39,7 @@ from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
 from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
+from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage, PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
@@ -47,6 +48,7 @@ from lassokin_ros.pipeline.people.tracked_person import Sight, TrackedPerson
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 from msg_adapters.errors import AdapterError
+from msg_adapters.keypoints import Keypoints
 
 
 class Pipeline:
@@ -103,6 +105,7 @@ class Pipeline:
         self.detector_connected = True
         """False if nobody publishes keypoints. Set by the node; a recording has no such knowledge."""
         self._refused = False  # the last message was refused as a whole
+        self._untracked_ns: int | None = None  # arrival of the last message with keypoints of whom nobody was tracked
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
         self.image: tuple[int, str] | None = None
         """Stamp (ns) and frame_id of the last message that was not refused as a whole."""
@@ -193,6 +196,20 @@ class Pipeline:
         """Id of the locked person; None if nobody is locked."""
         return self.people.locked
 
+    def lock(self, now_ns: int) -> str:
+        """Lock the person whom `follow` names in the newest image, and return the id. now_ns: as for `presence_at`.
+
+        Raises NoPersonError if there is none, also if the image is older than `stale_after`.
+        """
+        _, arrival_ns = self._latest or (0, 0)
+        age_s = (now_ns - arrival_ns) * 1e-9 if arrival_ns else 0.0
+        if age_s > self.config.stale_after:
+            raise NoPersonError(
+                f"nobody was locked: the newest keypoints arrived {age_s:.1f} s ago; expected at most stale_after "
+                f"{self.config.stale_after:g} s: start the detector, then lock"
+            )
+        return self.people.lock()
+
     @property
     def status(self) -> Status:
         """Tracking status. With several people, the best status among them."""
@@ -218,11 +235,14 @@ class Pipeline:
     def is_informed_at(self, now_ns: int) -> bool:
         """Return True if it is known whether somebody is in view, at a time in ns of the arrival clock.
 
-        It is known from a usable message of the last `stale_after`, also from one that shows nobody. With
+        It is known from a usable message of the last `stale_after`, also from one that shows nobody; but not from
+        keypoints that could not be used, such as those of a frozen detector or of a person who is too near. With
         `silent_when_empty` it is known from silence, too, while a detector is connected. If a person is locked, nobody
         else counts.
         """
         if not (self.enabled and self.has_camera) or self._refused or self.locked is not None:
+            return False
+        if self._untracked_ns is not None and now_ns - self._untracked_ns <= self.config.stale_after * 1e9:
             return False
         if self.config.silent_when_empty:
             return self.detector_connected
@@ -288,7 +308,7 @@ class Pipeline:
         if self._sets is not None:
             self._sets.reset()
         self.agreement.reset()
-        self._latest = self.image = None
+        self._latest = self.image = self._untracked_ns = None
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
@@ -409,6 +429,7 @@ class Pipeline:
             self._refused = self._sets is None
             return [FrameResult(stamp_ns, images[0].frame_id, None, error.reason, str(error))]
         self._refused = False
+        self._note_untracked(images, frames, arrival_ns)
         if self._sets is not None:
             frames = self._without_absences(frames, stamp_ns)
             self._note_residuals(frames)
@@ -419,6 +440,18 @@ class Pipeline:
             self.first.stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
             self.first.stamps.follow(stamp_ns, arrival_ns, images[0].stamped)
         return frames
+
+    def _note_untracked(self, images: Sequence[PeopleImage], frames: Sequence[FrameResult], arrival_ns: int) -> None:
+        """Note if images show somebody, and nobody could be tracked."""
+        if any(frame.accepted for frame in frames):
+            self._untracked_ns = None
+        elif any(np.count_nonzero(self._is_shown(image.keypoints)) for image in images):
+            self._untracked_ns = arrival_ns
+
+    def _is_shown(self, keypoints: Keypoints) -> np.ndarray:
+        """Return (k,) bool, the keypoints that show somebody."""
+        shown: np.ndarray = keypoints.present & (keypoints.confidence >= self.tracker.config.min_confidence)
+        return shown
 
     def _placed(self, images: Sequence[PeopleImage]) -> tuple[Sequence[PeopleImage], str]:
         """Return the images whose camera has a pose, and the frame of the results.

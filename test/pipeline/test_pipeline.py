@@ -17,6 +17,7 @@ from lassokin_ros.core.errors import ConfigurationError  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE  # noqa: E402
 from lassokin_ros.pipeline.camera_images import NOBODY, UNSCORED, UNUSED  # noqa: E402
+from lassokin_ros.pipeline.people.choice import NoPersonError  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -174,6 +175,36 @@ def test_silence_informs_only_if_it_is_set(pipeline):
     pipeline.enabled = False
     assert not pipeline.is_informed_at(9 * SECOND)
     assert not Pipeline(TrackerConfig(), quiet).is_informed_at(1)  # without a camera every message is refused
+
+
+@pytest.mark.parametrize("fault", ["frozen", "near"])
+def test_keypoints_that_cannot_be_used_do_not_say_that_nobody_is_there(pipeline, fault):
+    """A frozen detector, and a person so near that three keypoints are seen. Images that show nobody do say it."""
+    stale_ns = round(pipeline.config.stale_after * SECOND)
+    for index in range(10):
+        assert pipeline.frames(message(index), START_NS + index * PERIOD_NS)[0].accepted
+    few = np.where(np.arange(17) < 3, 0.9, 0.0)
+    for later in range(60):
+        index = 10 + later
+        told = {"pixels": PIXELS[9]} if fault == "frozen" else {"pixels": PIXELS[later % 12], "confidence": few}
+        now_ns = START_NS + index * PERIOD_NS
+        (frame,) = pipeline.frames(message(index, now_ns, **told), now_ns)
+        if not frame.accepted:
+            assert not pipeline.is_informed_at(now_ns)
+    assert frame.rejection in ("frozen", "too_few_landmarks")
+    for index in range(70, 90):
+        empty_ns = START_NS + index * PERIOD_NS
+        pipeline.frames(message(index, empty_ns, pixels=PIXELS[0], confidence=np.zeros(17)), empty_ns)
+        assert pipeline.is_informed_at(empty_ns) == (empty_ns - now_ns > stale_ns)
+
+
+def test_nobody_is_locked_who_was_seen_long_ago(pipeline):
+    pipeline.frames(message(0), START_NS)
+    assert pipeline.lock(START_NS + SECOND // 5) == "p1"
+    pipeline.people.release()
+    with pytest.raises(NoPersonError, match=r"arrived 6.0 s ago; expected at most stale_after 0.4 s"):
+        pipeline.lock(START_NS + 6 * SECOND)
+    assert pipeline.locked is None
 
 
 def test_another_height_resets_and_other_settings_do_not(pipeline):

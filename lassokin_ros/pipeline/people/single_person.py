@@ -1,8 +1,10 @@
 """Follow one person among all people in a message: choose the person once, and never exchange them silently.
 
 Another person is followed only under a new id, after the first one has been absent for `forget_after`; and not at all
-if the person is locked. Of several cameras, the one that sees the person first chooses; in the images of the others the
-person is the one whose keypoints lie on the epipolar lines.
+if the person is locked. In messages without person numbers everything is one person: it has a new id after such an
+absence, and if the person is locked, it must be near the place where the person is expected. Of several cameras, the
+one that sees the person first chooses; in the images of the others the person is the one whose keypoints lie on the
+epipolar lines.
 """
 
 from __future__ import annotations
@@ -57,6 +59,7 @@ class SinglePersonTracker:
         self._locked, self._guessed, self._lock_next = False, False, self._lock_first
         self._views: dict[str, _View] = {}
         self._newest: _View | None = None  # of the last image
+        self._left_ns: int | None = None  # last sight of a person without a number, after whom there was a new id
 
     @property
     def tracked(self) -> dict[str, TrackedPerson]:
@@ -111,8 +114,17 @@ class SinglePersonTracker:
                 raise NoPersonError(nobody_to_lock(self._follow, len(candidates)))
             if chosen is not view.followed:
                 self._begin(chosen, view)
-        self._locked, self._guessed, self._lock_next = True, False, False
+        self._lock_followed(view)
+        self._guessed = False
         return self._id
+
+    def _lock_followed(self, view: _View) -> None:
+        """Lock the followed person. One without a number is known by place from now on."""
+        self._locked, self._lock_next = True, False
+        if view.followed is None and view.unnumbered is not None:
+            view.tracks.clear()
+            view.tracks.update(view.seen_ns, [view.unnumbered], False, math.inf)
+            view.followed = view.tracks.tracks[0]
 
     def release(self) -> None:
         """See PeopleTracker.release."""
@@ -130,7 +142,7 @@ class SinglePersonTracker:
         if rejected and (absence := self._absence(images[0], forget_after)):
             results[-1] = replace(results[-1], rejection=PERSON_ABSENT, detail=absence)
         if self._lock_next and self.tracked_at(max(image.stamp_ns for image in images)):
-            self._locked, self._lock_next = True, False
+            self._lock_followed(self._views[images[0].camera.name])
         return results
 
     def _select(self, image: PeopleImage, forget_after: float) -> Detection:
@@ -141,10 +153,19 @@ class SinglePersonTracker:
         view = self._newest = self._views[image.camera.name]
         view.seen_ns, view.persistent = stamp_ns, image.persistent
         view.lens, view.camera = image.lens, image.camera
-        if keypoints.persons is None or len(keypoints.persons) == 0:
-            return detection(keypoints, None, self._count, image.lens)
-        people = detections_by_person(keypoints, self._count, image.lens)
         patience = max(forget_after, self._person.tracker.config.lost_after)
+        view.unnumbered = None
+        if keypoints.persons is None:
+            view.unnumbered = detection(keypoints, None, self._count, image.lens)
+            if not self._locked:
+                view.followed = None
+                self._count_absence(view.unnumbered, stamp_ns, patience)
+                return view.unnumbered
+            people = [view.unnumbered]
+        elif len(keypoints.persons) == 0:
+            return detection(keypoints, None, self._count, image.lens)
+        else:
+            people = detections_by_person(keypoints, self._count, image.lens)
         self._update_tracks(people, image, view, patience)
         followed = view.followed
         if followed is not None and followed.seen_ns == stamp_ns and followed.by_place:
@@ -157,6 +178,14 @@ class SinglePersonTracker:
         if followed is None:
             return self._nobody(people)
         return followed.detection if followed.seen_ns == stamp_ns else self._nobody(())
+
+    def _count_absence(self, one: Detection, stamp_ns: int, patience: float) -> None:
+        """Note that somebody without a number comes after an absence: it may be another person, so the id is new."""
+        left_ns = self._person.seen_ns
+        if left_ns is None or left_ns == self._left_ns or not self._is_trackable(one):
+            return
+        if self._person.unseen_s(stamp_ns) > patience:
+            self._number_of_person, self._left_ns = max(self._number_of_person, 1) + 1, left_ns
 
     def _update_tracks(self, people: Sequence[Detection], image: PeopleImage, view: _View, patience: float) -> None:
         usable = [one for one in people if self._is_trackable(one)]
@@ -241,11 +270,12 @@ class SinglePersonTracker:
         suggests that the detector's confidences are too low.
         """
         keypoints, followed = image.keypoints, self._views[image.camera.name].followed
-        if keypoints.persons is None or followed is None or followed.seen_ns == image.stamp_ns:
+        if followed is None or followed.seen_ns == image.stamp_ns:
             return ""
         config = self._person.tracker.config
         confident = keypoints.present & (keypoints.confidence >= config.min_confidence)
-        others = len(np.unique(keypoints.persons[confident]))
+        numbers = np.zeros(len(confident)) if keypoints.persons is None else keypoints.persons
+        others = len(np.unique(numbers[confident]))
         if not others:
             return ""
         number = followed.detection.number
@@ -267,6 +297,7 @@ class _View:
     def __init__(self) -> None:
         self.tracks = ImageTracks()
         self.followed: ImageTrack | None = None
+        self.unnumbered: Detection | None = None  # of the last image, if its message has no person numbers
         self.seen_ns, self.persistent = 0, False
         self.lens: Lens | None = None
         self.camera = HERE

@@ -12,8 +12,6 @@ import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.doubt.live import LiveDoubts
-from lassokin_ros.core.doubt.signs import Signs, signs_of
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
@@ -21,6 +19,8 @@ from lassokin_ros.core.observation import HERE, CameraPose, Observation, Status
 from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.record import record
 from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.doubt.live import LiveDoubts
+from lassokin_ros.doubt.signs import Signs, signs_of
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.repeats import Repeats

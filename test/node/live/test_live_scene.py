@@ -11,7 +11,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 from live import BACKEND, NodeProcess, Peer, stamp_of  # noqa: E402
-from messages import FRAME, crowd, pixels_of_motion  # noqa: E402
+from messages import FRAME, cloud, crowd, pixels_of_motion  # noqa: E402
+from std_srvs.srv import SetBool  # noqa: E402
 
 from lassokin_ros import joints  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
@@ -139,6 +140,26 @@ def test_people_and_state_are_repeated_in_a_silence():
         count = len(people), len(states)
         spin_for(peer, 0.6)
         assert count == (len(people), len(states))
+
+
+def test_a_person_who_is_lost_is_not_tracked_again_by_rejected_messages():
+    with NodeProcess("/rejected", "-p", "lost_after:=0.4") as node, Peer("/rejected", outputs=False) as peer:
+        _, states = listen(peer)
+
+        def send(i):
+            peer.send(peer.start_ns + i * 20_000_000, PIXELS[i % 40])
+
+        send_until(peer, send, lambda: "tracking" in said(states), "tracking")
+        sent = peer.start_ns + 10**11
+        end = time.monotonic() + 1.5
+        while time.monotonic() < end:
+            sent += 50_000_000
+            peer.keypoints.publish(cloud(BACKEND, sent, PIXELS[0], np.full(17, 90.0)))
+            spin_for(peer, 0.05)
+        assert said(states)[said(states).index("tracking") :] == ["tracking", "lost"]
+        peer.call(SetBool, "set_enabled", SetBool.Request(data=False))
+        peer.call(SetBool, "set_enabled", SetBool.Request(data=True))
+    assert node.said.count("lost: no usable frame") == 1 and "disabled" in node.said
 
 
 def test_the_joints_of_everybody_come_with_the_image_that_has_them():

@@ -293,14 +293,14 @@ class Followed:
         self.person = Pretended()
         self.tracker = SinglePersonTracker(self.person)
 
-    def see(self, index, *people, persistent=True, points=4):
+    def see(self, index, *people, persistent=True, points=4, numbered=True):
         """x of the tracked person, or the reason of the rejection."""
         numbers = np.repeat([number for number, *_ in people], points)
         xy = np.concatenate([np.zeros((0, 2)), *[100 * (BODY[:points] + [x, 1]) for _, x, _ in people]])
         scores = np.repeat([score for *_, score in people], points)
         ids = np.tile(np.arange(points), len(people))
-        keypoints = Keypoints(1, "", ids, xy, scores, numbers)
-        image = PeopleImage(keypoints, SECOND + index * PERIOD, "camera", LENS, persistent)
+        keypoints = Keypoints(1, "", ids, xy, scores, numbers if numbered else None)
+        image = PeopleImage(keypoints, SECOND + index * PERIOD, "camera", LENS, persistent and numbered)
         (result,) = self.tracker.update([image], "camera", 3.0)
         self.detail, self.label = result.detail, result.label
         self.detector_id, self.guessed = result.detector_id, result.guessed
@@ -430,3 +430,38 @@ def test_the_presence_of_one_person_follows_the_clock(followed):
     followed.tracker.reset()
     assert followed.tracker.presence_at(2 * SECOND, 0.1) == Presence(Status.SEARCHING)
     assert followed.tracker.flush()[0].frame_id == "held"
+
+
+@pytest.mark.parametrize("by_call", [True, False])
+def test_a_person_without_a_number_is_locked_by_place(followed, by_call):
+    """README's messages have no field `person`."""
+    if not by_call:
+        followed.tracker.tune("confident", True)
+    assert followed.see(0, (0, 0.0, 0.9), numbered=False) == 0.0
+    if by_call:
+        assert followed.tracker.lock() == "p1"
+    assert followed.tracker.locked == "p1"
+    for index in range(1, 6):
+        x = round(0.03 * index, 6)
+        assert followed.see(index, (0, x, 0.9), numbered=False) == x and followed.label == "p1"
+    for index in (6, 7, 600):
+        assert followed.see(index, (0, 5.0, 0.9), numbered=False) == "person_absent"
+    assert "the person is locked" in followed.detail
+    followed.tracker.release()
+    assert followed.see(601, (0, 5.0, 0.9), numbered=False) == 5.0 and followed.label == "p2"
+    assert followed.tracker.lock() == "p2"
+    assert followed.see(602, (0, 5.0, 0.9), numbered=False) == 5.0
+    assert followed.see(603, (0, 0.0, 0.9), numbered=False) == "person_absent"
+
+
+def test_somebody_without_a_number_has_a_new_id_after_an_absence(followed):
+    assert followed.see(0, (0, 0.0, 0.9), numbered=False) == 0.0 and followed.label == "p1"
+    assert followed.see(1, (0, 2.0, 0.9), numbered=False) == 2.0 and followed.label == "p1"
+    assert followed.see(30, (0, 3.0, 0.9), numbered=False) == 3.0 and followed.label == "p1"
+    followed.person.refuses = True
+    for index in (61, 62):  # after 3.1 s
+        followed.see(index, (0, 3.0, 0.9), numbered=False)
+        assert followed.label == "p2"
+    followed.person.refuses = False
+    assert followed.see(63, (0, 3.0, 0.9), numbered=False) == 3.0 and followed.label == "p2"
+    assert followed.see(64, (0, 3.0, 0.9), numbered=False) == 3.0 and followed.label == "p2"
