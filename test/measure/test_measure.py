@@ -1,6 +1,7 @@
 """`lassokin measure`: walks and squats of known cadence, stride, speed and angles; and the command."""
 
 import json
+import os
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -190,6 +191,11 @@ def test_no_file_replaces_the_motion_or_another_file(tmp_path, capsys):
     assert main(["gait", file, "--plot", other, "--json", other]) == 2
     assert "--plot and --json both name" in capsys.readouterr().err
     assert (tmp_path / "walk.npz").read_bytes() == before and len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_name_that_is_not_utf_8_is_written_with_its_bytes(tmp_path):
+    file, plot = saved(tmp_path / os.fsdecode(b"walk\xff.npz"), ("", walk())), tmp_path / "gait.svg"
+    assert main(["gait", file, "--plot", str(plot)]) == 0 and "walk\\udcff.npz" in plot.read_text(encoding="utf-8")
 
 
 def test_a_smoothed_motion_has_a_word_about_the_knees(tmp_path, capsys):
