@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import copy
+import json
 import os
 from collections.abc import Sequence
 from contextlib import closing
@@ -19,12 +20,13 @@ from lassokin_ros.archive.tasks import DONE_BEFORE, TRACKED, ArchiveError, Resul
 from lassokin_ros.common.interruption import Interrupted
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_summary
+from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.replay.output_paths import check_output_paths
 from lassokin_ros.replay.record import origin_of, record_of
+from lassokin_ros.replay.recording_files import SUFFIXES, recording_name
 
 FAILED = 2
 """Exit code if a recording has no output."""
-RECORDING_FILES = (".mcap", ".db3")
 
 
 def is_archive(options: argparse.Namespace) -> bool:
@@ -74,7 +76,7 @@ def tasks_of(options: argparse.Namespace) -> list[Task]:
         raise ArchiveError(f"'{folder}' cannot hold several outputs; choose another folder with --output")
     tasks: dict[Path, Task] = {}
     for argument in options.bags:
-        for bag, name in _inside(argument) or [(argument, _name(argument.resolve()))]:
+        for bag, name in _inside(argument) or [(argument, recording_name(argument.resolve()))]:
             output = folder / f"{name}_tracked"
             if output in tasks:
                 raise ArchiveError(
@@ -84,6 +86,7 @@ def tasks_of(options: argparse.Namespace) -> list[Task]:
             alone = copy.copy(options)
             alone.bag, alone.output, alone.bags = bag.absolute(), output, [bag.absolute()]
             alone.params_file = [file.absolute() for file in options.params_file]
+            alone.p = [*options.p, *_own_files(options)]
             if options.camera_info is not None:
                 alone.camera_info = options.camera_info.absolute()
             output_files.use_own_files(alone, name)
@@ -100,25 +103,38 @@ def tasks_of(options: argparse.Namespace) -> list[Task]:
 def _inside(folder: Path) -> list[tuple[Path, str]]:
     """Return (recording, path relative to the folder without suffix); empty if it is not a folder of recordings.
 
-    Hidden folders and outputs of `replay` are skipped.
+    Hidden folders and outputs of `replay` are skipped. Links to folders elsewhere are followed; what they point to
+    inside the folder is found there.
     """
     if not folder.is_dir() or (folder / "metadata.yaml").exists():
         return []
-    found = []
-    for here, folders, files in os.walk(folder):
+    found, root = [], Path(os.path.realpath(folder))
+    visited = {root}
+
+    def is_new(place: Path) -> bool:
+        real = Path(os.path.realpath(place))
+        if place.name[0] == "." or real in visited or place.is_symlink() and root in real.parents:
+            return False
+        visited.add(real)
+        return True
+
+    for here, folders, files in os.walk(folder, followlinks=True):
         place = Path(here)
         if "metadata.yaml" in files:
             folders.clear()
             bags = [] if record_of(place) else [place]
         else:
-            bags = [place / file for file in files if Path(file).suffix in RECORDING_FILES and file[0] != "."]
-        folders[:] = [name for name in folders if name[0] != "."]
-        found += [(bag, str(bag.parent.relative_to(folder) / _name(bag))) for bag in bags]
+            bags = [place / file for file in files if Path(file).suffix in SUFFIXES and file[0] != "."]
+        folders[:] = [name for name in sorted(folders) if is_new(place / name)]
+        found += [(bag, str(bag.parent.relative_to(folder) / recording_name(bag))) for bag in bags]
     return found
 
 
-def _name(bag: Path) -> str:
-    return bag.stem if bag.suffix in RECORDING_FILES and not bag.is_dir() else bag.name
+def _own_files(options: argparse.Namespace) -> list[str]:
+    """Return assignments with the full paths of the files that settings name: a worker has another current folder."""
+    tracker, _ = offline_settings(options.params_file, options.p)
+    files = {"skeleton": Path(tracker.skeleton), "landmarks": Path(tracker.landmarks)}
+    return [f"{name}:={json.dumps(str(file.absolute()))}" for name, file in files.items() if file.is_file()]
 
 
 def table(results: Sequence[Result]) -> str:

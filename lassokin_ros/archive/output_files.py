@@ -53,7 +53,7 @@ def all_exist(options: argparse.Namespace) -> bool:
     """Return True if all files that the options request exist beside the output of a recording."""
     _, node_config = offline_settings(options.params_file, options.p)
     several = node_config.several_people
-    there = [options.report.exists()] if options.report is not None else []
+    there = [page_exists(options)]
     if options.save_skeleton is not None:
         there.append(_exists(options.save_skeleton, options.save_skeleton.suffix, several))
     if options.export:
@@ -62,6 +62,11 @@ def all_exist(options: argparse.Namespace) -> bool:
         for target in map(target_of, options.export):
             there.append(_exists(target.path(options.output), target.suffix, several and target.suffix in PERSONS))
     return all(there)
+
+
+def page_exists(options: argparse.Namespace) -> bool:
+    """Return True if the report exists, or none is requested."""
+    return options.report is None or options.report.exists()
 
 
 def replacement_options(options: argparse.Namespace) -> argparse.Namespace:

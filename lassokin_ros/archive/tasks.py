@@ -75,8 +75,9 @@ def _done_before(task: Task, quiet: bool = False) -> Result | None:
         return None
     record = record_of(options.output)
     if record is not None and record.origin == origin_of(options):
-        nobody = record.figures.frames_out == 0  # nothing to export
-        return Result(task.name, DONE_BEFORE, record.figures) if nobody or output_files.all_exist(options) else None
+        nobody = record.figures.frames_out == 0  # nothing to export or to save, but a page that says so
+        done = output_files.page_exists(options) if nobody else output_files.all_exist(options)
+        return Result(task.name, DONE_BEFORE, record.figures) if done else None
     if quiet:
         return None
     raise ArchiveError(f"'{options.output}' exists, from another input, version or settings; add --force to replace it")

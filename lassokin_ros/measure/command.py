@@ -43,7 +43,8 @@ def measure(options: argparse.Namespace) -> list[str]:
     refuse_shared([("the motion", options.motion)], wanted, MeasureError)
     for _, path in wanted:
         refuse_existing(path, options.force, MeasureError)
-    poses, title = read_poses(options.motion, options.person), options.motion.name
+    poses = read_poses(options.motion, options.person)
+    title = options.motion.name.encode(errors="backslashreplace").decode()  # a name may hold bytes that are not UTF-8
     if options.what == GAIT:
         gait = measure_gait(poses)
         lines, data, plot = report.gait_lines(gait), report.as_json(gait), report.gait_plot(gait, title)

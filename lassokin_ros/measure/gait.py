@@ -20,7 +20,9 @@ SMOOTHING_S, FACING_S = 0.1, 1.0
 """s: averaging of the ankle's place, and of the direction that the person faces."""
 LEAST_SWING = 0.2
 """Least way of an ankle past the pelvis between two strikes, as a share of the leg's length."""
-SHORTEST_STRIDE_S, LONGEST_STRIDE_S = 0.6, 2.5
+SHORTEST_STRIDE_S, LONGEST_STRIDE_S = 0.4, 2.5
+LONGEST_GAP_S = 0.25
+"""s between two frames: in a longer gap a strike may be missed, so that no stride or step goes over it."""
 POINTS = 101
 """Points of a curve from one strike to the next."""
 
@@ -93,14 +95,22 @@ def _front(poses: Poses) -> np.ndarray:
 def _strides(poses: Poses, strikes: np.ndarray) -> list[tuple[int, int]]:
     """Return first and last frame of each stride of one foot."""
     pairs = [(int(a), int(b)) for a, b in zip(strikes, strikes[1:])]
-    return [(a, b) for a, b in pairs if poses.seconds[b] - poses.seconds[a] <= LONGEST_STRIDE_S]
+    return [pair for pair in pairs if _lasts(poses, *pair) <= LONGEST_STRIDE_S]
 
 
 def _step_time(poses: Poses, strikes: dict[str, np.ndarray]) -> float:
     """Return the mean time of a step, s: between strikes of different feet that follow each other."""
-    events = sorted((poses.seconds[frame], side) for side in SIDES for frame in strikes[side])
-    steps = [b - a for (a, one), (b, other) in zip(events, events[1:]) if one != other and b - a < LONGEST_STRIDE_S / 2]
+    events = sorted((int(frame), side) for side in SIDES for frame in strikes[side])
+    times = [_lasts(poses, a, b) for (a, one), (b, other) in zip(events, events[1:]) if one != other]
+    steps = [time for time in times if time < LONGEST_STRIDE_S / 2]
     return float(np.mean(steps)) if steps else float("nan")
+
+
+def _lasts(poses: Poses, first: int, last: int) -> float:
+    """Return the time from one frame to a later one, s; infinite if there is a gap between them."""
+    seconds = poses.seconds[first : last + 1]
+    gap = float(np.diff(seconds).max(initial=0.0))
+    return float(seconds[-1] - seconds[0]) if gap <= LONGEST_GAP_S else float("inf")
 
 
 def _curves(poses: Poses, values: np.ndarray, strides: list[tuple[int, int]]) -> np.ndarray:

@@ -63,7 +63,7 @@ def read_poses(path: Path, person: str | None) -> Poses:
             lacking = [name for name in NEEDED if name not in file]
             data = {name: file[name] for name in NEEDED if name in file}
             smoothing = float(file["smoothing"]) if "smoothing" in file else 0.0
-    except (OSError, EOFError, BadZipFile, ValueError) as error:
+    except (OSError, EOFError, BadZipFile, ValueError, TypeError) as error:  # TypeError: one array, a .npy
         raise MeasureError(f"'{path}' cannot be read ({error}); expected a .npz that --export wrote") from None
     if lacking:
         raise MeasureError(f"'{path}' has no {', '.join(lacking)}; expected a .npz that --export of this release wrote")

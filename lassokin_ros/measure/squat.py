@@ -10,6 +10,9 @@ from scipy.signal import find_peaks
 from lassokin_ros.measure.poses import MeasureError, Poses, smoothed
 from lassokin_ros.replay.exports.named_angles import angles_of
 
+JOINTS = tuple(f"{side}_{joint}" for side in ("left", "right") for joint in ("hip", "knee", "ankle", "shoulder"))
+JOINTS += ("pelvis", "neck")
+"""Joints of which the angles are."""
 SMOOTHING_S = 0.2
 """s: averaging of the knees' flexion, to find the squats."""
 LEAST_BEND = 40.0
@@ -37,7 +40,9 @@ class Squat:
 
 
 def measure_squats(poses: Poses) -> list[Squat]:
-    """Return the squats in order. Raises MeasureError if there is none."""
+    """Return the squats in order. Raises MeasureError if there is none, or if the skeleton lacks a joint."""
+    for joint in JOINTS:
+        poses.place(joint)
     angles = angles_of(poses.names, poses.positions)
     bend = smoothed(0.5 * (angles["left_knee flexion"] + angles["right_knee flexion"]), poses, SMOOTHING_S)
     bottoms, found = find_peaks(bend, prominence=LEAST_BEND)

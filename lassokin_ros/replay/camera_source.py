@@ -95,8 +95,15 @@ def poses_in(cameras: Sequence[RecordedCamera]) -> dict[str, CameraPose] | None:
 
 
 def full_name(bag: BagReader, topic: str) -> str:
-    """Return the name in the recording of a topic that may be in a namespace."""
-    return next((t.name for t in bag.topics if f"/{t.name.strip('/')}".endswith(f"/{topic}")), topic)
+    """Return the name in the recording of a topic that may be in a namespace. Raises CameraError for several."""
+    found = [t.name for t in bag.topics if f"/{t.name.strip('/')}".endswith(f"/{topic}")]
+    found = [name for name in found if name.strip("/") == topic] or found
+    if len(found) > 1:
+        raise CameraError(
+            f"{bag.path} has several topics '{topic}': {', '.join(found)}; expected one, or one without a namespace; "
+            "copy the recording without the others"
+        )
+    return found[0] if found else topic
 
 
 def _of_file(bag: BagReader, file: Path, config: NodeSettings) -> list[RecordedCamera]:

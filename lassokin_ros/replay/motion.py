@@ -13,6 +13,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.replay.analysis.floor import floor_height
+from lassokin_ros.replay.report.wrong_spans import marked_frames
 
 FACE = "head"
 DETECTED, REPROJECTED = "detected", "reprojected"
@@ -48,7 +49,7 @@ class Motion:
     reprojection_px, relative_gap: (f,); support_size: (f,) int; initialised: (f,) bool.
     deviations: (f, n) m and rotation_deviations: (f, n) rad, see `JointUncertainty`; observed: (f, n) bool, the joints
     that keypoints show.
-    likely_wrong: (f,) bool, see `Doubt`.
+    likely_wrong: (f,) bool, the frames that the report marks.
     contacts: (f, n) bool, ankles of feet that stand still.
     level: (3, 3) rotation from the camera frame to the frame of a level camera at the same place.
     floor: m above the camera, the floor under the feet in the level frame, the same for all people; 0, the camera's
@@ -150,6 +151,7 @@ class _Rows:
             "deviations": frame.uncertainty.deviation,
             "rotation_deviations": frame.uncertainty.rotation_deviation,
             "observed": frame.observed,
+            "signs": frame.doubt.has_sign,
             "likely_wrong": frame.doubt.likely_wrong,
             "contacts": frame.contacts,
         }
@@ -195,6 +197,8 @@ class MotionRecorder:
             assert rows.skeleton is not None
             columns = self._spool.columns(rows.records)
             columns["stamps_ns"] = columns["stamps_ns"] - self._origin_ns
+            seconds = (columns["stamps_ns"] - columns["stamps_ns"][0]) * 1e-9
+            columns["likely_wrong"] = marked_frames(seconds, columns.pop("signs"), columns["likely_wrong"])
             names, level = self._landmark_names, self._level()
             pairs = {name: [columns.pop(f"{name} {what}") for what in (DETECTED, REPROJECTED)] for name in rows.cameras}
             seen = {name: Seen(*pair) for name, pair in pairs.items()}

@@ -43,6 +43,11 @@ OTHER_FILES = {
 """Suffix -> what such a file is, and what to do with it."""
 
 
+def recording_name(path: Path) -> str:
+    """Return the name of a recording: that of its folder, which may have dots, or of its file without the suffix."""
+    return path.stem if path.suffix in SUFFIXES and not path.is_dir() else path.name
+
+
 @dataclass(frozen=True)
 class DataFile:
     """An open data file of a recording, or a whole recording that rosbags opens from metadata.yaml (if compressed)."""

@@ -33,6 +33,7 @@ from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME, OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError, check_output_paths
 from lassokin_ros.replay.record import KEY, Figures, Record, origin_of
 from lassokin_ros.replay.recorded_images import recorded_images
+from lassokin_ros.replay.recording_files import recording_name
 
 if TYPE_CHECKING:
     from lassokin_ros.replay.report.report import Report
@@ -56,7 +57,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
 
     progress_on: stream for the progress bar, stderr by default.
     """
-    options.output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
+    options.output = options.output or Path(f"{recording_name(options.bag.resolve())}_tracked")
     check_output_paths([options])
     defaults = WHOLE_FILE if options.two_pass else {}
     tracker_config, node_config = offline_settings(options.params_file, options.p, defaults)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 
@@ -43,8 +44,8 @@ def calibration_toml(cameras: Sequence[tuple[str, Calibration]], poses: Mapping[
     for name, lens in cameras:
         pose, (width, height) = poses[name], lens.size
         lines += [
-            f"[{name}]",
-            f'name = "{name}"',
+            f"[{json.dumps(name, ensure_ascii=False)}]",  # a string of TOML; without quotes few characters are allowed
+            f"name = {json.dumps(name, ensure_ascii=False)}",
             f"size = [{width}.0, {height}.0]",
             f"matrix = {lens.K.tolist()}",
             f'distortion_model = "{lens.model}"',

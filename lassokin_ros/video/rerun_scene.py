@@ -70,7 +70,13 @@ class RerunScene:
         self._stream = self._rerun.RecordingStream("lassokin")
         self._stream.send_recording_name(name)
         self._open(replace)
-        self._log_styles(z_up)
+        self.set_axes(z_up)
+        self._log_styles()
+
+    def set_axes(self, z_up: bool) -> None:
+        """Set whether the body's frame has z up, see `__init__`."""
+        axes = self._rerun.ViewCoordinates
+        self._log("/", axes.RIGHT_HAND_Z_UP if z_up else axes.RDF, static=True)
 
     def set_time(self, **time: Any) -> None:
         """Set the time of what is logged next: duration in s, or timestamp in s or as datetime64."""
@@ -201,10 +207,8 @@ class RerunScene:
             collapse_panels=True,
         )
 
-    def _log_styles(self, z_up: bool) -> None:
+    def _log_styles(self) -> None:
         rerun = self._rerun
-        axes = rerun.ViewCoordinates
-        self._log("/", axes.RIGHT_HAND_Z_UP if z_up else axes.RDF, static=True)
         for name in PLOTTED:
             colour = COLOURS[name.split("_")[0]]
             self._log(f"{ANGLES}/{name}", rerun.SeriesLines(colors=colour, names=name), static=True)

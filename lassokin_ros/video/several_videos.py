@@ -6,6 +6,7 @@ Without a file with the places of the cameras, a first pass finds them from the 
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import time
 from collections.abc import Iterator, Sequence
@@ -57,7 +58,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     cameras = _cameras(options)
     height = [] if options.height is None else [f"height:={options.height}"]
     detector = make_detector(options.detector)
-    names = f"cameras:=[{', '.join(camera.name for camera in cameras)}]"
+    names = f"cameras:={json.dumps([camera.name for camera in cameras])}"  # quoted: `no` is a truth value in YAML
     unplaced = options.cameras is None
     learn = ["extrinsics:=learn"] if unplaced else []
     chosen = [f"landmarks:={detector.landmarks}", names, *learn, *options.p, *height]
@@ -144,10 +145,12 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
         raise CameraError("--cameras has the lenses; expected neither --camera-info nor --fov beside it")
     known = camera_names(options.cameras)
     stems = [Path(source).stem for source in options.sources]
-    strange = [stem for stem in stems if stem not in known]
+    by_topic = {_topic(name): name for name in known}  # --save-cameras writes the names of the topics
+    strange = [stem for stem in stems if _topic(stem) not in by_topic]
     if strange and len(strange) < len(stems):
         raise CameraError(f"'{options.cameras}' has no camera '{strange[0]}'; its cameras are: {', '.join(known)}")
-    names = stems if set(stems) <= set(known) else known[: len(stems)]
+    names = known[: len(stems)] if strange else [stem if stem in known else by_topic[_topic(stem)] for stem in stems]
+    _refuse_same(names)
     if len(names) < len(stems):
         raise CameraError(
             f"'{options.cameras}' has the cameras {', '.join(known)}; expected one for each of {len(stems)} videos"
@@ -166,8 +169,7 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
 
 def _unplaced_cameras(options: argparse.Namespace) -> list[Filmed]:
     names = [_topic(Path(source).stem) for source in options.sources]
-    if len(set(names)) < len(names):
-        raise CameraError(f"the videos' names are those of the cameras, and {', '.join(names)} are not different")
+    _refuse_same(names)
     cameras: list[Filmed] = []
     for name, path in zip(names, options.sources):
         source = open_source(path, options.fps)
@@ -179,9 +181,15 @@ def _unplaced_cameras(options: argparse.Namespace) -> list[Filmed]:
     return cameras
 
 
+def _refuse_same(names: Sequence[str]) -> None:
+    """Raise CameraError for two videos of one camera."""
+    if len({_topic(name) for name in names}) < len(names):
+        raise CameraError(f"the videos' names are those of the cameras, and {', '.join(names)} are not different")
+
+
 def _topic(name: str) -> str:
     """Return the name of a camera as a part of a topic's name."""
-    return re.sub(r"\W", "_", name if re.match(r"[A-Za-z_]", name) else f"c{name}")
+    return re.sub(r"\W", "_", name if re.match(r"[A-Za-z_]", name) else f"c{name}", flags=re.ASCII)
 
 
 def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutputs, stopped: list[int]) -> None:

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -127,14 +128,15 @@ def content_size(image: np.ndarray) -> tuple[int, int]:
     return (full_width, full_height) if around else (size[0], size[1])
 
 
-def _largest_content(first: np.ndarray, others: Iterator[np.ndarray]) -> tuple[int, int]:
-    """Return the largest content of some images: one may be dark at its sides. others: read if the first has bars."""
-    width, height = content_size(first)
-    if (width, height) != (first.shape[1], first.shape[0]):
-        for image in others:
-            wide, high = content_size(image)
-            width, height = max(width, wide), max(height, high)
-    return width, height
+def _common_content(first: np.ndarray, others: Iterator[np.ndarray]) -> tuple[int, int]:
+    """Return the content of some images: only what is black in all of them is a bar.
+
+    others: read if the first image has bars, or shows nothing.
+    """
+    size = first.shape[1], first.shape[0]
+    if content_size(first) == size and first.max() > BLACK:
+        return size
+    return content_size(reduce(np.maximum, (image for image in others if image.shape == first.shape), first))
 
 
 def _video(path: Path) -> Source:
@@ -146,7 +148,7 @@ def _video(path: Path) -> Source:
         raise SourceError(f"'{path}' has no video stream that OpenCV can read")
     first = _upright(cv2, capture, first)
     rate, count = _rate_and_count(cv2, capture)
-    size, content = (first.shape[1], first.shape[0]), _largest_content(first, _spread(cv2, path, count))
+    size, content = (first.shape[1], first.shape[0]), _common_content(first, _spread(cv2, path, count))
     return Source(path.name, size, content, rate, count, _frames(cv2, capture, first, rate))
 
 
@@ -319,7 +321,7 @@ def _folder(path: Path, fps: float) -> Source:
             yield Image(number / fps, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 
     others = (cv2.imread(str(files[int(share * len(files))])) for share in SPREAD)
-    content = _largest_content(first, (image for image in others if image is not None))
+    content = _common_content(first, (image for image in others if image is not None))
     return Source(path.name, (first.shape[1], first.shape[0]), content, fps, len(files), images())
 
 

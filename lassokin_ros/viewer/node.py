@@ -50,6 +50,8 @@ class ViewerNode(Node):
         self._keypoints = PointCloud2Adapter()
         self._camera: tuple[Any, ...] = ()
         self._lens: Lens | None = None
+        self._frames: set[str] = set()
+        self._z_up = False
         self._people = {"": self._person("")}
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(Image, "image_raw", self._show(self._on_image), sensor_data(1))
@@ -66,9 +68,19 @@ class ViewerNode(Node):
         return name.replace("~", self._tracker)
 
     def _person(self, person: str) -> PersonTopics:
-        topics_of_person = PersonTopics(self, self._scene, self._topic, person, self._show)
+        topics_of_person = PersonTopics(self, self._scene, self._topic, person, self._show, self._is_of_camera)
         topics_of_person.lens = self._lens
         return topics_of_person
+
+    def _is_of_camera(self, frame_id: str) -> bool:
+        """Return whether a skeleton's frame is that of camera or keypoints. Another one is fixed, and has z up."""
+        own = not self._frames or not frame_id or frame_id in self._frames
+        if self._z_up == own:
+            self._z_up = not own
+            self._scene.set_axes(self._z_up)
+            if self._z_up:
+                self.get_logger().info(f"the skeleton is in '{frame_id}': it is shown in 3D, and not in the image")
+        return own
 
     def _show(self, log: Callable[[Any], None]) -> Callable[[Any], None]:
         """Return the callback that logs a message at its stamp, and reports a message that cannot be shown."""
@@ -90,6 +102,7 @@ class ViewerNode(Node):
 
     def _on_camera(self, message: CameraInfo) -> None:
         camera = decode_camera_info(message)
+        self._frames.add(message.header.frame_id)
         key = (camera.K.tobytes(), camera.D.tobytes(), camera.model, camera.width, camera.height)
         if key == self._camera:
             return
@@ -105,6 +118,7 @@ class ViewerNode(Node):
 
     def _on_keypoints(self, message: PointCloud2) -> None:
         keypoints = self._keypoints.decode(message, None)
+        self._frames.add(message.header.frame_id)
         self._scene.add_keypoints("", keypoints.xy[keypoints.present])
 
     def _on_state(self, message: String) -> None:

@@ -38,12 +38,14 @@ class PersonTopics:
         topic_of: Callable[[str], str],
         person: str,
         show: Callable[[Callable[[Any], None]], Callable[[Any], None]],
+        is_of_camera: Callable[[str], bool],
     ) -> None:
         """topic_of: the name of an output topic. person: the id, empty if one person is followed.
 
-        show: wraps a function that logs a stamped message; sets the time and reports errors.
+        show: wraps a function that logs a stamped message; sets the time and reports errors. is_of_camera: whether a
+        frame is that of the image. In another one, a fixed frame, the joints cannot be projected.
         """
-        self._node, self._scene = node, scene
+        self._node, self._scene, self._is_of_camera = node, scene, is_of_camera
         self._place = f"/{person}" if person else ""
         self._skeleton: Skeleton | None = None
         self.lens: Lens | None = None
@@ -78,7 +80,7 @@ class PersonTopics:
         parents = np.maximum(skeleton.parents, 0)
         relative = (turns[parents].inv() * turns).as_matrix()
         self._scene.add_skeleton(self._place, skeleton, joints)
-        if self.lens is not None:
+        if self._is_of_camera(message.header.frame_id) and self.lens is not None:
             self._scene.add_outline(self._place, skeleton, self.lens.distort(project(joints)))
         self._scene.add_angles(self._place, skeleton, relative)
 

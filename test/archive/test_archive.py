@@ -13,9 +13,12 @@ pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 from archives import LONG, holder, outcomes, start_replay, write_archive  # noqa: E402
 from recordings import contents, write_recording  # noqa: E402
 
+from lassokin_ros.archive.archive import tasks_of  # noqa: E402
 from lassokin_ros.archive.dask_cluster import on_cluster  # noqa: E402
 from lassokin_ros.archive.tasks import ArchiveError  # noqa: E402
 from lassokin_ros.cli.replay import main  # noqa: E402
+from lassokin_ros.pipeline.parameter_files import offline_settings  # noqa: E402
+from lassokin_ros.replay.options import parser  # noqa: E402
 from lassokin_ros.replay.record import record_of  # noqa: E402
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="finds processes in /proc, which is Linux'")
@@ -135,6 +138,53 @@ def test_the_page_of_another_recording_does_not_count_as_finished(tmp_path, caps
     code, said = replayed(capsys, *arguments, *several, *pages)
     assert code == 0 and outcomes(said) == {**outcome, "walk": "tracked"}
     assert sorted(file.name for file in (tmp_path / "lengths").iterdir()) == saved
+
+
+def test_links_to_folders_elsewhere_are_followed_once(tmp_path, capsys):
+    (tmp_path / "disk" / "day").mkdir(parents=True)
+    write_recording(tmp_path / "disk" / "day" / "far", 5)
+    (tmp_path / "bags").mkdir()
+    write_recording(tmp_path / "bags" / "near", 5)
+    links = {"a_link": tmp_path / "disk", "b_again": tmp_path / "disk", "near_link": tmp_path / "bags" / "near"}
+    links |= {"loop": tmp_path / "bags", "up": tmp_path}
+    for name, target in links.items():
+        (tmp_path / "bags" / name).symlink_to(target)
+    code, said = replayed(capsys, tmp_path / "bags", "--output", tmp_path / "out", "--jobs", 1)
+    assert code == 0 and outcomes(said) == {"near": "tracked", "a_link/day/far": "tracked"}
+
+
+def test_a_page_that_is_requested_later_is_written_also_if_nobody_was_tracked(tmp_path, capsys):
+    (tmp_path / "bags").mkdir()
+    write_recording(tmp_path / "bags" / "few", 4)
+    arguments = [tmp_path / "bags", "--output", tmp_path / "out", "--jobs", 1, "-p", "min_confidence:=1.0"]
+    arguments += ["-p", "min_landmarks:=17", "--export", ".csv"]
+    page = ["--report", tmp_path / "pages"]
+    for more, outcome in (([], "tracked"), ([], "done before"), (page, "tracked"), (page, "done before")):
+        assert outcomes(replayed(capsys, *arguments, *more)[1]) == {"few": outcome}
+    assert record_of(tmp_path / "out" / "few_tracked").figures.frames_out == 0
+    assert (tmp_path / "pages" / "few.html").exists()
+
+
+def test_dots_are_part_of_the_name_of_a_folder(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("walk.1", "walk.2"):
+        write_recording(tmp_path / name, 5)
+        assert replayed(capsys, name)[0] == 0
+    file = next((tmp_path / "walk.1").glob("*.mcap")).rename(tmp_path / "one.1.mcap")
+    assert replayed(capsys, file)[0] == 0
+    assert {"walk.1_tracked", "walk.2_tracked", "one.1_tracked"} < set(os.listdir())
+
+
+def test_workers_get_the_full_paths_of_skeleton_and_landmarks(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_recording(tmp_path / "walk", 5)
+    for name in ("my body.yaml", "points.yaml"):
+        Path(name).write_text("")
+    Path("settings.yaml").write_text("tracker: {ros__parameters: {landmarks: points.yaml}}")
+    given = ["walk", "--scheduler", "x", "-p", "skeleton:=my body.yaml", "--params-file", "settings.yaml"]
+    (task,) = tasks_of(parser().parse_args(given))
+    settings, _ = offline_settings(task.options.params_file, task.options.p)
+    assert settings.skeleton == str(tmp_path / "my body.yaml") and settings.landmarks == str(tmp_path / "points.yaml")
 
 
 def test_outputs_in_the_archive_are_not_replayed(tmp_path, capsys, monkeypatch):

@@ -1,6 +1,7 @@
 """`lassokin measure`: walks and squats of known cadence, stride, speed and angles; and the command."""
 
 import json
+import os
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -65,6 +66,25 @@ def test_feet_strike_in_turn_where_the_ankle_is_in_front():
     assert np.abs((right[0] - left[0]) % (120 / 108) - 60 / 108) < 0.05
 
 
+@pytest.mark.parametrize("cadence", [60.0, 108.0, 160.0, 240.0, 276.0])
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_slow_walks_and_fast_runs_have_their_cadence(cadence, noise):
+    poses = walk(cadence=cadence, seconds=8.0)
+    shaken = poses.positions + noise * np.random.default_rng(0).normal(size=poses.positions.shape)
+    found = measure_gait(replace(poses, positions=shaken))
+    assert abs(found.cadence / cadence - 1) < 0.03 and abs(found.stride_s * cadence / 120 - 1) < 0.03
+
+
+@pytest.mark.parametrize("gap_s", [0.3, 1.0, 1.2, 2.0])
+def test_no_stride_goes_over_a_gap(gap_s):
+    poses = walk(seconds=8.0)
+    seen = (poses.seconds < 3.2) | (poses.seconds > 3.2 + gap_s)
+    found = measure_gait(Poses(poses.seconds[seen], NAMES, poses.positions[seen], poses.likely_wrong[seen]))
+    pairs = [pair for strikes in found.strikes.values() for pair in zip(strikes, strikes[1:])]
+    assert found.strides == sum(not first < 3.2 < last for first, last in pairs) == len(pairs) - 2
+    assert abs(found.cadence - 108) < 2 and abs(found.speed - 1.3) < 0.02
+
+
 def test_on_a_treadmill_the_stride_has_a_time_and_no_length():
     found = measure_gait(walk(speed=0.0, cadence=120.0))
     assert found.stride_m < 0.01 and abs(found.cadence - 120) < 2
@@ -111,6 +131,13 @@ def test_small_bends_are_no_squats_and_marked_frames_are_counted():
     poses = squats((90.0, 90.0))
     marked = poses.seconds > 3.0
     assert [round(one.doubtful) for one in measure_squats(replace(poses, likely_wrong=marked))] == [0, 1]
+
+
+@pytest.mark.parametrize("joint", ["left_knee", "right_shoulder", "neck"])
+def test_a_skeleton_without_a_joint_of_the_angles_is_named(joint):
+    names = tuple(name.replace(joint, "other") for name in NAMES)
+    with pytest.raises(MeasureError, match=f"the motion has no joint '{joint}'"):
+        measure_squats(replace(squats(), names=names))
 
 
 def test_smoothing_keeps_a_constant_and_averages_noise():
@@ -166,6 +193,11 @@ def test_no_file_replaces_the_motion_or_another_file(tmp_path, capsys):
     assert (tmp_path / "walk.npz").read_bytes() == before and len(list(tmp_path.iterdir())) == 1
 
 
+def test_a_name_that_is_not_utf_8_is_written_with_its_bytes(tmp_path):
+    file, plot = saved(tmp_path / os.fsdecode(b"walk\xff.npz"), ("", walk())), tmp_path / "gait.svg"
+    assert main(["gait", file, "--plot", str(plot)]) == 0 and "walk\\udcff.npz" in plot.read_text(encoding="utf-8")
+
+
 def test_a_smoothed_motion_has_a_word_about_the_knees(tmp_path, capsys):
     file = saved(tmp_path / "walk.npz", ("", walk()))
     with np.load(file) as arrays:
@@ -192,10 +224,12 @@ def test_one_person_of_several_is_measured(tmp_path, capsys):
 def test_a_file_that_is_no_export_is_one_line(tmp_path, capsys):
     (tmp_path / "text.npz").write_text("no arrays")
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    np.save(tmp_path / "array.npy", np.zeros(3))
     short = saved(tmp_path / "short.npz", ("", walk(seconds=0.04)))
     for file, text in (
         (tmp_path / "none.npz", "cannot be read"),
         (tmp_path / "text.npz", "cannot be read"),
+        (tmp_path / "array.npy", "expected a .npz that --export wrote"),
         (tmp_path / "other.npz", "has no stamp_ns, person"),
         (short, "has 2 frames in order"),
     ):

@@ -82,6 +82,28 @@ def test_a_calibration_file_gives_lenses_and_poses(bag, tmp_path):
     assert frames == {MAP} and np.median(errors[15:]) < 0.02
 
 
+@pytest.mark.parametrize("place, code", [("", 0), ("/robot", 2)])
+def test_a_topic_without_a_namespace_comes_before_those_in_one(place, code, tmp_path, capsys):
+    messages, random = [], np.random.default_rng(0)
+    for index in range(15):
+        for number, one in enumerate(EYES):
+            time_ns = START_NS + round(1e9 * index / 30) + number
+            seen = keypoints(BACKEND, one, START_NS, index / 30, TRUTH.landmarks[index], random)
+            info = camera_info(BACKEND, frame_id=one.frame)
+            for space in ("/debug", place):
+                messages.append((f"{space}/{one.name}/camera_info", INFO, time_ns, info))
+            messages.append((f"{place}/{one.name}/keypoints", CLOUD, time_ns, seen))
+            messages.append((f"/debug/{one.name}/keypoints", CLOUD, time_ns, seen))
+    tf = [("/tf_static", TF, START_NS, tf_of(BACKEND, one, START_NS, 0.0)) for one in EYES]
+    bag = write_messages(tmp_path / "bag", [*tf, *messages])
+    assert main([str(bag), "-o", str(tmp_path / "out"), *CAMERAS]) == code
+    said = capsys.readouterr()
+    if code:
+        assert "several topics 'left/keypoints': " in said.err and "/debug/left/keypoints" in said.err
+    else:
+        assert "/left/keypoints" in said.out and "/debug" not in said.out
+
+
 @pytest.mark.parametrize(
     "options, words",
     [

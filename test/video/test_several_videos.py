@@ -112,6 +112,22 @@ def test_without_a_calibration_the_places_are_found_and_written(rig, capsys, tmp
     assert main(["left", "right", "--cameras", "found.toml", "--height", "1.75", "--export", "again.npz"]) == 0
 
 
+@pytest.mark.parametrize("names", [("vidéo accent", "cam-2"), ("no", "on"), ("./1", "2.b")])
+def test_written_places_are_read_again_whatever_the_videos_are_called(rig, names):
+    for camera, name in zip(EYES, names):
+        Path(camera.name).rename(name)
+    command = [*names, "--height", "1.75", "--export", "walk.npz", "--force"]
+    assert main([*command, "--save-cameras", "found.toml"]) == 0
+    rig.clear()
+    assert main([*command, "--cameras", "found.toml", "--causal"]) == 0
+
+
+def test_a_name_that_is_no_key_of_toml_is_written(tmp_path):
+    lens, pose = Calibration(np.diag([FOCAL, FOCAL, 1.0]), np.zeros(4), size=(WIDTH, HEIGHT)), EYES[1].pose_at(0)
+    (tmp_path / "c.toml").write_text(calibration_toml([('é "[a] b', lens)], {'é "[a] b': pose}), encoding="utf-8")
+    assert list(read_cameras(tmp_path / "c.toml", ['é "[a] b'])) == ['é "[a] b']
+
+
 @pytest.mark.parametrize(
     "model, count", [("plumb_bob", 4), ("plumb_bob", 5), ("equidistant", 4), ("rational_polynomial", 8)]
 )
@@ -244,12 +260,14 @@ def relative(origin, pose):
         (["--cameras", "calib.toml", "--fov", "60"], "expected neither --camera-info nor --fov"),
         (["--cameras", "others.toml"], "has no camera 'left'; its cameras are: right, lft"),
         (["--cameras", "one.toml"], "expected one for each of 2 videos"),
+        (["--cameras", "same.toml"], "a-1, a_1 are not different"),
         (["--cameras", "nothing.toml"], "nothing.toml"),
     ],
 )
 def test_unusable_input_is_one_line(rig, capsys, tmp_path, options, words):
     write_calibration(tmp_path / "others.toml", ["right", "lft"])
     write_calibration(tmp_path / "one.toml", ["a"])
+    write_calibration(tmp_path / "same.toml", ["a-1", "a_1"])
     assert main(["left", "right", *options]) == 2
     said = capsys.readouterr().err.splitlines()
     assert len(said) == 1 and words in said[0]

@@ -148,6 +148,39 @@ def test_black_bars_do_not_count_for_the_field_of_view(tmp_path):
     assert np.allclose([K[0, 0], K[0, 2], K[1, 2]], [48, 79.5, 47.5])
 
 
+@pytest.mark.parametrize("folder", [False, True])
+@pytest.mark.parametrize("case, expected", [("spot", (160, 96)), ("fade", (54, 96)), ("stage", (160, 96))])
+def test_bars_are_what_is_black_in_the_whole_file(tmp_path, folder, case, expected):
+    images = np.random.default_rng(0).integers(60, 255, (20, 96, 160, 3), dtype=np.uint8)
+    if case == "spot":  # the first image shows a lit part in the middle, as wide as high
+        images[0, :24] = images[0, -24:] = 0
+        images[0, :, :40] = images[0, :, -40:] = 0
+    elif case == "stage":  # lit to both sides, and later everywhere
+        images[:5, :24] = images[:5, -24:] = 0
+    else:  # bars, and a first image that is black
+        images[:, :, :53] = images[:, :, -53:] = 0
+        images[0] = 0
+    path = tmp_path / ("images" if folder else "video.mp4")
+    if folder:
+        path.mkdir()
+        for number, image in enumerate(images):
+            cv2.imwrite(str(path / f"{number}.png"), image)
+    else:
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), FPS, (160, 96))
+        for image in images:
+            writer.write(image)
+        writer.release()
+    source = open_source(str(path))
+    assert np.abs(np.subtract(source.content, expected)).max() <= 4
+    assert [int(image.seconds * FPS + 0.5) for image in source.images][:3] == [0, 1, 2] or folder
+
+
+def test_a_lit_part_of_a_dark_scene_has_no_bars():
+    image = np.zeros((720, 1280, 3), np.uint8)
+    image[100:-100, 420:-420] = 90
+    assert content_size(image) == (1280, 720)
+
+
 def test_dark_areas_are_no_bars():
     bright = np.full((96, 160, 3), 200, np.uint8)
     assert content_size(bright) == content_size(np.zeros_like(bright)) == (160, 96)

@@ -9,14 +9,16 @@ rclpy = pytest.importorskip("rclpy")
 pytest.importorskip("cv2")
 pytest.importorskip("rerun", reason="the viewer needs rerun-sdk")
 
+from geometry_msgs.msg import Point, Pose, PoseArray  # noqa: E402
 from live import BACKEND, NO_HANDLERS, NodeProcess, Peer, stamp_of  # noqa: E402
-from messages import HEIGHT, WIDTH, pixels_of_motion  # noqa: E402
+from messages import HEIGHT, WIDTH, camera_info, pixels_of_motion  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from sensor_msgs.msg import Image, PointCloud2  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
+from lassokin_ros.pipeline.outputs.description.urdf import urdf  # noqa: E402
 from lassokin_ros.video.rerun_scene import RerunScene, ViewError  # noqa: E402
 from lassokin_ros.viewer.node import ViewerNode  # noqa: E402
 from msg_adapters.inputs import rgb_image  # noqa: E402
@@ -118,6 +120,22 @@ def test_a_recording_contains_the_published_messages_at_their_stamps(viewer, log
     for chunk in reader(file).stream().to_chunks():
         rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + (0 if chunk.is_static else chunk.num_rows)
     assert all(rows[f"/{path}"] >= LEAST for path in PATHS), rows
+
+
+def test_a_skeleton_in_a_fixed_frame_is_not_projected_as_if_the_camera_were_there(viewer, logged, monkeypatch):
+    node, _, _ = viewer
+    _, skeletons, outlines = logged
+    axes = []
+    monkeypatch.setattr(RerunScene, "set_axes", lambda scene, z_up: axes.append(z_up))
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    person = node._people[""]
+    person._on_description(String(data=urdf(skeleton, "lens")))
+    node._on_camera(camera_info(BACKEND, frame_id="lens"))
+    for frame in ("map", "map", "lens", ""):
+        joints = PoseArray(poses=[Pose(position=Point(x=x, y=y, z=3.0 + z)) for x, y, z in skeleton.rest_positions])
+        joints.header.frame_id = frame
+        person._on_joints(joints)
+    assert len(skeletons) == 4 and len(outlines) == 2 and axes == [True, False]
 
 
 def test_topics_of_people_are_added_and_removed(viewer):

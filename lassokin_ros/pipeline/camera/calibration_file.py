@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,8 @@ LARGEST = 1e9
 """Largest absolute value of a number in a file."""
 LARGEST_SKEW = 1e-3
 """Largest difference of a rotation matrix times its transpose from the identity, by rounding in a file."""
+FARTHEST_APART_M = 50.0
+"""m: cameras on opposite sides of a person at the largest distance that the report accepts, 25 m."""
 Pose = tuple[np.ndarray, np.ndarray]
 """Rotation (3, 3) into the camera and translation (3,) m."""
 
@@ -99,7 +102,12 @@ def read_calibration(path: Path) -> Calibration:
         raise CameraError(f"'{file}' has several cameras: {names}; choose one, such as {file}:{next(iter(cameras))}")
     if chosen not in cameras:
         raise CameraError(f"'{file}' has no camera '{chosen}'; expected one of: {names}")
-    values = {re.sub(r"[\s_-]", "", str(key)).lower(): value for key, value in cameras[chosen].items()}
+    return _calibration(cameras[chosen], file)
+
+
+def _calibration(camera: Mapping[str, Any], file: Path) -> Calibration:
+    """Return the calibration in the values of one camera. Raises CameraError."""
+    values = {re.sub(r"[\s_-]", "", str(key)).lower(): value for key, value in camera.items()}
     try:
         calibration = _from_kalibr(values, file) if "intrinsics" in values else _from_opencv(values)
     except CameraError:
@@ -122,21 +130,32 @@ def read_cameras(file: Path, names: Sequence[str]) -> dict[str, tuple[Calibratio
     TOML of Pose2Sim, Anipose or caliscope; a camchain of Kalibr, whose poses are relative to the camera before; or a
     file of OpenCV's stereo calibration with R and T. Raises CameraError.
     """
-    cameras = _cameras(values_in(file))
+    data = values_in(file)
+    cameras = _cameras(data)
     missing = [name for name in names if name not in cameras]
     if missing:
         raise CameraError(f"'{file}' has no camera '{missing[0]}'; expected the names of: {', '.join(cameras)}")
     try:
-        poses = _poses(cameras, values_in(file))
+        poses = _poses(cameras, data)
     except (KeyError, TypeError, ValueError) as error:
         raise CameraError(
             f"'{file}' has no poses of its cameras: {_what(error)}; expected rotation and translation of each (TOML of "
             "Pose2Sim, Anipose or caliscope), T_cn_cnm1 (Kalibr), or R and T (OpenCV's stereo calibration)"
         ) from None
-    return {
-        name: (read_calibration(file.with_name(f"{file.name}:{name}")), CameraPose(name, *poses[name]))
-        for name in names
-    }
+    found = {name: (_calibration(cameras[name], file), CameraPose(name, *poses[name])) for name in names}
+    _refuse_other_units([pose for _, pose in found.values()], file)
+    return found
+
+
+def _refuse_other_units(poses: Sequence[CameraPose], file: Path) -> None:
+    """Raise CameraError for cameras that are too far apart, as those of a file in mm are."""
+    for one, other in combinations(poses, 2):
+        apart = float(np.linalg.norm(one.centre - other.centre))
+        if apart > FARTHEST_APART_M:
+            raise CameraError(
+                f"'{file}': the cameras '{one.name}' and '{other.name}' are {apart:.0f} m apart; expected metres, at "
+                f"most {FARTHEST_APART_M:g} m; divide the translations by 1000 if they are in mm"
+            )
 
 
 def _poses(cameras: Mapping[str, Mapping[str, Any]], data: Mapping[str, Any]) -> dict[str, Pose]:
@@ -190,17 +209,26 @@ def _cameras(data: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """Return {name: values} of the cameras in a file."""
     kalibr = {name: data[name] for name in data if re.fullmatch(r"cam\d+", str(name)) and isinstance(data[name], dict)}
     if kalibr:
-        return kalibr
+        return _by_name(kalibr)
     tables = data["cameras"] if isinstance(data.get("cameras"), dict) else data
     anipose: dict[str, Mapping[str, Any]] = {
         str(name): table for name, table in tables.items() if isinstance(table, dict) and "matrix" in table
     }
     if anipose:  # and Pose2Sim and caliscope
-        return anipose
+        return _by_name(anipose)
     stereo = [number for number in "12" if f"M{number}" in data]
     if stereo:  # OpenCV's stereo_calib
         return {f"M{n}": {"k": data[f"M{n}"], "d": data.get(f"D{n}"), **_sizes(data)} for n in stereo}
     return {"camera": data}
+
+
+def _by_name(tables: dict[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+    """Return the tables by their `name`, which is the camera's; by their keys if one has none, or names repeat.
+
+    Anipose counts the keys: `[cam_0]` with `name = "left"`.
+    """
+    names = [str(table.get("name", "")) for table in tables.values()]
+    return dict(zip(names, tables.values())) if all(names) and len(set(names)) == len(names) else tables
 
 
 def _sizes(data: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,12 +14,19 @@ from lassokin_ros.replay.motion import Motion
 
 Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """x to the camera's right, y away from the camera, z up, of the frame of `Markers`."""
+MOST_FRAMES = 65535
+"""Frames are counted in 16 bits; of more, readers return a part."""
 
 
 def write_c3d(motion: Motion, file: BinaryIO) -> None:
     """Write one person's markers, in the world frame of `.amass.npz`. Raises ExportError."""
     ezc3d = import_ezc3d()
     markers = markers_of(motion)
+    if len(markers.positions) > MOST_FRAMES:
+        raise ExportError(
+            f"a .c3d file counts up to {MOST_FRAMES} frames, the motion has {len(markers.positions)}; expected .trc "
+            "or a shorter part of the recording"
+        )
     data = ezc3d.c3d()
     points = data["parameters"]["POINT"]
     points["RATE"]["value"] = [1 / markers.period]

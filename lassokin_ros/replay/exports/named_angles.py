@@ -36,7 +36,7 @@ def angles_of(names: Sequence[str], positions: np.ndarray) -> dict[str, np.ndarr
             f"{side}_hip flexion": partial(_forward, place, f"{side}_hip", f"{side}_knee"),
             f"{side}_hip abduction": partial(_sideways, place, f"{side}_hip", f"{side}_knee", sign),
             f"{side}_shoulder flexion": partial(_forward, place, f"{side}_shoulder", f"{side}_elbow"),
-            f"{side}_shoulder abduction": partial(_sideways, place, f"{side}_shoulder", f"{side}_elbow", sign),
+            f"{side}_shoulder abduction": partial(_outwards, place, f"{side}_shoulder", f"{side}_elbow", sign),
         }
         angles |= _known(rules)
     return angles | _known({"trunk lean": lambda: _between(place["neck"] - place["pelvis"], -down)})
@@ -60,7 +60,18 @@ def _bend(place: dict[str, np.ndarray], above: str, joint: str, below: str) -> n
 def _forward(place: dict[str, np.ndarray], joint: str, end: str) -> np.ndarray:
     """Return the angle of a limb in the trunk's sagittal plane; 0 hanging along the trunk, positive to the front."""
     limb, (_, up, front) = place[end] - place[joint], _trunk(place)
-    return np.degrees(np.arctan2(_dot(limb, front), -_dot(limb, up)))
+    return _raised(_dot(limb, front), _dot(limb, up))
+
+
+def _outwards(place: dict[str, np.ndarray], joint: str, end: str, sign: float) -> np.ndarray:
+    """Return the angle of a limb in the trunk's frontal plane; 0 hanging along the trunk, positive outwards."""
+    limb, (left, up, _) = place[end] - place[joint], _trunk(place)
+    return _raised(sign * _dot(limb, left), _dot(limb, up))
+
+
+def _raised(aside: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Return the angle from down to `aside`, from -90 to 270 degrees, so that an arm held overhead does not wrap."""
+    return np.asarray((np.degrees(np.arctan2(aside, -up)) + 90.0) % 360.0 - 90.0)
 
 
 def _sideways(place: dict[str, np.ndarray], joint: str, end: str, sign: float) -> np.ndarray:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from lassokin_ros.doubt.unseen_limbs import LIMBS
-from lassokin_ros.replay.report.facts import Facts
+from lassokin_ros.replay.report.facts import Facts, bone_changes
 from lassokin_ros.replay.report.finding import DOUBT, MOST_LISTED, NOTE, Finding
 from lassokin_ros.replay.report.log import PersonRow
 from lassokin_ros.replay.report.wrong_spans import WrongSpan
@@ -125,21 +125,17 @@ def _lean_deg(row: PersonRow, facts: Facts) -> float:
 def bones(facts: Facts) -> Iterator[Finding]:
     """Report the bone that calibration changed most."""
     for person in facts.people:
-        lengths = [row.lengths for row in facts.accepted(person) if row.lengths is not None]
-        if not lengths:
+        changes = bone_changes(facts, person)
+        if not changes:
             continue
-        given = np.linalg.norm(facts.skeleton.offsets, axis=-1)
-        change = np.where(given > 1e-6, lengths[-1] / np.maximum(given, 1e-6) - 1, 0.0)
-        worst = int(np.argmax(np.abs(change)))
-        if abs(change[worst]) > BONE_CHANGE:
+        joint, length, change = max(changes, key=lambda bone: abs(bone[2]))
+        if abs(change) > BONE_CHANGE:
             who = f"{person}: calibration" if person else "Calibration"
-            unlikely = (
-                "; people differ less, so another error may hide in it" if abs(change[worst]) > UNLIKELY_CHANGE else ""
-            )
+            unlikely = "; people differ less, so another error may hide in it" if abs(change) > UNLIKELY_CHANGE else ""
             yield Finding(
                 NOTE,
-                f"{who} changed the bone lengths, most the bone to {facts.skeleton.joint_names[worst]}: "
-                f"{1e3 * given[worst]:.0f} mm at the start, {1e3 * lengths[-1][worst]:.0f} mm at the end{unlikely}.",
+                f"{who} changed the bone lengths, most the bone to {joint}: "
+                f"{length / (1 + change):.0f} mm at the start, {length:.0f} mm at the end{unlikely}.",
             )
 
 

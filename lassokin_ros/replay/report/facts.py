@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.analysis.floor import floor_height
 from lassokin_ros.replay.report.absences import Span, spans_of, usual_period
@@ -25,7 +24,8 @@ class Facts:
     title: name of the recording. topics: keypoint topic and camera_info topic. counts: counters of the pipeline.
     landmarks: names in layout order. skeleton: the skeleton before calibration. image_size: (width, height) px, None
     without camera_info. own_keypoints: True if this program detected the keypoints in images, False for recorded ones.
-    other_sizes: `image_size` of further cameras.
+    other_sizes: `image_size` of further cameras. level: (3, 3) rotation from the frame of the rows' positions to that
+    of a level camera.
     """
 
     title: str
@@ -39,6 +39,7 @@ class Facts:
     image_size: tuple[int, int] | None
     own_keypoints: bool = False
     other_sizes: tuple[tuple[int, int] | None, ...] = ()
+    level: np.ndarray = field(default_factory=lambda: np.eye(3))
 
     @property
     def cameras(self) -> dict[str, tuple[int, int] | None]:
@@ -49,6 +50,11 @@ class Facts:
     def received(self) -> int:
         """Number of keypoint messages; with several cameras, number of instants with messages."""
         return self.counts.get("received", 0) if len(self.cameras) == 1 else len(self.log.messages)
+
+    @property
+    def tracked(self) -> int:
+        """Number of those with a skeleton. The pipeline's count has images without people, and lacks held instants."""
+        return sum(message.people > 0 for message in self.log.messages)
 
     @cached_property
     def people(self) -> list[str]:
@@ -81,11 +87,6 @@ class Facts:
     def wrong(self) -> dict[str, list[WrongSpan]]:
         """The spans of each person in which the pose is likely wrong."""
         return {person: wrong_spans(self.accepted(person)) for person in self.people}
-
-    @cached_property
-    def level(self) -> np.ndarray:
-        """(3, 3) rotation from the camera frame to that of a level camera, by the camera's configured mount."""
-        return level_from_camera(self.tracker.camera_roll, self.tracker.camera_pitch)
 
     @property
     def wrong_share(self) -> float:
@@ -134,6 +135,19 @@ def floor_of(facts: Facts, person: str) -> float:
         np.array([getattr(row, name) for row in rows]) for name in ("positions", "observed", "contacts")
     )
     return floor_height(positions, observed, contacts, facts.skeleton.joint_names, facts.skeleton.height, facts.level)
+
+
+def bone_changes(facts: Facts, person: str) -> list[tuple[str, float, float]]:
+    """Return (joint, length at the end in mm, relative change) of each bone, named by the joint at which it ends."""
+    lengths = [row.lengths for row in facts.accepted(person) if row.lengths is not None]
+    if not lengths:
+        return []
+    given = np.linalg.norm(facts.skeleton.offsets, axis=-1)
+    return [
+        (name, 1e3 * float(end), float(end / start - 1))
+        for name, start, end in zip(facts.skeleton.joint_names, given, lengths[-1])
+        if start > 1e-6
+    ]
 
 
 def landmark_errors(facts: Facts, rows: list[PersonRow]) -> tuple[np.ndarray, np.ndarray]:

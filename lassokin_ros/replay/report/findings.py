@@ -25,7 +25,6 @@ SMALL_ERROR = 0.3
 SLOW_HZ = 12.0
 SELDOM = 0.5
 """Share of frames below which a landmark is reported as rarely detected."""
-NEAREST_M, FARTHEST_M = 0.6, 25.0
 LONG_DELAY_S = 1.0
 
 
@@ -40,7 +39,7 @@ def findings(facts: Facts) -> list[Finding]:
 
 def _good(facts: Facts) -> Finding:
     """Return the finding of a recording without problems and doubts. It does not say that the pose is right."""
-    share = len(facts.tracks) and facts.counts.get("accepted", 0) / max(facts.received, 1)
+    share = facts.tracked / max(facts.received, 1)
     hidden = doubt_findings.hidden_limbs(facts)
     besides = f" The {_joined(list(hidden))} cannot be judged: hardly seen." if hidden else ""
     where = "outside of the marked spans " * (facts.wrong_share > 0)
@@ -248,11 +247,8 @@ def _times(count: int) -> str:
 
 
 def _place(facts: Facts) -> Iterator[Finding]:
-    depths = [float(row.positions[0, 2]) for row in facts.tracks if row.positions is not None]
-    if not depths:
-        return
-    depth = float(np.median(depths))
-    if not NEAREST_M < depth < FARTHEST_M:
+    depth = video_findings.unlikely_distance(facts)
+    if depth is not None:
         text = f"The median distance of the person is {depth:.2g} m: check camera_info (K) and `height`."
         yield Finding(PROBLEM, text)
 

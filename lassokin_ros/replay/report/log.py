@@ -43,7 +43,8 @@ def _stored(name: str) -> property:
 class PersonRow:
     """One person in one message. Its arrays are in a file; they are None for a rejected frame.
 
-    time: s. rejection: key of the reason. detected: (l, 2) px, None without keypoints. reprojected: (l, 2) px.
+    time: s. rejection: key of the reason. depth: m, of the pelvis before the camera. detected: (l, 2) px, None
+    without keypoints. reprojected: (l, 2) px.
     outline: (n, 2) px, joints in the image. These three are of the first camera; `in_view` returns those of others.
     positions: (n, 3) m, camera frame. angles: (n, 3) deg, as in `joint_states`. bends: (n,) deg, rotation angle of each
     joint. lengths: (n,) m, length of the bone that ends at each joint. deviations: (n,) m, see `JointUncertainty`.
@@ -61,6 +62,7 @@ class PersonRow:
     support: float = np.nan
     initialised: bool = False
     doubt: Doubt | None = None
+    depth: float = np.nan
 
     detected = _stored("detected")
     reprojected = _stored("reprojected")
@@ -208,7 +210,8 @@ def person_row(
             arrays[_of_view("outline", number)] = newest.project(positions)
     if frame.skeleton is not None:
         arrays["lengths"] = np.linalg.norm(frame.skeleton.offsets, axis=-1)
-    figures = estimate.reprojection_px, *_certificate(estimate), estimate.initialised, frame.doubt
+    depth = float(frame.camera.into_camera(positions[0])[2])
+    figures = estimate.reprojection_px, *_certificate(estimate), estimate.initialised, frame.doubt, depth
     return PersonRow(time, None, spool, spool.append(arrays), *figures)
 
 

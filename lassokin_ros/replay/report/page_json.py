@@ -29,7 +29,10 @@ LARGEST = 32000
 MM, TENTH = 1e-3, 0.1
 """Resolution of metres, and of px and degrees; coarser for large numbers."""
 FARTHEST_M, FARTHEST_PX = 32.0, 3200.0
-"""Coordinates are clipped to these limits; for images larger than FARTHEST_PX, to the image size."""
+"""Coordinates are clipped to these limits; for images larger than FARTHEST_PX, to the image size.
+
+Places in a fixed frame are not: people walk far in a map.
+"""
 
 
 def packed(values: Any, step: float, farthest: float = np.inf) -> dict[str, Any]:
@@ -72,7 +75,7 @@ def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
         "stride": stride,
         "time": [round(row.time, 4) for row in shown],
         "refused": [None if row.rejection is None else reason_text(row.rejection) for row in shown],
-        "positions": column("positions", nowhere["j3"], MM, FARTHEST_M),
+        "positions": column("positions", nowhere["j3"], MM, np.inf if facts.node.fixed_frame else FARTHEST_M),
         "angles": column("angles", nowhere["j3"], TENTH, np.inf),
         "bends": column("bends", np.full(joints, np.nan), TENTH, np.inf),
         "observed": column("observed", np.full(joints, np.nan), 1.0, np.inf),

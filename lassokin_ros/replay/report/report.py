@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -66,7 +68,8 @@ class Report:
         counts = dict(pipeline.counts)
         configs = tracker.config, pipeline.config
         given, log = self._skeleton, self._log
-        facts = Facts(title, topics, log, counts, *configs, given, names, size, own_keypoints, tuple(others))
+        level = pipeline.level if self._log.level is None else np.eye(3)  # the log turned a fixed frame's positions
+        facts = Facts(title, topics, log, counts, *configs, given, names, size, own_keypoints, tuple(others), level)
         times = {message.stamp_ns: message.time for message in self._log.messages}
         apart_ns = SAME_INSTANT_NS if len(self.images) > 1 else 0
         photos, *more = (images.data(times, apart_ns) for images in self.images.values())

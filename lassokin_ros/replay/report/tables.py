@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.replay.report.facts import Facts, landmark_errors
+from lassokin_ros.replay.report.facts import Facts, bone_changes, landmark_errors
 from lassokin_ros.replay.report.rejection_advice import advice_for, reason_text
 
 MOST_ROWS = 40
@@ -40,8 +40,7 @@ def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], number
 
 def figures(facts: Facts) -> str:
     """Return the table of result figures."""
-    counts, tracks = facts.counts, facts.tracks
-    received, accepted = facts.received, counts.get("accepted", 0)
+    tracks, received, tracked = facts.tracks, facts.received, facts.tracked
     spans = [span for person in facts.people for span in facts.spans[person]]
     lost = [span.seconds for span in spans if span.lost]
     short = [span.seconds for span in spans if not span.lost]
@@ -49,8 +48,8 @@ def figures(facts: Facts) -> str:
     inputs = inputs if len(facts.cameras) == 1 else f"Instants of {len(facts.cameras)} cameras"
     rows = [
         (inputs, f"{received} in {facts.duration:.1f} s, {facts.rate:.1f} Hz"),
-        ("With a skeleton", f"{accepted}" + (f" ({accepted / received:.1%})" if received else "")),
-        ("Rejected", f"{received - accepted}"),
+        ("With a skeleton", f"{tracked}" + (f" ({tracked / received:.1%})" if received else "")),
+        ("Without a skeleton", f"{received - tracked}"),
     ]
     if facts.node.several_people:
         rows.append(("People", f"{len(facts.people)} tracked, {len(tracks)} skeletons in total"))
@@ -58,7 +57,7 @@ def figures(facts: Facts) -> str:
         pixels = np.array([row.reprojection_px for row in tracks])
         gap, kkt = np.array([row.relative_gap for row in tracks]), np.array([row.kkt for row in tracks])
         support = np.array([row.support for row in tracks])
-        depth = np.array([row.positions[0, 2] for row in tracks if row.positions is not None])
+        depth = np.array([row.depth for row in tracks])
         rows += [
             ("Reprojection error", f"{_percentile(pixels, 50):.2f} px median, {_percentile(pixels, 99):.2f} px p99"),
             ("Duality gap, relative", f"{_percentile(gap, 50):.1e} median, {gap.max():.1e} largest"),
@@ -86,23 +85,10 @@ def calibration(facts: Facts) -> str:
     """Return the state of calibration in one line."""
     if not facts.tracker.calibrate:
         return f"off; bone lengths of '{facts.skeleton.name}' at {facts.skeleton.height:g} m"
-    changes = [abs(change) for person in facts.people for _, _, change in bones(facts, person)]
+    changes = [abs(change) for person in facts.people for _, _, change in bone_changes(facts, person)]
     if not changes or max(changes) < 1e-4:
         return "on; bone lengths unchanged"
     return f"on; bone lengths changed by up to {max(changes):.1%}"
-
-
-def bones(facts: Facts, person: str) -> list[tuple[str, float, float]]:
-    """Return (joint, length at the end in mm, relative change) of each bone, named by the joint at which it ends."""
-    lengths = [row.lengths for row in facts.accepted(person) if row.lengths is not None]
-    if not lengths:
-        return []
-    given = np.linalg.norm(facts.skeleton.offsets, axis=-1)
-    return [
-        (name, 1e3 * float(end), float(end / start - 1))
-        for name, start, end in zip(facts.skeleton.joint_names, given, lengths[-1])
-        if start > 1e-6
-    ]
 
 
 def timing(facts: Facts) -> str:
@@ -164,7 +150,7 @@ def bone_lengths(facts: Facts) -> str:
             f"{change:+.1%}" if abs(change) > 5e-5 else "unchanged",
         )
         for person in facts.people
-        for name, length, change in bones(facts, person)
+        for name, length, change in bone_changes(facts, person)
     ]
     return table("Bone lengths at the end", ("to joint", "[mm]", "change"), rows, (1, 2))
 

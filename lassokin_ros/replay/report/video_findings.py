@@ -76,13 +76,19 @@ def reprojection(facts: Facts) -> Iterator[Finding]:
 
 def place(facts: Facts) -> Iterator[Finding]:
     """Report a distance that no video has."""
-    depths = [float(row.positions[0, 2]) for row in facts.tracks if row.positions is not None]
-    if depths and not NEAREST_M < np.median(depths) < FARTHEST_M:
+    depth = unlikely_distance(facts)
+    if depth is not None:
         yield Finding(
             PROBLEM,
-            f"The median distance of the person is {np.median(depths):.2g} m: check the field of view (`--fov` or "
+            f"The median distance of the person is {depth:.2g} m: check the field of view (`--fov` or "
             "`--camera-info`) and `--height`.",
         )
+
+
+def unlikely_distance(facts: Facts) -> float | None:
+    """Return the median distance of the pelvis, m, if no person is so near or so far; otherwise None."""
+    depth = float(np.median([row.depth for row in facts.tracks])) if facts.tracks else None
+    return None if depth is None or NEAREST_M < depth < FARTHEST_M else depth
 
 
 def upside_down(facts: Facts) -> Iterator[Finding]:

@@ -12,6 +12,9 @@ from lassokin_ros.doubt.monitor import AROUND_S
 from lassokin_ros.replay.report.absences import usual_period
 from lassokin_ros.replay.report.log import PersonRow
 
+SAME_S = 1e-6
+"""s: rounding of the times, which are differences of stamps."""
+
 
 @dataclass(frozen=True)
 class WrongSpan:
@@ -32,19 +35,38 @@ class WrongSpan:
 
     def contains(self, time: float) -> bool:
         """Return whether a time, s, is in the span."""
-        return self.start <= time <= self.end
+        return self.start - SAME_S <= time <= self.end + SAME_S
 
 
 def wrong_spans(rows: Sequence[PersonRow]) -> list[WrongSpan]:
     """Return the spans of one person, in order. rows: with a skeleton, in order of time."""
     found = [(row.time, row.doubt) for row in rows if row.doubt is not None]
     times = [time for time, _ in found]
-    signs = [(*span, True) for span in marked_spans(times, [doubt.has_sign for _, doubt in found])]
-    weak = [(*span, False) for span in marked_spans(times, [doubt.likely_wrong for _, doubt in found], 0.0)]
+    spans = _spans(times, [doubt.has_sign for _, doubt in found], [doubt.likely_wrong for _, doubt in found])
     return [
         WrongSpan(start, end, tuple(reasons(doubt for time, doubt in found if start <= time <= end)), certain)
-        for start, end, certain in _joined([*signs, *weak], 1.5 * usual_period(np.array(times)))
+        for start, end, certain in spans
     ]
+
+
+def marked_frames(times: np.ndarray, signs: np.ndarray, wrong: np.ndarray) -> np.ndarray:
+    """Return which frames of one person lie in the spans, (f,) bool. times: (f,) s; they jump back in a looped bag.
+
+    signs, wrong: (f,) bool, `Doubt.has_sign` and `Doubt.likely_wrong`.
+    """
+    marked = np.zeros(len(times), dtype=bool)
+    edges = [0, *(np.flatnonzero(np.diff(times) < 0) + 1), len(times)]
+    for part in (slice(first, last) for first, last in zip(edges, edges[1:]) if first < last):
+        for start, end, _ in _spans(times[part].tolist(), signs[part].tolist(), wrong[part].tolist()):
+            marked[part] |= (times[part] >= start - SAME_S) & (times[part] <= end + SAME_S)
+    return marked
+
+
+def _spans(times: list[float], signs: list[bool], wrong: list[bool]) -> Iterator[tuple[float, float, bool]]:
+    """Yield (start, end, whether a sign is in it) of each span, in order."""
+    certain = [(*span, True) for span in marked_spans(times, signs)]
+    weak = [(*span, False) for span in marked_spans(times, wrong, 0.0)]
+    return _joined([*certain, *weak], 1.5 * usual_period(np.array(times)))
 
 
 def marked_spans(

@@ -10,7 +10,13 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 from messages import rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.errors import CameraError  # noqa: E402
-from lassokin_ros.pipeline.camera.calibration_file import Calibration, read_calibration, split_camera  # noqa: E402
+from lassokin_ros.pipeline.camera.calibration_file import (  # noqa: E402
+    Calibration,
+    camera_names,
+    read_calibration,
+    read_cameras,
+    split_camera,
+)
 
 K = [[600.0, 0, 320], [0, 610, 240], [0, 0, 1]]
 FLAT = "[600, 0, 320, 0, 610, 240, 0, 0, 1]"
@@ -106,6 +112,42 @@ def test_one_of_several_cameras_of_a_toml_file_must_be_selected(tmp_path):
     with pytest.raises(CameraError, match="has several cameras: cam_1, cam_2; choose one"):
         read_calibration(file)
     assert read_calibration(tmp_path / "Calib.toml:cam_1").K[0, 0] == 700
+
+
+def of_anipose(file, *cameras):
+    """Write a file with cameras (key, name, focal length in px, x of the translation)."""
+    text = "".join(
+        ANIPOSE.format(name=key, fisheye="false")
+        .replace(f'name = "cam_{key}"', f'name = "{name}"')
+        .replace("600.0", f"{focal}")
+        .replace("[ 0.0, 0.5", f"[ {x}, 0.5")
+        for key, name, focal, x in cameras
+    )
+    file.write_text(text)
+    return file
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="the standard library reads TOML from Python 3.11 on")
+@pytest.mark.parametrize("prefix", ["cam_", "cam"])
+def test_the_cameras_of_anipose_have_the_names_in_their_tables(tmp_path, prefix):
+    file = of_anipose(tmp_path / "c.toml", (0, "left", 700.0, 0.0), (1, "a/b", 800.0, 2.0))
+    file.write_text(file.read_text().replace("[cam_", f"[{prefix}"))
+    assert camera_names(file) == ["left", "a/b"]
+    found = read_cameras(file, ["a/b", "left"])
+    assert [lens.K[0, 0] for lens, _ in found.values()] == [800, 700]
+    assert [pose.translation[0] for _, pose in found.values()] == [2, 0]
+    assert read_calibration(tmp_path / "c.toml:left").K[0, 0] == 700
+    repeated = of_anipose(tmp_path / "r.toml", (0, "left", 700.0, 0.0), (1, "left", 800.0, 2.0))
+    assert camera_names(repeated) == ["cam_0", "cam_1"]
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="the standard library reads TOML from Python 3.11 on")
+def test_cameras_whose_places_are_in_mm_are_refused(tmp_path):
+    file = of_anipose(tmp_path / "mm.toml", (0, "a", 700.0, 0.0), (1, "b", 700.0, 1500.0))
+    with pytest.raises(CameraError, match="'a' and 'b' are 1500 m apart; expected metres, .* divide .* by 1000"):
+        read_cameras(file, ["a", "b"])
+    far = of_anipose(tmp_path / "m.toml", (0, "a", 700.0, 0.0), (1, "b", 700.0, 49.0))
+    assert list(read_cameras(far, ["a", "b"])) == ["a", "b"]
 
 
 @pytest.mark.parametrize(

@@ -21,9 +21,10 @@ from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.learned.vertical import vertical_of
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names  # noqa: E402
+from lassokin_ros.replay.exports import c3d  # noqa: E402
 from lassokin_ros.replay.exports.amass import smpl_rotations, write_amass  # noqa: E402
 from lassokin_ros.replay.exports.errors import ExportError  # noqa: E402
-from lassokin_ros.replay.exports.markers import markers_of  # noqa: E402
+from lassokin_ros.replay.exports.markers import Markers, markers_of  # noqa: E402
 from lassokin_ros.replay.exports.sampling import uniform  # noqa: E402
 from lassokin_ros.replay.motion import Motion  # noqa: E402
 from lassokin_ros.skeleton_readers.load import load_skeleton  # noqa: E402
@@ -296,6 +297,21 @@ def test_c3d_has_the_markers_of_the_trc(tracked):
     assert points["RATE"]["value"][0] == pytest.approx(30, abs=1e-3)
     found = data["data"]["points"][:3].transpose(2, 1, 0)
     assert np.abs(found - 1e3 * expected[..., [0, 2, 1]] * [1, -1, 1]).max() < 1e-2  # z up; C3D has 32 bits
+
+
+@pytest.mark.parametrize("frames", [65535, 65536])
+def test_c3d_refuses_more_frames_than_it_counts(frames, tmp_path, monkeypatch):
+    ezc3d = pytest.importorskip("ezc3d", reason="a .c3d file needs ezc3d")
+    places = np.random.default_rng(0).normal(size=(frames, 1, 3))
+    monkeypatch.setattr(c3d, "markers_of", lambda motion: Markers(1 / 30, ("Hip",), places))
+    if frames > c3d.MOST_FRAMES:
+        with pytest.raises(ExportError, match="counts up to 65535 frames, the motion has 65536; expected .trc"):
+            c3d.write_c3d(None, BytesIO())
+        return
+    with (tmp_path / "long.c3d").open("wb") as file:
+        c3d.write_c3d(None, file)
+    read = ezc3d.c3d(str(tmp_path / "long.c3d"))["data"]["points"][:3, 0].T
+    assert np.allclose(read, 1e3 * places[:, 0] @ c3d.Z_UP.T, atol=1e-2)
 
 
 def test_a_missing_ezc3d_is_named_before_any_work(recording, tmp_path, monkeypatch, capsys):

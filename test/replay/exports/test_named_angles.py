@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
@@ -56,7 +57,16 @@ def test_signs():
     assert angles(left_hip=(25, 0, 0))["left_hip flexion"] < -20  # extension
     assert angles(right_hip=(0, 0, 15))["right_hip abduction"] < -10  # across the middle
     forward = angles(left_shoulder=(0, -90, 0))
-    assert abs(forward["left_shoulder flexion"] - 90) < 6 and abs(forward["left_shoulder abduction"]) < 4
+    assert abs(forward["left_shoulder flexion"] - 90) < 6  # and no abduction
+
+
+@pytest.mark.parametrize("raised", [-30, 45, 110, 158, 182, 200])
+def test_a_raised_arm_has_its_angle_up_to_overhead_and_beyond(raised):
+    aside = angles(left_shoulder=(0, 0, raised - 90), right_shoulder=(0, 0, 90 - raised))
+    assert abs(aside["left_shoulder abduction"] - raised) < 4 and abs(aside["right_shoulder abduction"] - raised) < 4
+    vectors = Rotation.from_euler("zx", [[-90, -raised], [90, -raised]], degrees=True).as_rotvec(degrees=True)
+    ahead = angles(left_shoulder=vectors[0], right_shoulder=vectors[1])
+    assert abs(ahead["left_shoulder flexion"] - raised) < 4 and abs(ahead["right_shoulder flexion"] - raised) < 4
 
 
 def test_the_lean_of_the_trunk_is_that_in_a_level_world():

@@ -21,6 +21,7 @@ from lassokin_ros.doubt.failure_model import FailureModel  # noqa: E402
 from lassokin_ros.replay.bags import typestore  # noqa: E402
 from lassokin_ros.replay.report import page_json as data  # noqa: E402
 from lassokin_ros.replay.report.rejection_advice import REASONS  # noqa: E402
+from lassokin_ros.replay.report.wrong_spans import marked_frames  # noqa: E402
 from msg_adapters.backends import RosbagsBackend  # noqa: E402
 from msg_adapters.inputs import point_cloud  # noqa: E402
 
@@ -145,6 +146,36 @@ def test_the_page_is_reproducible_except_for_times(clean, tmp_path):
 
     other = again.read_text(encoding="utf-8")
     assert lasting(other) == lasting(page) and len(page) - len(lasting(page)) > 500
+
+
+def test_images_without_people_count_as_such_with_several_people(tmp_path):
+    page = report(recording(tmp_path / "bag", absent(20, 60)), "-p", "max_people:=2")
+    assert figure(page, "Keypoint messages").startswith(f"{FRAMES} in")
+    without = int(figure(page, "Without a skeleton"))
+    assert 40 <= without <= 44  # people who appear are no people yet
+    assert figure(page, "With a skeleton").split()[0] == str(FRAMES - without)
+    assert figure(page, "People").endswith(f"{FRAMES - without} skeletons in total")
+
+
+def test_the_exports_mark_the_frames_that_the_page_marks(tmp_path):
+    def spoil(stamps, pixels, confidence):
+        exchanged(stamps, pixels, confidence)
+        stamps[:] = START_NS + np.arange(FRAMES) * 50_000_000  # a sign is in the middle of 11 frames exactly
+
+    page = report(recording(tmp_path / "bag", spoil), "--export", str(tmp_path / "motion.npz"))
+    (person,) = drawn(page)["people"]
+    times = np.array(person["time"])
+    spans = [(start, end) for start, end, _ in person["wrong"]]
+    marked = np.any([(times >= start - 0.002) & (times <= end + 0.002) for start, end in spans], axis=0)
+    with np.load(tmp_path / "motion.npz") as motion:
+        assert np.array_equal(motion["likely_wrong"], marked) and 10 < marked.sum() < FRAMES
+
+
+def test_frames_are_marked_on_both_sides_of_a_jump_of_the_stamps():
+    times = np.concatenate([np.arange(10), np.arange(10)]) * 0.1
+    signs = np.arange(20) == 14
+    assert np.flatnonzero(marked_frames(times, signs, signs)).tolist() == [12, 13, 14, 15, 16]
+    assert marked_frames(times[:0], signs[:0], signs[:0]).shape == (0,)
 
 
 def test_the_summary_lists_the_problems_of_the_page(tmp_path, capsys):

@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,11 +13,13 @@ pytest.importorskip("plotly", reason="the report is drawn with plotly")
 cv2 = pytest.importorskip("cv2")
 
 from browser import Page, browser  # noqa: E402
-from camera_rig import MAP, eye, keypoints, pixels, tf_of, truth_at  # noqa: E402
+from camera_rig import MAP, Eye, eye, keypoints, pixels, tf_of, truth_at  # noqa: E402
 from messages import HEIGHT, WIDTH, camera_info, rosbags_backend  # noqa: E402
 from recordings import write_messages  # noqa: E402
+from scipy.spatial.transform import Rotation  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
+from lassokin_ros.demo.synthetic import DISTANCE  # noqa: E402
 from msg_adapters.inputs import rgb_image  # noqa: E402
 
 BACKEND, START_NS, FRAMES = rosbags_backend(), 1_700_000_000_000_000_000, 30
@@ -29,24 +32,30 @@ PHASES = {"together": 0.0, "one at a time": 1 / 60}
 @pytest.fixture(scope="module", params=PHASES)
 def rig(request, tmp_path_factory):
     """The phase of the second camera, s, and the page of a recording with the images of both."""
-    phase, folder, random = PHASES[request.param], tmp_path_factory.mktemp("rig"), np.random.default_rng(0)
-    messages = []
-    for one in EYES:
-        messages.append(("/tf_static", TF, START_NS, tf_of(BACKEND, one, START_NS, 0.0)))
-        messages.append((f"/rig/{one.name}/camera_info", INFO, START_NS, camera_info(BACKEND, frame_id=one.frame)))
-    for index in range(FRAMES):
-        for number, one in enumerate(EYES):
-            now = index / 30 + number * phase
-            stamp_ns = START_NS + round(1e9 * now)
-            image = rgb_image(BACKEND, stamp_ns, one.frame, np.full((HEIGHT, WIDTH, 3), GREY[one.name], np.uint8))
-            messages.append((f"/rig/{one.name}/image_raw", "sensor_msgs/msg/Image", stamp_ns + number, image))
-            seen = keypoints(BACKEND, one, START_NS, now, truth_at([now]).landmarks[0], random)
-            messages.append((f"/rig/{one.name}/keypoints", CLOUD, stamp_ns + 10**6 + number, seen))
-    bag = write_messages(folder / "bag", sorted(messages, key=lambda message: message[2]))
-    page = folder / "page.html"
+    phase, folder = PHASES[request.param], tmp_path_factory.mktemp("rig")
+    bag, page = write_messages(folder / "bag", recorded(EYES, phase)), folder / "page.html"
     command = [str(bag), "-o", str(folder / "out"), "--report", str(page), "--image-topic", "image_raw", *CAMERAS]
     assert main(command) == 0
     return phase, page
+
+
+def recorded(placed, phase=0.0, seeing=EYES):
+    """The messages of the cameras `seeing`, whose places in the map are those of `placed`."""
+    messages, random = [], np.random.default_rng(0)
+    for one in placed:
+        messages.append(("/tf_static", TF, START_NS, tf_of(BACKEND, one, START_NS, 0.0)))
+        messages.append((f"/rig/{one.name}/camera_info", INFO, START_NS, camera_info(BACKEND, frame_id=one.frame)))
+    for index in range(FRAMES):
+        for number, one in enumerate(seeing):
+            now = index / 30 + number * phase
+            stamp_ns = START_NS + round(1e9 * now)
+            image = rgb_image(
+                BACKEND, stamp_ns, one.frame, np.full((HEIGHT, WIDTH, 3), GREY.get(one.name, 0), np.uint8)
+            )
+            messages.append((f"/rig/{one.name}/image_raw", "sensor_msgs/msg/Image", stamp_ns + number, image))
+            seen = keypoints(BACKEND, one, START_NS, now, truth_at([now]).landmarks[0], random)
+            messages.append((f"/rig/{one.name}/keypoints", CLOUD, stamp_ns + 10**6 + number, seen))
+    return sorted(messages, key=lambda message: message[2])
 
 
 def held(page, name):
@@ -84,6 +93,42 @@ def test_every_instant_counts_once(rig):
     text = page.read_text(encoding="utf-8")
     tracked = float(re.search(r"([\d.]+)% of the frames were tracked", text).group(1))
     assert tracked > 95 and "Instants of 2 cameras" in text
+
+
+def moved(one, shift):
+    """A camera that is elsewhere in the map."""
+    pose = one.pose_at(0)
+    there = replace(pose, translation=pose.translation - pose.rotation @ shift)
+    return Eye(one.name, lambda seconds: there)
+
+
+def test_a_person_far_from_the_origin_of_the_map_is_drawn_and_has_the_distance_to_the_camera(tmp_path):
+    far = [moved(one, [50.0, -DISTANCE, 0.0]) for one in EYES]
+    bag, page = write_messages(tmp_path / "bag", recorded(far)), tmp_path / "page.html"
+    options = ["-p", "camera_pitch:=0.3", "-p", "smoothing_lag:=0.25"]  # a fixed frame gives the vertical
+    assert main([str(bag), "-o", str(tmp_path / "out"), "--report", str(page), *CAMERAS, *options]) == 0
+    data, text = held(page, "data"), page.read_text(encoding="utf-8")
+    assert data["level"] == np.eye(3).tolist()
+    joints = unpacked(data["people"][0]["positions"])
+    assert np.abs(joints[:, 0] - [50.0, -0.9, 0.0]).max() < 0.3 and np.ptp(joints[5], axis=0).min() > 0.2
+    middle = float(re.search(r"<td>Distance of the pelvis</td><td>([-.\d]+) m median", text).group(1))
+    assert abs(middle - DISTANCE) < 0.2 and "The median distance of the person" not in text
+    assert f"<td>With a skeleton</td><td>{FRAMES} (100.0%)</td>" in text
+    assert "<td>Without a skeleton</td><td>0</td>" in text
+
+
+def test_the_body_is_level_by_the_mount_of_tf(tmp_path):
+    def tilted(seconds, pose=EYES[0].pose_at(0), turn=Rotation.from_rotvec([0.3, 0, 0]).as_matrix()):
+        return replace(pose, rotation=turn @ pose.rotation, translation=turn @ pose.translation)
+
+    one = Eye("", tilted)
+    messages = [message for message in recorded([one], seeing=[one]) if "image_raw" not in message[0]]
+    messages = [(topic.replace("/rig//", "/"), *rest) for topic, *rest in messages]
+    bag, page = write_messages(tmp_path / "bag", messages), tmp_path / "page.html"
+    command = [str(bag), "-o", str(tmp_path / "out"), "--report", str(page), "-p", f"camera_mount_frame:={MAP}"]
+    assert main(command) == 0
+    down = np.array(held(page, "data")["level"])[1]
+    assert np.allclose(down, tilted(0).rotation @ [0, 0, -1], atol=1e-5) and down[1] < 0.97
 
 
 def test_each_camera_has_its_own_images(rig):
