@@ -10,6 +10,7 @@ import numpy as np
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.learned.height import FEWEST
+from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
 from lassokin_ros.pipeline.depth_check import MISFIT, DepthCheck
@@ -80,6 +81,7 @@ class CameraImages:
         """s from stamp to arrival, averaged."""
         self.stamp_ns, self.frame_id = 0, ""
         """Of the last message, as far as they are known: ns, and the frame_id, or that of its camera_info."""
+        self._unplaced = CameraPose(name)
         self._optical_frame: str | None = None  # frame_id of the camera_info of the last image
 
     def image(self, message: Any, arrival_ns: int) -> tuple[PeopleImage, bool]:
@@ -102,7 +104,7 @@ class CameraImages:
         stamp_ns = self.stamp_ns = keypoints.stamp_ns or self.stamps.estimate(arrival_ns)
         keypoints, sampled = self._with_depth(self.own_depth.checked(keypoints, stamp_ns), stamp_ns, view)
         lasting = self._has_persistent_numbers(keypoints)
-        image = PeopleImage(keypoints, stamp_ns, self.frame_id, view.lens, lasting, stamped, sampled=sampled)
+        image = PeopleImage(keypoints, stamp_ns, self.frame_id, view.lens, lasting, stamped, self._unplaced, sampled)
         if self.name:
             keypoints.by_person(len(self._layout.names))  # the images of other cameras must not suffer from this one
         if stamped:

@@ -330,11 +330,11 @@ class Pipeline:
     def set_camera(self, message: Any, camera: str = "") -> str | None:
         """Apply a CameraInfo message. Return the key of the reason if it is refused; the last good camera then stays.
 
-        camera: name of the camera. A new resolution or lens of the same camera keeps the state. The frame of another
-        camera resets it.
+        camera: name of the camera, empty for the only one. A new resolution or lens of the same camera keeps the state.
+        The frame of another camera resets it.
         """
         try:
-            if self.cameras[camera].camera.update(message):
+            if self.cameras[camera or self.first.name].camera.update(message):
                 self.reset()
         except AdapterError as error:
             self.counts[f"rejected: {error.reason}"] += 1
@@ -352,16 +352,17 @@ class Pipeline:
     def frames(self, message: Any, arrival_ns: int, camera: str = "") -> list[FrameResult]:
         """Track all people in a keypoint message. Return one accepted result per person, none if nobody is present.
 
-        camera: name of the camera. A refused message gives one result with the reason; so does a message in which a
-        single followed person was not tracked. With `smoothing_lag`, the accepted results are those of earlier messages
-        that are due now. With several cameras, a message may wait for those of the others, see `due`.
+        camera: name of the camera, empty for the only one. A refused message gives one result with the reason; so does
+        a message in which a single followed person was not tracked. With `smoothing_lag`, the accepted results are
+        those of earlier messages that are due now. With several cameras, a message may wait for those of the others,
+        see `due`.
         """
         self.counts["received"] += 1
         self.silent = False
         if not self.enabled:
             self.counts["ignored while disabled"] += 1
             return []
-        frames = self._frames(message, arrival_ns, self.cameras[camera])
+        frames = self._frames(message, arrival_ns, self.cameras[camera or self.first.name])
         return frames if self._sets is not None else self._counted(frames)
 
     def due(self, now_ns: int) -> list[FrameResult]:
@@ -401,7 +402,6 @@ class Pipeline:
             return self._track([image], arrival_ns)
         camera.stamps.seen(image.stamp_ns, True)
         camera.stamps.follow(image.stamp_ns, arrival_ns, image.stamped)
-        image = replace(image, camera=CameraPose(camera.name))
         return self._track_sets(self._sets.add(camera.name, image, arrival_ns), arrival_ns)
 
     def _track_sets(self, sets: Sequence[Sequence[PeopleImage]], arrival_ns: int) -> list[FrameResult]:
