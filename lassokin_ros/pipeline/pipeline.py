@@ -323,6 +323,8 @@ class Pipeline:
         self.config = config
         for camera in self.cameras.values():
             camera.tracker_config, camera.config = tracker_config, config
+            if tracker_config.smoothing_lag > 0:
+                camera.depth_check.reset()  # it is not updated, see _check_depth
         self.people.tune(self.config.follow, self.config.lock)
         if resized:
             self.reset()
