@@ -34,9 +34,6 @@ from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.image_sets import LATE, ImageSets, stamp_of_set
-from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
-from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
-from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
 from lassokin_ros.pipeline.people.choice import NoPersonError
@@ -126,24 +123,10 @@ class Pipeline:
         return self.first.mount
 
     @property
-    def stamp_rate(self) -> StampRate:
-        """The rates of the stamps and of the arrivals of the first camera."""
-        return self.first.stamp_rate
-
-    @property
-    def own_depth(self) -> OwnDepth:
-        """What is unusual about depths in the keypoint messages of the first camera."""
-        return self.first.own_depth
-
-    @property
-    def landmark_ids(self) -> LandmarkIds:
-        """Which landmarks have appeared in the messages of the first camera."""
-        return self.first.landmark_ids
-
-    @property
     def nobody_in_view(self) -> bool:
-        """True if the last message of each camera had no confident keypoint."""
-        return all(camera.nobody_in_view for camera in self.cameras.values())
+        """True if the last message of each camera that sends messages had no confident keypoint."""
+        sending = [one for one in self.cameras.values() if one.received or one.nobody_in_view]
+        return bool(sending) and all(one.nobody_in_view for one in sending)
 
     @property
     def unused_confidence(self) -> float:

@@ -62,7 +62,7 @@ def test_one_wrong_stamp_has_no_effect(time, away_s, tracked):
 @pytest.mark.parametrize("hz", [10, 30])
 @pytest.mark.parametrize("ahead_s", [0.45, 0.7, 1.0, 1.3])
 def test_a_wrong_stamp_a_little_ahead_is_no_loop(ahead_s, hz):
-    """It may be accepted, as after a pause of a player that is fast. The next ones are old until they have passed it."""
+    """It may be accepted, as after a pause of a player. The next ones are old until they have passed it."""
     time, used = Watched(), []
     for i in range(4 * hz):
         if time.take(START_S + i / hz + (ahead_s if i == hz else 0.0), i / hz):
