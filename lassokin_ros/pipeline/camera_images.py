@@ -81,6 +81,8 @@ class CameraImages:
         """s from stamp to arrival, averaged; None before the first stamp."""
         self.stamp_ns, self.frame_id = 0, ""
         """Of the last message, as far as they are known: ns, and the frame_id, or that of its camera_info."""
+        self.image_frame = ""
+        """frame_id of the last image that was not refused."""
         self._unplaced = CameraPose(name)
         self._optical_frame: str | None = None  # frame_id of the camera_info of the last image
 
@@ -118,6 +120,7 @@ class CameraImages:
             delay_s = (arrival_ns - stamp_ns) * 1e-9
             before_s = delay_s if self.delay_s is None else self.delay_s
             self.delay_s = before_s + DELAY_SHARE * (delay_s - before_s)
+        self.image_frame = self.frame_id
         changed = self._optical_frame not in (None, view.intrinsics.frame_id)
         self._optical_frame = view.intrinsics.frame_id
         return image, jumped or changed
