@@ -39,6 +39,7 @@ from benchmarks.data.simulated_camera import Condition
 from benchmarks.data.strangers import with_peoples_proportions
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.learned.bone_lengths import Calibration
 from lassokin_ros.core.observation import CameraPose, Observation
 from lassokin_ros.core.tracker import Tracker
 
@@ -217,7 +218,7 @@ def _follow(
         estimate = tracker.track(usable)
         times.append(time.thread_time() - begin)
         measured, lengths = tracker.learned.height, tracker.learned.lengths
-        heights.append((estimate.stamp, lengths.stature if measured is None else measured.height))
+        heights.append((estimate.stamp, _stature(lengths) if measured is None else measured.height))
         frame = round(estimate.stamp * rig.fps)
         if estimate.pose is not None and abs(estimate.stamp * rig.fps - frame) < 0.01 and frame < count:
             positions[frame] = estimate.pose.positions
@@ -225,6 +226,11 @@ def _follow(
         if np.isnan(positions[frame, 0, 0]):
             positions[frame] = positions[frame - 1]
     return positions, times, heights
+
+
+def _stature(lengths: Calibration) -> float:
+    """The height of the person with the present lengths, m."""
+    return float(lengths.skeleton.height * (1 + lengths.proportions.stature_shares @ np.expm1(lengths.lengths)))
 
 
 def _between(rig: Rig, camera: int, stamp: float, pose: Any) -> Observation:

@@ -1,7 +1,7 @@
 """Follow a person at 1.5 m: a Twist on cmd_vel, zero at once if the person is lost or anything is late.
 
 ros2 run lassokin_ros tracker --ros-args -p lock:=true ...    # never another person
-python3 examples/follow_person.py
+python3 examples/follow_person.py    # --ros-args -p camera_frame:=NAME: the optical frame of the robot's camera
 """
 
 import math
@@ -10,7 +10,7 @@ from geometry_msgs.msg import Twist
 from rclpy.node import Node
 
 from lassokin_ros.node.executable import run
-from lassokin_ros.watch import PeopleWatch
+from lassokin_ros.watch import PeopleWatch, camera_frame
 
 
 class FollowPerson(Node):
@@ -18,7 +18,7 @@ class FollowPerson(Node):
 
     def __init__(self):
         super().__init__("follow_person")
-        self.people, self.speed = PeopleWatch(self), 0.0
+        self.people, self.speed = PeopleWatch(self, frame=camera_frame(self)), 0.0
         self.publisher = self.create_publisher(Twist, "cmd_vel", 10)
         self.create_timer(0.05, self.on_timer)
 

@@ -10,26 +10,28 @@ from sensor_msgs.msg import PointCloud2
 
 from lassokin_ros import joints
 from lassokin_ros.node.executable import run
+from lassokin_ros.watch import PeopleWatch, covariance, points, position
 
-ACROSS, ALONG = 0.1, 0.3  # m
+ACROSS, ALONG = 0.1, 0.3  # m: largest deviations across the direction of the least certainty, and along it
 
 
 class HandOver(Node):
-    """Reads position and deviation of one joint; silent while the wrist is hidden or nobody is tracked."""
+    """Reads position and covariance of one joint; silent while the wrist is hidden, and if it is 0.5 s old."""
 
     def __init__(self):
         super().__init__("hand_over")
+        self.people = PeopleWatch(self)
         self.publisher = self.create_publisher(PointStamped, "hand", 10)
         self.create_subscription(PointCloud2, "/tracker/skeleton", self.on_skeleton, 10)
 
     def on_skeleton(self, message):
-        """Publish the wrist in the optical frame, where z is the direction of the least certainty."""
-        point = np.dtype([(field.name, "<i4" if field.datatype == field.INT32 else "<f4") for field in message.fields])
-        wrist = np.frombuffer(message.data, point)[joints.RIGHT_WRIST]
-        across = max(wrist["xx"], wrist["yy"]) ** 0.5
-        if wrist["observed"] and across < ACROSS and wrist["zz"] ** 0.5 < ALONG:
-            place = Point(x=float(wrist["x"]), y=float(wrist["y"]), z=float(wrist["z"]))
-            self.publisher.publish(PointStamped(header=message.header, point=place))
+        """Publish the wrist in the frame of the message: the camera's optical frame, or the tracker's fixed_frame."""
+        wrist = points(message)[joints.RIGHT_WRIST]
+        _, across, along = np.linalg.eigvalsh(covariance(wrist))  # m^2
+        certain = across < ACROSS**2 and along < ALONG**2
+        if certain and wrist["observed"] and self.people.fresh(message.header):
+            x, y, z = position(wrist).tolist()
+            self.publisher.publish(PointStamped(header=message.header, point=Point(x=x, y=y, z=z)))
 
 
 if __name__ == "__main__":

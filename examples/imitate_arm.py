@@ -1,6 +1,8 @@
 """Publish a target for a robot's hand: the person's right wrist relative to the shoulder, in axes of the trunk.
 
 python3 examples/imitate_arm.py    # arm_target: x front, y left, z up, m, with covariance; silent while in doubt
+
+Its frame_id is empty, or the parameter shoulder_frame: a frame of the robot with these axes, at its shoulder.
 """
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -20,17 +22,17 @@ class ImitateArm(Node):
     def __init__(self):
         super().__init__("imitate_arm")
         self.people = PeopleWatch(self)
+        self.frame = self.declare_parameter("shoulder_frame", "").value
         self.publisher = self.create_publisher(PoseWithCovarianceStamped, "arm_target", 10)
         self.create_subscription(PointCloud2, "/tracker/limbs", self.on_limbs, 10)
 
     def on_limbs(self, message):
         """Publish the target, scaled to the robot's arm."""
         (wrist,) = [limb for limb in points(message) if limb["index"] == joints.RIGHT_WRIST]
-        late = self.people.age(message.header) > 0.5
-        if late or not wrist["observed"] or wrist["deviation"] > LARGEST_DEVIATION:
+        if not self.people.fresh(message.header) or not wrist["observed"] or wrist["deviation"] > LARGEST_DEVIATION:
             return
         target = PoseWithCovarianceStamped()
-        target.header.stamp, target.header.frame_id = message.header.stamp, "right_shoulder"
+        target.header.stamp, target.header.frame_id = message.header.stamp, self.frame
         place, doubt = target.pose.pose.position, target.pose.covariance.reshape(6, 6)
         place.x, place.y, place.z = (SCALE * position(wrist)).tolist()
         doubt[:3, :3] = SCALE**2 * covariance(wrist)

@@ -3,25 +3,27 @@
 python3 examples/raised_hand.py
 """
 
-from geometry_msgs.msg import PoseArray
 from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
 
 from lassokin_ros import joints
 from lassokin_ros.node.executable import run
+from lassokin_ros.watch import PeopleWatch, points, position
 
 
 class RaisedHand(Node):
-    """Compares the height of wrist and head; nothing happens while nobody is tracked."""
+    """Compares wrist and head along the body. Nothing is raised while nobody is tracked, or in a pose 0.5 s old."""
 
     def __init__(self):
         super().__init__("raised_hand")
-        self.raised = False
-        self.create_subscription(PoseArray, "/tracker/joints", self.on_joints, 10)
+        self.people, self.raised = PeopleWatch(self), False
+        self.create_subscription(PointCloud2, "/tracker/skeleton", self.on_skeleton, 10)
 
-    def on_joints(self, message):
-        """Compare heights in the optical frame, where y points down."""
-        head, wrist = message.poses[joints.HEAD].position, message.poses[joints.LEFT_WRIST].position
-        raised = wrist.y < head.y
+    def on_skeleton(self, message):
+        """Compare along the line from the pelvis to the head: in a fixed frame z points up, in the optical one -y."""
+        body = position(points(message)).T
+        up = body[joints.HEAD] - body[joints.PELVIS]
+        raised = self.people.fresh(message.header) and (body[joints.LEFT_WRIST] - body[joints.HEAD]) @ up > 0
         if raised and not self.raised:
             self.get_logger().info("left hand raised")
         self.raised = raised

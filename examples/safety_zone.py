@@ -1,6 +1,8 @@
 """Say whether the 2 m in front of the camera are free: "safe", "occupied" or "unknown" on the topic zone.
 
-python3 examples/safety_zone.py    # no safety function in the sense of a standard; the camera must see the whole zone
+python3 examples/safety_zone.py    # --ros-args -p camera_frame:=NAME: the optical frame of the camera
+
+This is no safety function in the sense of a standard. The camera must see the whole zone.
 """
 
 import numpy as np
@@ -8,7 +10,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from lassokin_ros.node.executable import run
-from lassokin_ros.watch import PeopleWatch, covariance, position
+from lassokin_ros.watch import PeopleWatch, camera_frame, covariance, position
 
 RADIUS, REACH, SIGMAS = 2.0, 0.9, 2.0  # m, m from the pelvis to a stretched hand, standard deviations
 
@@ -25,7 +27,7 @@ class SafetyZone(Node):
 
     def __init__(self):
         super().__init__("safety_zone")
-        self.people = PeopleWatch(self)
+        self.people = PeopleWatch(self, frame=camera_frame(self))
         self.publisher = self.create_publisher(String, "zone", 10)
         self.create_timer(0.05, lambda: self.publisher.publish(String(data=self.verdict())))
 

@@ -1,9 +1,13 @@
 """For robots: the people whom a tracker sees now. What is too old counts as unknown.
 
-    watch = PeopleWatch(node)                         # in a node; reads /tracker/people and /tracker/state
+    watch = PeopleWatch(node, frame="camera_optical_frame")  # in a node; reads /tracker/people and /tracker/state
     for person in watch.tracked():                    # the nearest one first; empty if nothing is known
         person["x"], person["z"], person["detector_id"]
     watch.state                                       # "tracking", "nobody", or "lost": somebody may be there
+
+The tracker publishes in the camera's optical frame, or in its `fixed_frame`. A program that measures from the robot
+says in which frame it needs the positions: those in another frame are moved by TF, and nothing is known while TF lacks
+the transform.
 
 One age decides, that of the newest ~/people by its stamp. The tracker repeats this message with a stamp that advances,
 so that the age is also too large if the tracker was killed or has no processor time, if the keypoints are late, and if
@@ -22,21 +26,26 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import String
 
 from lassokin_ros.core.body.rotations import from_quaternion
+from lassokin_ros.pipeline.settings import NodeSettings
 
 TRACKING, LOST, NOBODY = "tracking", "lost", "nobody"
 STALE_S = 0.5
 """s: age from which on a message is not used."""
+SPEED, SPREAD = ("vx", "vy", "vz"), ("xx", "xy", "xz", "yy", "yz", "zz")
+"""Fields of the velocity, and of the upper triangle of the covariance of the position."""
+LOG_PERIOD_S = 5.0
+"""s between two warnings about a missing transform."""
 KINDS = {PointField.FLOAT32: "<f4", PointField.INT32: "<i4"}
 
 
 def points(message: PointCloud2) -> np.ndarray:
-    """Return the points of ~/people, ~/skeleton or ~/skeletons as a structured array (k,), by the message's fields."""
+    """Return the points of ~/people, ~/skeleton, ~/skeletons or ~/limbs as a structured array (k,)."""
     kind = np.dtype([(field.name, KINDS[field.datatype]) for field in message.fields])
     return np.frombuffer(bytes(message.data), kind)
 
 
 def position(point: Any) -> np.ndarray:
-    """Return the position (3,) m of one point."""
+    """Return the position (3,) m of one point, or (3, k) of k points."""
     return np.array([point[name] for name in "xyz"], dtype=float)
 
 
@@ -48,18 +57,84 @@ def covariance(point: Any) -> np.ndarray:
 
 def transformed(point: Any, transform: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return position (3,) m and covariance (3, 3) m^2 of one point, moved by a geometry_msgs/Transform."""
-    turn, shift = transform.rotation, transform.translation
-    matrix = from_quaternion(np.array([turn.x, turn.y, turn.z, turn.w]))
+    shift, matrix = transform.translation, from_quaternion(_quaternion(transform))
     place = matrix @ position(point) + np.array([shift.x, shift.y, shift.z])
     return place, matrix @ covariance(point) @ matrix.T
+
+
+def _quaternion(transform: Any) -> np.ndarray:
+    turn = transform.rotation
+    return np.array([turn.x, turn.y, turn.z, turn.w])
+
+
+def camera_frame(node: Node) -> str:
+    """Return the parameter `camera_frame` of a node: the optical frame of a camera on the robot."""
+    name: str = node.declare_parameter("camera_frame", NodeSettings().base_frame).value
+    return name
+
+
+class IntoFrame:
+    """Moves people into a frame by TF. It reads TF from the first message on that is in another frame."""
+
+    def __init__(self, node: Node, frame: str, stale_s: float) -> None:
+        """frame: the frame to move into; stale_s: s, largest age of a transform. Static ones have no age."""
+        self._node, self._frame, self._stale_s = node, frame, stale_s
+        self._buffer: Any = None
+
+    def move(self, people: np.ndarray, source: str) -> np.ndarray | None:
+        """Return people (k,) of the frame `source` in the wanted one, or None with a warning if TF does not give it.
+
+        The newest transform is used: a person stays in place in a fixed frame while the robot moves on.
+        """
+        if len(people) == 0 or source == self._frame:
+            return people
+        transform, fault = self._newest(source)
+        if transform is None:
+            self._node.get_logger().warning(
+                f"people are in the frame '{source}', expected '{self._frame}' (in the examples the parameter "
+                f"camera_frame: an optical frame on the robot), or a fresh transform between them in TF: {fault}",
+                throttle_duration_sec=LOG_PERIOD_S,
+            )
+            return None
+        moved, turn = people.copy(), from_quaternion(_quaternion(transform))
+        for person in moved:
+            place, spread = transformed(person, transform)
+            speed = turn @ [person[name] for name in SPEED]
+            for name, value in zip((*"xyz", *SPEED, *SPREAD), (*place, *speed, *spread[np.triu_indices(3)])):
+                person[name] = value
+        return moved
+
+    def _newest(self, source: str) -> tuple[Any, str]:
+        """Return the newest geometry_msgs/Transform from `source` and "", or None and why there is none."""
+        try:
+            from tf2_ros import Buffer, TransformException, TransformListener
+        except ImportError:
+            return None, "tf2_ros is not installed (apt install ros-$ROS_DISTRO-tf2-ros-py)"
+        if self._buffer is None:
+            self._buffer = Buffer()
+            self._listener = TransformListener(self._buffer, self._node)
+        try:
+            found = self._buffer.lookup_transform(self._frame, source, Time())
+        except TransformException as error:
+            return None, str(error)
+        stamp_ns = Time.from_msg(found.header.stamp).nanoseconds
+        age_s = (self._node.get_clock().now().nanoseconds - stamp_ns) * 1e-9
+        if stamp_ns and age_s > self._stale_s:
+            return None, f"the newest one is {age_s:.1f} s old"
+        return found.transform, ""
 
 
 class PeopleWatch:
     """Subscribes to ~/people and ~/state of a tracker. `people_type` must be the default, sensor_msgs/PointCloud2."""
 
-    def __init__(self, node: Node, tracker: str = "/tracker", stale_s: float = STALE_S) -> None:
-        """tracker: name of the tracker's node; stale_s: s, largest age of a message that is used."""
+    def __init__(self, node: Node, tracker: str = "/tracker", stale_s: float = STALE_S, frame: str = "") -> None:
+        """tracker: name of the tracker's node; stale_s: s, largest age of a message and of a transform that is used.
+
+        frame: in which people are needed; those in another frame are moved by TF. Empty: as they come, see `frame_id`.
+        """
         self._clock, self._stale_s = node.get_clock(), stale_s
+        self._into = IntoFrame(node, frame, stale_s) if frame else None
+        self._frame = frame
         self._people: PointCloud2 | None = None
         self._state = LOST
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -77,34 +152,48 @@ class PeopleWatch:
         now_ns: int = self._clock.now().nanoseconds
         return (now_ns - Time.from_msg(header.stamp).nanoseconds) * 1e-9
 
+    def fresh(self, header: Any) -> bool:
+        """Return True if a std_msgs/Header is `stale_s` old at most by its stamp, or as far in the future."""
+        return abs(self.age(header)) <= self._stale_s
+
     @property
     def known(self) -> bool:
-        """True if the newest message is fresh: `stale_s` old at most, or as far in the future."""
-        return self._people is not None and abs(self.age(self._people.header)) <= self._stale_s
+        """True if the newest message is fresh, and its people are in the wanted frame or TF moves them there."""
+        return self._read() is not None
 
     @property
     def state(self) -> str:
-        """The tracker's state; "lost" if the newest message is not fresh."""
+        """The tracker's state; "lost" if the people are not known."""
         return self._state if self.known else LOST
 
     @property
     def frame_id(self) -> str:
-        """Frame of the positions: the camera's optical frame (x right, y down, z forward); empty before a message."""
-        return "" if self._people is None else str(self._people.header.frame_id)
+        """Frame of the positions: `frame`, or that of the newest message, the camera's optical frame (x right, y down,
+        z forward) or the tracker's `fixed_frame` (z up); empty before a message.
+        """
+        return self._frame or ("" if self._people is None else str(self._people.header.frame_id))
+
+    def _read(self) -> np.ndarray | None:
+        """Return the people (k,) of the newest message in the wanted frame; None if they are not known."""
+        if self._people is None or not self.fresh(self._people.header):
+            return None
+        people = points(self._people)
+        return people if self._into is None else self._into.move(people, self._people.header.frame_id)
 
     def everybody(self) -> np.ndarray:
-        """Return all people of the newest message, also those who are lost, the nearest one first; none if not fresh.
+        """Return all people of the newest message, also those who are lost, the nearest one first; none if not known.
 
-        The fields are x, y, z (m), vx, vy, vz (m/s), xx to zz (m^2), confidence, age (s), person, tracked, detector_id,
-        guessed, doubtful.
+        The fields are x, y, z (m), vx, vy, vz (m/s, over ground if the tracker has a fixed frame), xx to zz (m^2),
+        confidence, age (s), person, tracked, detector_id, guessed, doubtful. The nearest one is that to the origin of
+        `frame_id`.
         """
-        if self._people is None or not self.known:
+        people = self._read()
+        if people is None:
             return np.zeros(0, dtype=[("x", "<f4"), ("tracked", "<i4")])
-        people = points(self._people)
         return people[np.argsort(people["x"] ** 2 + people["y"] ** 2 + people["z"] ** 2)]
 
     def tracked(self) -> np.ndarray:
-        """Return the people whose last frame is fresh, the nearest one first; none if the newest message is not."""
+        """Return the people whose last frame is fresh, the nearest one first; none if these are not known."""
         people = self.everybody()
         if self._people is None or len(people) == 0:
             return people

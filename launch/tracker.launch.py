@@ -4,7 +4,7 @@ ros2 launch lassokin_ros tracker.launch.py keypoints:=/detector/keypoints camera
 ros2 launch lassokin_ros tracker.launch.py params:=webcam_yolo bag:=walk rviz:=true
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -93,14 +93,15 @@ def _start(context: LaunchContext) -> list:
         overrides["state_publisher"] = STATE_PUBLISHER
     common: dict[str, Any] = {"namespace": given["namespace"]} if given["namespace"] else {}
     sim_time = {"use_sim_time": simulated}
-    actions = [*_misspelt(configurations), _tracker(given, params, [sim_time, overrides], common)]
+    warnings = [*_misspelt(configurations), *_unread(given, settings.camera_names)]
+    actions = [*warnings, _tracker(given, params, [sim_time, overrides], common)]
     if frames:
         node = f"{given['namespace'].strip('/')}/{NODE}".lstrip("/")
         actions.append(_state_publisher(urdf_from_settings(tracker, settings, node), sim_time, common))
     if show_rviz:
         of_camera = "lassokin_people.rviz" if settings.several_people else "lassokin.rviz"
         config = CONFIG / ("lassokin_world.rviz" if settings.fixed_frame else of_camera)
-        frame = given["frame"] or settings.fixed_frame
+        frame = settings.fixed_frame or given["frame"]
         actions.append(_rviz(config, given["camera"].rstrip("/"), frame, sim_time, common))
     return [*actions, *_bag(given["bag"])]
 
@@ -116,6 +117,17 @@ def _misspelt(configurations: Mapping[str, Any]) -> list[LogInfo]:
             words = f"tracker.launch.py has no argument '{name}', which is ignored here; did you mean '{close[0]}'?"
             warnings.append(LogInfo(msg=words))
     return warnings
+
+
+def _unread(given: Mapping[str, str], cameras: Sequence[str]) -> list[LogInfo]:
+    """Warn of topics that are given beside names of cameras. Why it is no error: see _misspelt.
+
+    cameras: an empty name stands for the camera without one.
+    """
+    names = [name for name in ("keypoints", "camera") if any(cameras) and given[name] != ARGUMENTS[name][0]]
+    read = ", ".join(f"{camera}/{topic}" for camera in cameras for topic in ("keypoints", "camera_info"))
+    words = "with cameras the tracker does not use the argument '{}'; it reads " + read
+    return [LogInfo(msg=words.format(name)) for name in names]
 
 
 def _boolean(name: str, text: str) -> bool:

@@ -4,9 +4,11 @@ ros2 launch lassokin_ros webcam.launch.py height:=1.8 rviz:=true
 ros2 launch lassokin_ros webcam.launch.py source:=walk.mp4 fov:=70
 
 The arguments of tracker.launch.py (height, rviz, params, ...) may be given, too.
+Each node gets namespace and use_sim_time.
 """
 
 from pathlib import Path
+from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from launch import LaunchContext, LaunchDescription
@@ -25,6 +27,8 @@ OWN = "opencv"
 CALIBRATIONS = Path.home() / ".ros" / "camera_info"
 """Where camera_calibration stores its result, and the drivers find it."""
 FRAME = "camera_optical_frame"
+TRUE = ("true", "1", "yes", "on")
+"""Values of use_sim_time; tracker.launch.py refuses those that are neither true nor false."""
 ARGUMENTS = {
     "source": (
         "0",
@@ -58,24 +62,29 @@ def _start(context: LaunchContext) -> list:
     defaults["frame"] = FRAME
     settings = {name: value for name, value in defaults.items() if name not in context.launch_configurations}
     tracker = IncludeLaunchDescription(PythonLaunchDescriptionSource(str(TRACKER)), launch_arguments=settings.items())
+    namespace, clock = (
+        str(context.launch_configurations.get(name, "")).strip() for name in ("namespace", "use_sim_time")
+    )
+    common: dict[str, Any] = {"output": "screen", **({"namespace": namespace} if namespace else {})}
+    sim_time = [{"use_sim_time": clock.lower() in TRUE}] if clock else []
     node = Node(
         package="lassokin_ros",
         executable="detector",
         name="detector",
-        output="screen",
-        parameters=[{"detector": detector}],
+        parameters=[{"detector": detector}, *sim_time],
+        **common,
     )
-    return [_camera(given), node, tracker]
+    return [_camera(given, sim_time, common), node, tracker]
 
 
-def _camera(given: dict[str, str]) -> Node:
+def _camera(given: dict[str, str], sim_time: list[dict], common: dict[str, Any]) -> Node:
     driver = given["driver"] or _driver(given)
     if driver == OWN:
         parameters = {"source": given["source"], "frame_id": FRAME}
         parameters.update({"fov": float(given["fov"])} if given["fov"] else {})
         parameters.update({"calibration": given["calibration"]} if given["calibration"] else {})
         return Node(
-            package="lassokin_ros", executable="camera", name="camera", output="screen", parameters=[parameters]
+            package="lassokin_ros", executable="camera", name="camera", parameters=[parameters, *sim_time], **common
         )
     if driver not in DRIVERS:
         raise RuntimeError(f"driver:={driver}; expected one of: {', '.join([*DRIVERS, OWN])}")
@@ -85,7 +94,7 @@ def _camera(given: dict[str, str]) -> Node:
     parameters = {"video_device": f"/dev/video{given['source']}", frame: FRAME}
     if given["calibration"]:
         parameters["camera_info_url"] = Path(given["calibration"]).resolve().as_uri()
-    return Node(package=driver, executable=executable, name="camera", output="screen", parameters=[parameters])
+    return Node(package=driver, executable=executable, name="camera", parameters=[parameters, *sim_time], **common)
 
 
 def _driver(given: dict[str, str]) -> str:

@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.data.mocap import Clip, clip_height, clip_skeleton, landmark_positions, load_clip
-from lassokin_ros.core.network.depth_network import CANONICAL, LENGTHS, NAMES, canonical_layout, lengths_between
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.network.depth_network import CANONICAL, LENGTHS, NAMES, lengths_between
 
 TEST = ("03", "05", "12", "29", "55", "127")
 """People of the final test. None of their clips is among the training clips of the shipped pose prior."""
@@ -91,6 +93,12 @@ def _height_parts(clip: Clip) -> np.ndarray:
     drop = abs(0.5 * (clip.rest_position("l_hip") + clip.rest_position("r_hip"))[1])
     return np.array([apart("l_hip", "l_knee"), apart("l_knee", "l_ankle"), drop, apart("pelvis", "neck"),
                      apart("neck", "head"), apart("head", "head_top")]) / 0.96  # fmt: skip
+
+
+def canonical_layout(skeleton: Skeleton) -> Layout:
+    """The canonical points as a landmark layout."""
+    landmarks = [{"name": name, "joint": joint, "offset": list(offset)} for name, joint, offset in CANONICAL]
+    return Layout.from_mapping({"name": "canonical", "landmarks": landmarks}, skeleton)
 
 
 def load_motion(chosen: list[Source]) -> Motion:

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from lassokin_ros.core.body.symmetry import partners
 from lassokin_ros.core.network.depth_network import DEPTHS, INPUTS, NAMES, TARGETS, TIMES
 
-
-def _other_side(name: str) -> str:
-    return name.replace("left", "L").replace("right", "left").replace("L", "right")
-
-
-OTHER = np.array([NAMES.index(_other_side(name)) for name in NAMES])
+OTHER = partners(NAMES)
 """Index of each canonical point's mirror image."""
 
 
@@ -32,7 +28,7 @@ def _place_symmetry() -> tuple[np.ndarray, np.ndarray]:
     The mirror image of the left hip, relative to the middle of the hips, is the right hip with -x; and that is the left
     hip with -y and -z.
     """
-    others = np.array([TARGETS.index(_other_side(name)) if name != "left_hip" else 0 for name in TARGETS])
+    others = partners(TARGETS)
     index = np.concatenate([others, others + DEPTHS, others + 2 * DEPTHS])
     sign = np.repeat(np.array([-1.0, 1.0, 1.0], dtype=np.float32), DEPTHS)
     sign[TARGETS.index("left_hip") :: DEPTHS] *= -1.0

@@ -24,11 +24,11 @@ import numpy as np  # noqa: E402
 from benchmarks.common.report import Record, table  # noqa: E402
 from benchmarks.data.detections import JOINTS, DetectionJob, Recording, detection_jobs, prepared  # noqa: E402
 from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
-from lassokin_ros.core.doubt.doubt import Doubt  # noqa: E402
-from lassokin_ros.core.doubt.monitor import DoubtMonitor  # noqa: E402
-from lassokin_ros.core.doubt.signs import signs_of  # noqa: E402
 from lassokin_ros.core.estimate import Estimate  # noqa: E402
 from lassokin_ros.core.tracker import Tracker  # noqa: E402
+from lassokin_ros.doubt.doubt import Doubt  # noqa: E402
+from lassokin_ros.doubt.monitor import DoubtMonitor  # noqa: E402
+from lassokin_ros.doubt.signs import signs_of  # noqa: E402
 from lassokin_ros.replay.first_pass import WHOLE_FILE  # noqa: E402
 from lassokin_ros.replay.report.doubt_findings import MOST_MARKED  # noqa: E402
 from lassokin_ros.replay.report.wrong_spans import wrong_spans  # noqa: E402

@@ -14,12 +14,12 @@ from benchmarks.data.mocap import true_state
 from benchmarks.data.simulated_camera import step_for
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.rotations import logarithm
-from lassokin_ros.core.doubt.monitor import DoubtMonitor
-from lassokin_ros.core.doubt.signs import signs_of
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.output.uncertainty import JointUncertainty
 from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.doubt.monitor import DoubtMonitor
+from lassokin_ros.doubt.signs import signs_of
 
 
 @dataclass(frozen=True, eq=False)

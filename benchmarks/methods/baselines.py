@@ -13,17 +13,18 @@ Hz and 2 px, each the best of a coarse grid by median MPJPE.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from benchmarks.methods.rows import Linearisation, linearise
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.stacked_model import Linearisation, linearise
 from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
 from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver
@@ -45,7 +46,7 @@ class ImageOnly:
         self._starter = Tracker(config, skeleton)
         self._config = config
         self._kinematics = self._starter.kinematics
-        self._live = np.flatnonzero(self._kinematics.live)
+        self._live = self._kinematics.live_index
         self._state: BodyState | None = None
 
     def track(self, observation: Observation) -> Estimate:
@@ -127,6 +128,20 @@ class DampedLeastSquares(ImageOnly):
         return solution[:-3], solution[-3:]
 
 
+class RidgeSolution(LassoSolution):
+    """A minimiser with the ridge's certificate."""
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """Its residuals are those of the ridge's stationarity, in units of alpha."""
+        problem, omega, penalty = self.problem, self.omega, RIDGE_WEIGHT * self.alpha**2
+        r = problem.z - problem.B @ self.x - problem.A @ omega
+        gradient = float(np.max(np.abs(problem.A.T @ r - penalty * omega) / self.alpha))
+        kkt3 = float(np.max(np.abs(problem.B.T @ r)) / self.alpha.min())
+        objective = float(0.5 * r @ r + 0.5 * penalty @ (omega * omega))
+        return Certificate(gradient, 0.0, kkt3, objective, 0.0, 0.0, len(omega))
+
+
 class RidgeSolver:
     """Replaces LassoSolver: minimises 1/2
 
@@ -136,17 +151,11 @@ class RidgeSolver:
     """
 
     def solve(self, problem: Lasso, guess: np.ndarray | None = None) -> LassoSolution:
-        """The minimiser. The residuals of its certificate are those of the ridge's stationarity, in units of alpha."""
+        """The minimiser."""
         reduced = eliminate_translation(problem)
-        penalty = RIDGE_WEIGHT * problem.alpha**2
-        omega = np.linalg.solve(reduced.H + np.diag(penalty), reduced.g)
+        omega = np.linalg.solve(reduced.H + np.diag(RIDGE_WEIGHT * problem.alpha**2), reduced.g)
         x = reduced.Y @ (problem.z - problem.A @ omega)
-        r = problem.z - problem.B @ x - problem.A @ omega
-        gradient = float(np.max(np.abs(problem.A.T @ r - penalty * omega) / problem.alpha))
-        kkt3 = float(np.max(np.abs(problem.B.T @ r)) / problem.alpha.min())
-        objective = float(0.5 * r @ r + 0.5 * penalty @ (omega * omega))
-        certificate = Certificate(gradient, 0.0, kkt3, objective, 0.0, 0.0, len(omega))
-        return LassoSolution(omega, x, problem.alpha, lambda: certificate, "ridge")
+        return RidgeSolution(omega, x, problem.alpha, problem, "ridge")
 
 
 class RidgeTracker(Tracker):

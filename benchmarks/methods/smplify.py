@@ -17,6 +17,7 @@ from scipy import sparse
 from scipy.optimize import least_squares
 
 from benchmarks.accuracy_run.runs import Track
+from benchmarks.methods.rows import linearise, prior_rows
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.body.rotations import exponential, logarithm, right_jacobian
 from lassokin_ros.core.body.skeleton import Skeleton
@@ -24,7 +25,6 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import THRESHOLD, huber_weights
-from lassokin_ros.core.image.stacked_model import linearise
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 
@@ -122,7 +122,7 @@ class WindowFit:
                 pose = kinematics.pose(state)
                 distance = np.linalg.norm(points - project(pose.landmarks), axis=-1) * weights
                 model = linearise(kinematics, pose, points, weights * np.sqrt(huber_weights(distance)))
-                A, z = self._prior.rows(state.rotations)
+                A, z = prior_rows(self._prior, state.rotations)
                 J = np.block([[model.A, model.B], [A, np.zeros((len(z), 3))]])
                 damping = np.append(np.full(size, 10.0), np.full(3, 1e-6))
                 step = np.linalg.solve(J.T @ J + np.diag(damping), J.T @ np.concatenate([model.residual, z]))
@@ -160,7 +160,7 @@ class WindowFit:
     def _residual(self, state: BodyState, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
         pose = self.kinematics.pose(state)
         image = _robust(((project(pose.landmarks) - points) * weights[..., None]).reshape(len(points), -1))[0]
-        prior = -self._prior.residual(state.rotations)
+        prior = -self._prior.posture(state.rotations).residual
         smooth = np.diff(pose.landmarks, 2, axis=0) / self._smooth
         return np.concatenate([image.reshape(-1), prior.reshape(-1), smooth.reshape(-1)])
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from lassokin_ros.common.atomic_files import files_of_people
 from lassokin_ros.core.errors import LassokinError
-from lassokin_ros.core.yaml_files import SUFFIXES
 from lassokin_ros.pipeline.parameter_files import offline_settings
+from lassokin_ros.pipeline.settings import SKELETON_SUFFIXES
 
 PAGE, SKELETON = ".html", ".yaml"
 
@@ -21,7 +21,7 @@ class ArchiveFilesError(LassokinError):
 def check(options: argparse.Namespace) -> None:
     """Raise a LassokinError for an option that names one file for all recordings."""
     skeleton = options.save_skeleton
-    for option, file, suffixes in (("report", options.report, (PAGE,)), ("save-skeleton", skeleton, SUFFIXES)):
+    for option, file, suffixes in (("report", options.report, (PAGE,)), ("save-skeleton", skeleton, SKELETON_SUFFIXES)):
         if file is not None and file.suffix.lower() in suffixes:
             raise ArchiveFilesError(
                 f"--{option} '{file}' names one file for many recordings; name a folder for one file per recording"

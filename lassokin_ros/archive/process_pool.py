@@ -62,7 +62,12 @@ class WorkerPool:
         while self._waiting or self._busy:
             while self._waiting and self._idle:
                 worker, (task, attempt) = self._idle.pop(), self._waiting.popleft()
-                self._busy[worker.submit(_work, task)] = worker, task, attempt
+                try:
+                    self._busy[worker.submit(_work, task)] = worker, task, attempt
+                except BrokenProcessPool:  # its process died while it was idle
+                    worker.shutdown(wait=False)
+                    self._idle.append(_worker())
+                    self._waiting.appendleft((task, attempt))
             for future in wait(self._busy, return_when=FIRST_COMPLETED).done:
                 worker, task, attempt = self._busy.pop(future)
                 result: Result | None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Sequence
@@ -28,6 +29,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with interruptible():
             return run(options)
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        print(f"{PROGRAM}: the name '{error.filename}' is too long for a file", file=sys.stderr)
+        return USAGE_ERROR
     except LassokinError as error:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return USAGE_ERROR

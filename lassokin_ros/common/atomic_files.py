@@ -42,6 +42,7 @@ class AtomicFiles:
         """replace: existing files may be replaced. error: the exception raised if a file cannot be written."""
         self._replace, self._error = replace, error
         self._parts: dict[Path, Path] = {}
+        self._old: list[Path] = []
         self.placed: list[Path] = []
         """Paths that have been renamed already. The error text lists them if a later rename fails."""
 
@@ -62,6 +63,10 @@ class AtomicFiles:
         """Write a text file in UTF-8."""
         data = text.encode()
         self.write(path, lambda file: _put(file, data))
+
+    def remove(self, path: Path) -> None:
+        """Remove a file of an earlier run when the others have their names."""
+        self._old.append(path)
 
     def __enter__(self) -> AtomicFiles:
         return self
@@ -84,6 +89,11 @@ class AtomicFiles:
                 except OSError as problem:
                     raise self._error(f"'{path}' cannot be written: {problem.strerror or problem}") from None
                 self.placed.append(path)
+            for path in self._old:
+                try:
+                    path.unlink(missing_ok=True)
+                except OSError as problem:
+                    raise self._error(f"'{path}' of an earlier run cannot be removed: {problem.strerror}") from None
         except self._error as error:
             if not self.placed:
                 raise

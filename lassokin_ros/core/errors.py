@@ -19,7 +19,7 @@ class LayoutError(LassokinError, ValueError):
 
 
 class CameraError(LassokinError, ValueError):
-    """Camera intrinsics or distortion cannot be used."""
+    """A camera's intrinsics, distortion or pose cannot be used."""
 
 
 class ConfigurationError(LassokinError, ValueError):

@@ -29,11 +29,11 @@ class Estimate:
     changed.
     visible: (l,) bool, keypoints that were detected in this frame and have a weight. measurements: number of keypoints
     and measured depths that were used. depth_measured: True if measured depths were used; depth_covers: of half of the
-    landmarks or more. length_deviation: (p,) standard deviation of the log-lengths. joint_depths: estimate of the depth
-    network. cameras: number of cameras whose rows have weight. centre: (3,) m, of the first of them, in the skeleton's
-    frame. contacts: (n,) bool, ankles of feet that stand still. prior_cost: of the pose prior for `solved`.
-    network_distance: m, mean distance of the depth network's joints from those of `solved`, relative to the hips; NaN
-    without the network.
+    landmarks or more. length_deviation: (p,) standard deviation of the log-lengths. cameras: number of cameras whose
+    rows have weight. centre: (3,) m, of the first of them, in the skeleton's frame. joint_depths: what the depth
+    network estimates from its keypoints. contacts: (n,) bool, ankles of feet that stand still. prior_cost: of the pose
+    prior for `solved`. network_distance: m, mean distance of the depth network's joints from those of `solved`,
+    relative to the hips; NaN without the network.
     """
 
     stamp: float

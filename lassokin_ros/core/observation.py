@@ -10,6 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from lassokin_ros.core.errors import CameraError
+
+ROTATION_TOLERANCE = 0.01
+"""Root of the sum of the squared differences from a rotation. Matrices that were written with 3 decimals pass."""
+ORIGIN, AXES = np.zeros(3), np.eye(3)
+for _constant in (ORIGIN, AXES):
+    _constant.flags.writeable = False
+
 
 class Status(Enum):
     """State of the tracker."""
@@ -37,14 +45,23 @@ class CameraPose:
     """Where a camera is, in the frame in which the skeleton is kept: x_camera = rotation x + translation.
 
     name: of the camera; each camera of a tracker has another one. rotation: (3, 3) into the camera's optical frame.
-    translation: (3,) m. The default is the frame of a single camera: its own optical frame. known: False if nobody
-    knows where the camera is; with `extrinsics` learn, its pose is found from the person.
+    translation: (3,) m. The default is the frame of a single camera: its own optical frame. known: False if its
+    pose is not known; with `extrinsics` learn, it is found from the person. Raises CameraError if they are not a
+    rotation and a finite translation.
     """
 
     name: str = ""
-    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
-    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    rotation: np.ndarray = field(default_factory=lambda: AXES)
+    translation: np.ndarray = field(default_factory=lambda: ORIGIN)
     known: bool = True
+
+    def __post_init__(self) -> None:
+        if not _is_pose(self.rotation, self.translation):
+            raise CameraError(
+                f"camera {self.name!r} has the rotation {_listed(self.rotation)} and the translation "
+                f"{_listed(self.translation)}; expected arrays, a rotation (3, 3) (R R^T = 1, det R = 1) into the "
+                "camera's frame, and (3,) finite m"
+            )
 
     @cached_property
     def is_identity(self) -> bool:
@@ -56,9 +73,41 @@ class CameraPose:
         """(3,) m: the camera's centre in the frame of the skeleton."""
         return -self.rotation.T @ self.translation
 
+    @property
+    def inverse(self) -> CameraPose:
+        """The pose of a camera whose transform is the inverse of this one's."""
+        return CameraPose(self.name, self.rotation.T, self.centre)
+
+    def relative_to(self, first: CameraPose) -> CameraPose:
+        """The pose in the optical frame of another camera; the pose itself if it is not known."""
+        if not self.known:
+            return self
+        rotation = self.rotation @ first.rotation.T
+        return CameraPose(self.name, rotation, self.translation - rotation @ first.translation)
+
     def into_camera(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 3) m in the camera's optical frame."""
         return points if self.is_identity else points @ self.rotation.T + self.translation
+
+
+def _is_pose(rotation: np.ndarray, translation: np.ndarray) -> bool:
+    """Whether the arrays are a rotation (3, 3) and a finite translation (3,).
+
+    With numbers it takes 1 us, a tenth of numpy's time: poses are made in every frame.
+    """
+    try:
+        (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+        x, y, z = translation.tolist()
+        first, second, between = a * a + b * b + c * c - 1, d * d + e * e + f * f - 1, a * d + b * e + c * f
+        u, v, w = b * f - c * e - g, c * d - a * f - h, a * e - b * d - i  # the third row is the product of the others
+        wrong = first * first + second * second + between * between + u * u + v * v + w * w + 0.0 * (x + y + z)
+        return bool(wrong < ROTATION_TOLERANCE**2)  # False for NaN
+    except (AttributeError, TypeError, ValueError):
+        return False
+
+
+def _listed(values: object) -> str:
+    return str(values.tolist() if isinstance(values, np.ndarray) else values)[:200]
 
 
 HERE = CameraPose()

@@ -24,15 +24,15 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
-from lassokin_ros.core.body.roles import missing_roles
+from lassokin_ros.core.body.roles import ANKLES, missing_roles
 from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.body.symmetry import symmetric_skeleton
 from lassokin_ros.core.cameras import Camera, Cameras
 from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
+from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence
-from lassokin_ros.core.evidence.foot_contact import ANKLES
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.initialisation import Fit, Initialiser
@@ -110,9 +110,9 @@ class Tracker:
         """Build the tracker for one skeleton and one landmark layout.
 
         skeleton: in place of the configured one. evidence: further pieces of evidence for each frame's lasso, see
-        docs/extending.md. up: (3,) the vertical of the fixed frame in which the cameras' places are given; None if the
-        skeleton is kept in the first camera's optical frame, whose mount the settings give. Raises a LassokinError
-        (skeleton, layout, solver or setting) for a configuration that cannot be used.
+        docs/extending.md. up: (3,) the vertical of the fixed frame in which the cameras' places are given, of any
+        length; None if the skeleton is kept in the first camera's optical frame, whose mount the settings give. Raises
+        a LassokinError (skeleton, layout, solver or setting) for a configuration that cannot be used.
         """
         self.config = (config or TrackerConfig()).checked()
         self.given_skeleton = skeleton or Skeleton.load(self.config.skeleton, self.config.assumed_height)
@@ -122,14 +122,14 @@ class Tracker:
         self.kinematics = Kinematics(body, Layout.load(self.config.landmarks, body))
         prior = PoseDistribution.load(body)
         self.frame_model = FrameModel(self.kinematics, prior, evidence)
-        self.learned = Learned(self.frame_model, self.config, up)
+        self.learned = Learned(self.frame_model, self.config, None if up is None else _unit_vertical(up))
         self._cameras = Cameras(Camera(self.kinematics, self._depth_estimator(), self.learned.depth_noise))
         self._increments = IncrementSolver(self.frame_model, prior, self.config.solver)
         self._initialiser = Initialiser(self.kinematics, prior, self.frame_model)
         self._network_pose = None
         propose = MirroredLimbs(self.kinematics).propose
         if self._network is not None:
-            self._network_pose = NetworkPose(self._cameras, self.kinematics, self._initialiser.mean_pose)
+            self._network_pose = NetworkPose(self._cameras.network_places, self.kinematics, self._initialiser.mean_pose)
             propose = self._network_pose.propose
         self._other_pose = OtherPose(self._initialiser, self.frame_model, propose)
         self._reinitialisation = Reinitialisation()
@@ -611,7 +611,7 @@ class Tracker:
             return
         assert self._output_filter.forward is not None
         reprojection_px = partial(_reprojection_px, measured)
-        self._lag.add(estimate, self._output_filter.forward, self.skeleton.offsets, reprojection_px)
+        self._lag.add(estimate, self._output_filter.forward, self.kinematics.vectors, reprojection_px)
         self.published = self._lag.due(estimate.stamp, self.config.smoothing_lag)
 
     def _reject(
@@ -627,6 +627,19 @@ class Tracker:
                 self._status = Status.LOST
             self.published = self._lag.due(observation.stamp, self.config.smoothing_lag)
         return Estimate(observation.stamp, self._status, rejection, certificate=certificate)
+
+
+def _unit_vertical(up: np.ndarray) -> np.ndarray:
+    """Return the vertical (3,) with length 1. Raises ConfigurationError."""
+    found = np.asarray(up)
+    length = np.linalg.norm(found) if found.shape == (3,) and found.dtype.kind in "fiu" else 0.0
+    if not 0.0 < length < np.inf:
+        raise ConfigurationError(
+            f"up is {found.tolist()}; expected the vertical of the fixed frame, (3,) finite numbers that are not all "
+            "0, such as [0, 0, 1]"
+        )
+    unit: np.ndarray = found / length
+    return unit
 
 
 def _reprojection_px(measured: dict[Camera, Measurement], pose: BodyPose) -> float:

@@ -15,8 +15,6 @@ import yaml
 from lassokin_ros.core.errors import LassokinError
 
 MAX_CHARACTERS = 1_000_000
-SUFFIXES = (".yaml", ".yml")
-"""Allowed suffixes of files that are written. A skeleton with another suffix would be read as another format."""
 
 
 def read_text(path: Path, error: type[LassokinError]) -> str:

@@ -12,7 +12,7 @@ from lassokin_ros.core.errors import LassokinError
 
 
 class DetectorError(LassokinError):
-    """A detector cannot be used: its package, its version or its model file does not fit."""
+    """A detector cannot be used: its package, its version or its model file does not fit, or it fails on an image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Detector(Protocol):
     def detect(self, image: np.ndarray, seconds: float) -> list[Detected]:
         """Return the people in an image, the surest first.
 
-        image: (height, width, 3), uint8, RGB. seconds: the image's time, s.
+        image: (height, width, 3), uint8, RGB. seconds: the image's time, s. Raises DetectorError.
         """
         ...
 

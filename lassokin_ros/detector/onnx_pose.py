@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ class OnnxPose:
 
     def __init__(self, path: Path) -> None:
         """Raises DetectorError for a file that is missing, no ONNX model, or no known pose model."""
-        self._session = _session(path)
+        self._path, self._session = path, _session(path)
         inputs = self._session.get_inputs()
         shape = inputs[0].shape if len(inputs) == 1 else []
         if len(shape) != 4 or 3 not in (shape[1], shape[3]) or inputs[0].type not in TYPES:
@@ -36,7 +37,7 @@ class OnnxPose:
         rows, columns = shape[2:4] if self._channels_first else shape[1:3]
         side = OPEN_SIDE[self._channels_first]
         self._size = (columns if isinstance(columns, int) else side, rows if isinstance(rows, int) else side)
-        found = recognise(self._channels_first, shapes := self._output_shapes(path))
+        found = recognise(self._channels_first, shapes := self._output_shapes())
         if found is None:
             given = ", ".join(map(str, shapes))
             raise DetectorError(
@@ -62,17 +63,17 @@ class OnnxPose:
         self._session = None
 
     def _run(self, prepared: np.ndarray) -> list[np.ndarray]:
-        """Run the model on an image (h, w, 3)."""
+        """Run the model on an image (h, w, 3). Raises DetectorError."""
         ordered = prepared.transpose(2, 0, 1) if self._channels_first else prepared
-        outputs: list[np.ndarray] = self._session.run(None, {self._input: ordered[None].astype(self._type)})
+        try:
+            outputs: list[np.ndarray] = self._session.run(None, {self._input: ordered[None].astype(self._type)})
+        except Exception as error:  # onnxruntime's own, of several kinds
+            raise DetectorError(f"the model '{self._path}' cannot be run: {_short(error)}") from None
         return outputs
 
-    def _output_shapes(self, path: Path) -> list[tuple[int, ...]]:
+    def _output_shapes(self) -> list[tuple[int, ...]]:
         """Run the model once: exported models often leave their shapes open."""
-        try:
-            return [output.shape for output in self._run(np.zeros((*self._size[::-1], 3)))]
-        except Exception as error:  # onnxruntime's own, of several kinds
-            raise DetectorError(f"the model '{path}' cannot be run: {_short(error)}") from None
+        return [output.shape for output in self._run(np.zeros((*self._size[::-1], 3)))]
 
 
 def letterbox(image: np.ndarray, size: tuple[int, int], border: int) -> tuple[np.ndarray, float, np.ndarray]:
@@ -93,7 +94,7 @@ def _session(path: Path) -> Any:
         import onnxruntime
     except ImportError:
         raise DetectorError("an ONNX model needs onnxruntime; install it with: pip install onnxruntime") from None
-    if not path.is_file():
+    if not os.path.isfile(path):  # False for a name that is too long
         raise DetectorError(f"there is no file '{path}'")
     try:
         return onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lassokin_ros.common.atomic_files import AtomicFiles, refuse_existing
+from lassokin_ros.common.distinct_paths import refuse_shared
 from lassokin_ros.common.exit_codes import USAGE_ERROR
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.measure import report
@@ -38,8 +39,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def measure(options: argparse.Namespace) -> list[str]:
     """Measure the motion, write the requested files and return the lines of the table. Raises MeasureError."""
-    wanted = [path for path in (options.plot, options.json) if path is not None]
-    for path in wanted:
+    wanted = [(what, path) for what, path in (("--plot", options.plot), ("--json", options.json)) if path is not None]
+    refuse_shared([("the motion", options.motion)], wanted, MeasureError)
+    for _, path in wanted:
         refuse_existing(path, options.force, MeasureError)
     poses, title = read_poses(options.motion, options.person), options.motion.name
     if options.what == GAIT:

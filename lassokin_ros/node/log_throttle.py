@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from typing import Callable
 
 PERIOD_S = 5.0
+NUMBER = re.compile(r"-?\d[\d.,]*(e[+-]?\d+)?|\bnan\b|\binf\b")
+"""A number, which may differ in each message."""
 
 
 class LogThrottle:
@@ -13,11 +16,16 @@ class LogThrottle:
     def __init__(self, write: Callable[[str], object], clock: Callable[[], float]) -> None:
         """write: log function; clock: returns seconds."""
         self._write, self._clock = write, clock
-        self._logged: dict[str, float] = {}
+        self._logged: dict[str, list[tuple[float, str]]] = {}  # s, and the line without its numbers
 
-    def log(self, key: str, line: str) -> None:
-        """Log `line`, unless a line with the same key was logged less than `PERIOD_S` ago."""
-        now = self._clock()
-        if now - self._logged.get(key, -PERIOD_S) >= PERIOD_S:
-            self._logged[key] = now
+    def log(self, key: str, line: str, different: int = 1) -> None:
+        """Log `line`, unless it or `different` others with the same key were logged less than `PERIOD_S` ago.
+
+        Lines whose numbers alone differ are the same.
+        """
+        now, words = self._clock(), NUMBER.sub("#", line)
+        recent = [logged for logged in self._logged.get(key, ()) if now - logged[0] < PERIOD_S]
+        if len(recent) < different and all(words != others for _, others in recent):
+            recent.append((now, words))
             self._write(line)
+        self._logged[key] = recent

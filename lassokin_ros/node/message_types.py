@@ -13,6 +13,10 @@ SOURCES = {
     "people_msgs": "build it from github.com/wg-perception/people",
 }
 """How to install packages of messages that apt does not have."""
+BUILT = ("tf2_msgs", "people_msgs", "hri_msgs", "vision_msgs", "yolo_msgs", "zed_msgs")
+"""Packages that the command BUILD builds into a virtual environment, for machines without a ROS from apt."""
+BUILD = "pip install '.[messages]' && python test/support/installation/message_packages.py"
+"""In a checkout, with names of packages; `make messages` builds all of them into the .venv there."""
 
 
 def message_class(message_type: str) -> Any:
@@ -22,7 +26,8 @@ def message_class(message_type: str) -> Any:
         return getattr(import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError):
         source = SOURCES.get(package) or f"apt install ros-$ROS_DISTRO-{package.replace('_', '-')}"
+        build = f"; without ROS from apt, in a checkout of lassokin_ros: {BUILD} {package}" if package in BUILT else ""
         raise ConfigurationError(
             f"message type {message_type} needs the ROS package {package}, which is not installed: {source}, or source "
-            "the workspace that has it"
+            f"the workspace that has it{build}"
         ) from None

@@ -49,6 +49,8 @@ UNUSED_MESSAGES = 60
 log reports it."""
 SHORTEST_WAIT_S = 1e-3
 """s: period of the timer of `camera_wait`."""
+DIFFERENT_FAULTS = 4
+"""Number of lines about rejected messages with one reason and different faults that are logged in a few seconds."""
 KEY_LENGTH = 20
 """Characters of a warning that identify it; numbers may follow."""
 CHECK_PERIOD_S = 0.1
@@ -232,7 +234,8 @@ class TrackerNode(Node):
         """Log rejections and, once, missing stamps and unexpected frames."""
         for frame in frames:
             if not frame.accepted and not self._pipeline.nobody_in_view:
-                self._warning.log(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
+                line = f"keypoints rejected ({frame.rejection}): {frame.detail}"
+                self._warning.log(str(frame.rejection), line, DIFFERENT_FAULTS)
         self._log_unused_confidence()
         if self._has_evidence:
             self._log_evidence_faults()

@@ -110,7 +110,8 @@ class CameraImages:
         lasting = self._has_persistent_numbers(keypoints)
         image = PeopleImage(keypoints, stamp_ns, self.frame_id, view.lens, lasting, stamped, self._unplaced, sampled)
         if self.name:
-            keypoints.by_person(len(self._layout.names))  # the images of other cameras must not suffer from this one
+            # Raises AdapterError here: the images of other cameras must not suffer from this one.
+            detections_by_person(keypoints, len(self._layout.names), view.lens)
         jumped = self._is_back_in_time(image, arrival_ns)
         if jumped:
             self._check_jump(image)

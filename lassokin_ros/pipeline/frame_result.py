@@ -10,13 +10,13 @@ import numpy as np
 
 from lassokin_ros.core.body.rotations import to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.doubt.doubt import Doubt
-from lassokin_ros.core.doubt.live import Judgement
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import HERE, CameraPose
 from lassokin_ros.core.output.uncertainty import JointUncertainty
 from lassokin_ros.core.record import record
+from lassokin_ros.doubt.doubt import Doubt
+from lassokin_ros.doubt.live import Judgement
 from lassokin_ros.pipeline.camera.lens import Lens
 
 BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])

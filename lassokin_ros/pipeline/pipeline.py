@@ -286,13 +286,16 @@ class Pipeline:
         for camera in self.cameras.values():
             camera.reset()
 
-    def _forget_people(self) -> None:
+    def _forget_people(self) -> list[FrameResult]:
+        """Forget all people. Return their results that waited for `smoothing_lag`."""
+        held = self.people.flush()
         self.people.reset()
         if self._sets is not None:
             self._sets.reset()
         self.agreement.reset()
         self._latest = self.image = self._untracked_ns = None
         self.counts["resets"] += 1
+        return held
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
         """Apply settings that can change while running, from the next message on. Another height resets.
@@ -378,16 +381,16 @@ class Pipeline:
             detail = f"camera '{camera.name}': {error}" if camera.name else str(error)
             refused = [FrameResult(camera.stamp_ns, camera.frame_id, None, error.reason, detail)]
             return refused if self._sets is None else self._counted(refused)
+        held = self._forget_people() if changed else []
         if changed:
-            self._forget_people()
             for other in self.cameras.values():
                 if other is not camera:
                     other.reset()
         if self._sets is None:
-            return self._track([image], arrival_ns)
+            return held + self._track([image], arrival_ns)
         camera.stamps.seen(image.stamp_ns, True)
         camera.stamps.follow(image.stamp_ns, arrival_ns, image.stamped)
-        return self._track_sets(self._sets.add(camera.name, image, arrival_ns), arrival_ns)
+        return held + self._track_sets(self._sets.add(camera.name, image, arrival_ns), arrival_ns)
 
     def _track_sets(self, sets: Sequence[Sequence[PeopleImage]], arrival_ns: int) -> list[FrameResult]:
         """Return the results of several sets of images. Each set counts as one accepted or rejected message."""
@@ -557,4 +560,4 @@ def _people_tracker(people: Sequence[TrackedPerson], counts: Counter[str], confi
         return SinglePersonTracker(people[0], config.follow, config.lock)
     from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
 
-    return MultiPersonTracker(people, counts, config.follow, config.lock)
+    return MultiPersonTracker(people, counts, config.follow, config.lock, config.several_cameras)

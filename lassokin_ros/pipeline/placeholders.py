@@ -60,11 +60,11 @@ def refuse_fractions(keypoints: Keypoints, size: tuple[int, int]) -> None:
         return
     if 2 * np.count_nonzero(((xy >= 0.0) & (xy <= 1.0)).all(axis=1)) <= len(xy):
         return  # most are not inside the image: placeholders, such as -1
-    width, height = size
+    width, height = (f" ({side})" if side else "" for side in size)
     raise AdapterError(
         "fractions",
-        f"most coordinates are between 0 and 1; expected px: multiply x by the image's width ({width}) and y by its "
-        f"height ({height})",
+        f"most coordinates are between 0 and 1; expected px: multiply x by the image's width{width} and y by its "
+        f"height{height}",
     )
 
 

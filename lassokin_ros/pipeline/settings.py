@@ -8,7 +8,6 @@ from pathlib import Path
 
 from lassokin_ros.core.config import OFF, TrackerConfig, check_setting, setting
 from lassokin_ros.core.errors import ConfigurationError
-from lassokin_ros.core.yaml_files import SUFFIXES
 from lassokin_ros.pipeline.people.choice import CONFIDENT, RULES, number_named
 from msg_adapters.detectors.registry import ADAPTERS, full_type_name
 from msg_adapters.output_messages.people import BUILDERS
@@ -17,8 +16,10 @@ OPTICAL_FRAME = "camera_optical_frame"
 """Name of the camera's optical frame (z forward, x right, y down) if nothing else gives one."""
 MESSAGE, NODE = "message", "node"
 ROOT, ALL = "root", "all"
+SKELETON_SUFFIXES = (".yaml", ".yml")
+"""Suffixes of skeletons that are written. One with another suffix would be read as another format."""
 PEOPLE_TYPES = tuple(BUILDERS)
-CAMERA_NAME = re.compile(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*")
+CAMERA_NAME = re.compile(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 """Name of a camera: the beginning of a topic's name."""
 PER_BODY_TYPE = "hri_msgs/msg/Skeleton2D"
 """Message type with the keypoints of one person; the name of the topic contains the id of the person."""
@@ -234,10 +235,10 @@ class NodeSettings:
                 f"publish_tf is {ALL} and state_publisher is '{self.state_publisher}': both would publish the joints' "
                 f"frames; set publish_tf to {ROOT} or {OFF}, or leave state_publisher empty"
             )
-        if Path(self.skeleton_output).suffix.lower() not in SUFFIXES:
+        if Path(self.skeleton_output).suffix.lower() not in SKELETON_SUFFIXES:
             raise ConfigurationError(
                 f"skeleton_output is '{self.skeleton_output}'; expected the name of a file that ends in "
-                f"{' or '.join(SUFFIXES)}"
+                f"{' or '.join(SKELETON_SUFFIXES)}"
             )
         return self
 
@@ -260,8 +261,8 @@ class NodeSettings:
         for name in names:
             if name and CAMERA_NAME.fullmatch(name) is None:
                 raise ConfigurationError(
-                    f"cameras has the name '{name}'; expected letters, digits and _, not starting with a digit, as in "
-                    "the topic <name>/keypoints"
+                    f"cameras has the name '{name}'; expected letters from a to z, digits and _, not starting with a "
+                    "digit, as in the topic <name>/keypoints"
                 )
             if names.count(name) > 1:
                 raise ConfigurationError(f"cameras has the name '{name}' twice; expected one name for each camera")

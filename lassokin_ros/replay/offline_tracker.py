@@ -6,8 +6,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from itertools import groupby
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +29,7 @@ from lassokin_ros.pipeline.outputs.status.warning_log import WarningLog
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.replay.analysis.frames_in_order import FramesInOrder, by_stamp
 from msg_adapters.backends import Backend, RosbagsBackend
 from msg_adapters.detectors.definitions import DEFINITIONS as OF_DETECTORS
 from msg_adapters.detectors.registry import full_type_name
@@ -72,12 +71,14 @@ class OfflineTracker:
         self.pipeline = Pipeline(tracker_config, node_config, poses=poses, bodies=bodies)
         self.frame_seconds: list[float] = []
         """Time for decoding and tracking each message, s."""
+        self.messages_tracked = 0
+        """Keypoint messages with a skeleton; with several cameras, instants with one."""
         self.reprojection_px: list[float] = []
         """Reprojection error of each accepted frame, px."""
         self.listeners: list[Callable[[Sequence[FrameResult], int, float], None]] = []
         """Functions called for every keypoint message with its frames, recording time in ns and tracking time in s.
 
-        With `smoothing_lag` they are called when the frames leave the smoother."""
+        The frames come in the order of their stamps. With `smoothing_lag` they come later than their messages."""
         self.first_rejection: tuple[str, str] | None = None
         """Key and sentence of the reason of the first rejection, also of a camera_info."""
         self.warnings = WarningLog()
@@ -98,6 +99,7 @@ class OfflineTracker:
         self._diagnostics: Diagnostics | None = None
         self._next_diagnostics_ns = 0
         self._held: deque[tuple[Any, int, str]] = deque()
+        self._in_order = FramesInOrder(tracker_config.smoothing_lag)
         self.newest_ns = 0
         """Recording time of the newest message, ns."""
 
@@ -194,6 +196,7 @@ class OfflineTracker:
         frames = self.pipeline.flush()
         if frames:
             self._notify(frames, self.newest_ns, float("nan"))
+        self._tell(self._in_order.flush(), self.newest_ns, float("nan"))
         for frame in frames:
             yield from self._outputs(frame)
         if frames:
@@ -202,13 +205,15 @@ class OfflineTracker:
     def _notify(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         if self.first_rejection is None:
             self.first_rejection = next(((f.rejection, f.detail) for f in frames if f.rejection is not None), None)
-        if not self.listeners:
-            return
-        stamp = attrgetter("stamp_ns")
-        messages = [list(group) for _, group in groupby(sorted(frames, key=stamp), stamp)]
-        if not messages and self.pipeline.tracker.config.smoothing_lag == 0:
-            messages = [[]]  # nobody was in the image; with a lag, the frames may still follow
+        if self.pipeline.tracker.config.smoothing_lag > 0:
+            messages = self._in_order.add(frames, self.pipeline.image)
+        else:
+            messages = by_stamp(frames) or [[]]  # nobody was in the image
+        self._tell(messages, time_ns, seconds)
+
+    def _tell(self, messages: Sequence[Sequence[FrameResult]], time_ns: int, seconds: float) -> None:
         for number, message in enumerate(messages, 1):
+            self.messages_tracked += any(frame.accepted for frame in message)
             for listener in self.listeners:
                 listener(message, time_ns, seconds if number == len(messages) else float("nan"))
 

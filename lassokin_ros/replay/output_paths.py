@@ -7,7 +7,9 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from lassokin_ros.common.distinct_paths import Named, real_path, refuse_shared
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.pipeline.camera.calibration_file import split_camera
 
 OUTPUT = "the output"
 
@@ -20,7 +22,7 @@ class Inputs:
     """The input recordings."""
 
     def __init__(self, bags: Iterable[Path]) -> None:
-        self._bags = {_real(bag): bag for bag in bags}
+        self._bags = {real_path(bag): bag for bag in bags}
         self._around = {folder: bag for place, bag in self._bags.items() for folder in place.parents}
 
     def refuse(self, what: str, path: Path) -> None:
@@ -28,7 +30,7 @@ class Inputs:
 
         what: the kind of output, for the error text.
         """
-        place = _real(path)
+        place = real_path(path)
         inside = next((folder for folder in place.parents if folder in self._bags), None)
         if place in self._bags:
             relation, bag = "is", self._bags[place]
@@ -52,38 +54,43 @@ def check_output_paths(replays: Sequence[argparse.Namespace]) -> None:
         inputs = everything if options.force else Inputs([options.bag])
         for what, path in _places(options):
             inputs.refuse(what, path)
-    _refuse_shared([place for options in replays for place in _places(options)])
+    places = [place for options in replays for place in _places(options)]
+    refuse_shared(settings_files(replays[0]), places, OutputError)
+    _refuse_inside(places)
 
 
-def _places(options: argparse.Namespace) -> Iterator[tuple[str, Path]]:
+def settings_files(options: argparse.Namespace) -> Iterator[Named]:
+    """Yield (option, path) of the files with settings that replay and track read."""
+    for file in options.params_file:
+        yield "--params-file", file
+    if options.camera_info is not None:
+        yield "--camera-info", split_camera(options.camera_info)[0]
+
+
+def _places(options: argparse.Namespace) -> Iterator[Named]:
     """Yield (kind of output, path) for one recording, except exports into the output folder, which cannot conflict."""
     yield OUTPUT, options.output
     if options.report is not None:
         yield "--report", options.report
     if options.save_skeleton is not None:
         yield "--save-skeleton", Path(os.path.expanduser(options.save_skeleton))
-    if options.export:
+    yield from exported_files(options.export)
+
+
+def exported_files(wanted: Sequence[Path]) -> Iterator[Named]:
+    """Yield (option, path) of the exports, once each, without those into the output folder. Raises ExportError."""
+    if wanted:
         from lassokin_ros.replay.exports.exports import target_of
 
-        for target in dict.fromkeys(map(target_of, options.export)):
+        for target in dict.fromkeys(map(target_of, wanted)):
             if target.folder is not None:
                 yield "--export", target.path(Path())
 
 
-def _refuse_shared(places: Sequence[tuple[str, Path]]) -> None:
-    """Raise OutputError for two outputs with the same path, and for a file inside an output folder."""
-    outputs = {_real(path): path for what, path in places if what == OUTPUT}
-    taken: dict[Path, str] = {}
+def _refuse_inside(places: Sequence[Named]) -> None:
+    """Raise OutputError for a file inside an output folder."""
+    outputs = {real_path(path): path for what, path in places if what == OUTPUT}
     for what, path in places:
-        place = _real(path)
-        if place in taken:
-            raise OutputError(f"{taken[place]} and {what} both name '{path}'; choose another name for one of them")
-        taken[place] = what
-        around = next((outputs[folder] for folder in place.parents if folder in outputs), None)
+        around = next((outputs[folder] for folder in real_path(path).parents if folder in outputs), None)
         if around is not None and what != OUTPUT:
             raise OutputError(f"{what} '{path}' is inside the output '{around}'; choose another path")
-
-
-def _real(path: Path) -> Path:
-    """Resolve links. `Path.resolve` is not used because it raises an error for circular links."""
-    return Path(os.path.realpath(path))

@@ -34,7 +34,7 @@ FILES = (".mcap", ".db3", ".zstd")
 class Figures:
     """Result figures of one replay.
 
-    frames_in: keypoint messages read. frames_out: accepted ones. lost: number of tracking losses and
+    frames_in: keypoint messages read. frames_out: those with a skeleton. lost: number of tracking losses and
     re-initialisations. reprojection_px: median over the accepted frames, None if there are none.
     """
 

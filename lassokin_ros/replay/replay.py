@@ -204,7 +204,7 @@ def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | 
 def _figures(tracker: OfflineTracker) -> Figures:
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     median = round(float(np.median(error)), 3) if error else None
-    return Figures(counts["received"], counts["accepted"], tracker.times_lost, median)
+    return Figures(counts["received"], tracker.messages_tracked, tracker.times_lost, median)
 
 
 def _warning(figures: Figures, tracker: OfflineTracker) -> str:
@@ -230,7 +230,7 @@ def _summary(
     rejected = {key.partition(": ")[2]: n for key, n in sorted(counts.items()) if key.startswith("rejected: ")}
     times = 1e3 * np.array(tracker.frame_seconds or [np.nan])
     lines = {
-        "frames": f"{counts['received']} in, {counts['accepted']} out",
+        "frames": f"{counts['received']} in, {tracker.messages_tracked} out",
         "rejected": ", ".join(f"{reason} {count}" for reason, count in rejected.items()) or "none",
     }
     if tracker.first_rejection is not None:

@@ -22,6 +22,8 @@ from lassokin_ros.skeleton_readers.rest_tree import RestTree
 OURS = "anthropometric"
 """The built-in skeleton, whose tree and names are SMPL's."""
 OWN_NAMES = "lassokin_ros"
+ROOT_JOINTS = ("root_x", "root_y", "root_z")
+"""Names in our own URDF of the three prismatic joints for the translation of the pelvis, m."""
 SIDES = ("left", "right")
 REQUIRED = (
     "pelvis",

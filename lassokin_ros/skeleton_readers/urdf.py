@@ -13,11 +13,10 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lassokin_ros.core.body.joint_angles import ROOT_JOINTS
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.yaml_files import MAX_CHARACTERS, read_text
-from lassokin_ros.skeleton_readers.naming import in_our_names
+from lassokin_ros.skeleton_readers.naming import ROOT_JOINTS, in_our_names
 from lassokin_ros.skeleton_readers.rest_pose import in_our_pose
 from lassokin_ros.skeleton_readers.rest_tree import LARGEST_OFFSET, RestTree, to_skeleton
 

@@ -11,6 +11,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.body.surface import HEAD
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.replay.analysis.capsules import capsules
+from lassokin_ros.replay.analysis.floor import FEET, SOLE
 
 SIDE_DEG, ABOVE_DEG = 55.0, 12.0
 """The view's direction: from the camera's right, and from above."""
@@ -24,8 +25,6 @@ CELL_M, CELLS = 0.5, 7
 TRAIL_S = 5.0
 FLOOR_S = 5.0
 """s: time of which the path is shown, and of which the feet define the floor."""
-SOLE = 0.012
-"""Height of a foot joint above the floor, as a fraction of the person's height."""
 BACKGROUND, GRID, TRAIL = (30, 28, 26), (62, 58, 54), (150, 140, 130)
 COLOURS = {"left": (255, 170, 70), "right": (50, 130, 255), "middle": (205, 205, 205)}
 """BGR; of the limbs by side."""
@@ -72,7 +71,7 @@ class BodyView:
     def _update_floor(self, seconds: float, joints: np.ndarray, skeleton: Skeleton) -> float:
         """Return the floor's place, m downwards: the median of the lowest foot over `FLOOR_S`; jumps count little."""
         names = skeleton.joint_names
-        feet = [i for i, name in enumerate(names) if name.endswith(("_foot", "_ankle"))]
+        feet = [i for i, name in enumerate(names) if name.endswith(FEET)]
         lowest = float(joints[feet or slice(None), 1].max()) + SOLE * skeleton.height
         self._feet.append((seconds, lowest))
         while seconds - self._feet[0][0] > FLOOR_S:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from lassokin_ros.common.exit_codes import INTERRUPTED, USAGE_ERROR
+from lassokin_ros.common.interruption import Interrupted, interruptible
 from lassokin_ros.core.errors import CameraError, LassokinError
 from lassokin_ros.video import PROGRAM
+
+if TYPE_CHECKING:
+    from lassokin_ros.video.track import Tracked
 
 QUIET = {"GLOG_minloglevel": "3", "TF_CPP_MIN_LOG_LEVEL": "3", "OPENCV_FFMPEG_LOGLEVEL": "-8", "RUST_LOG": "off"}
 """Environment variables that keep libraries (MediaPipe, FFmpeg, Rerun) from writing to stderr beside our line."""
@@ -29,29 +35,43 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, level in QUIET.items():
         os.environ.setdefault(name, level)
     try:
-        from lassokin_ros.common.summary_output import print_summary
-        from lassokin_ros.video.several_videos import track_videos
-        from lassokin_ros.video.track import track
-
-        options.source = options.sources[0]
-        several = len(options.sources) > 1 or options.cameras is not None
-        if options.save_cameras is not None and not several:
-            raise CameraError("--save-cameras is for several videos; expected two or more")
-        tracked = track_videos(options) if several else track(options)
-        print_summary(tracked.summary)
+        with interruptible():
+            tracked = _run(options)
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        print(f"{PROGRAM}: the name '{error.filename}' is too long for a file", file=sys.stderr)
+        return USAGE_ERROR
     except LassokinError as error:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return USAGE_ERROR
     except ModuleNotFoundError as error:
         print(f"{PROGRAM}: {error}; install it with: pip install '.[report]'", file=sys.stderr)
         return USAGE_ERROR
-    except KeyboardInterrupt:
+    except (Interrupted, KeyboardInterrupt):
         print(f"{PROGRAM}: interrupted; nothing was written", file=sys.stderr)
         return INTERRUPTED
     if tracked.fault:
         print(f"{PROGRAM}: {tracked.fault}; what was tracked until then is kept", file=sys.stderr)
         return USAGE_ERROR
     return 0 if tracked.complete else INTERRUPTED
+
+
+def _run(options: argparse.Namespace) -> Tracked:
+    """Track, print the summary and return the end of the run. Raises a LassokinError."""
+    from lassokin_ros.common.summary_output import print_summary
+    from lassokin_ros.video.output_paths import check_output_paths
+    from lassokin_ros.video.several_videos import track_videos
+    from lassokin_ros.video.track import track
+
+    options.source = options.sources[0]
+    several = len(options.sources) > 1 or options.cameras is not None
+    if options.save_cameras is not None and not several:
+        raise CameraError("--save-cameras is for several videos; expected two or more")
+    check_output_paths(options)
+    tracked = track_videos(options) if several else track(options)
+    print_summary(tracked.summary)
+    return tracked
 
 
 def parser() -> argparse.ArgumentParser:

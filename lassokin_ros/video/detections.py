@@ -8,7 +8,7 @@ from typing import Any
 
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
-from lassokin_ros.detector.backend import Detected, Detector
+from lassokin_ros.detector.backend import Detected, Detector, DetectorError
 from lassokin_ros.detector.keypoint_message import keypoint_message
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME
 from lassokin_ros.video import PROGRAM
@@ -44,7 +44,7 @@ class Detections:
         self.interrupted = False
 
     def images(self, stopped: Sequence[int], progress: Progress) -> Iterator[tuple[Image, Any]]:
-        """Yield each image and its keypoint message. stopped: not empty after a signal. Raises SourceError.
+        """Yield each image and its keypoint message. stopped: not empty after a signal. Raises a LassokinError.
 
         An error after the first image is kept in `fault`.
         """
@@ -53,7 +53,7 @@ class Detections:
                 if stopped:
                     break
                 yield image, self._message(image.seconds, self._detect(image), self._detector.several)
-        except SourceError as error:
+        except (SourceError, DetectorError) as error:
             if not self.detect_seconds:
                 raise
             self.fault = str(error)

@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from lassokin_ros.common.atomic_files import refuse_existing
-from lassokin_ros.core.doubt.doubt import Doubt
-from lassokin_ros.core.doubt.spans import AROUND_S
+from lassokin_ros.doubt.doubt import Doubt
+from lassokin_ros.doubt.monitor import AROUND_S
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.replay.analysis.capsules import side_of
 from lassokin_ros.video.body_view import BACKGROUND, COLOURS, NAME, BodyView
 from lassokin_ros.video.encoder import VideoError, open_encoder
+from lassokin_ros.video.sources import is_utf8, printable
 
 HEIGHT, HEIGHT_OF_SEVERAL = 720, 480
 """px, at most: height of one camera's image, and of the images of several."""
@@ -52,6 +53,8 @@ class OutputVideo:
         refuse_existing(path, replace, VideoError)
         if path.suffix.lower() not in (".mp4", ".avi"):
             raise VideoError(f"--video '{path}'; expected a name that ends in .mp4 or .avi")
+        if not is_utf8(path):  # OpenCV and FFmpeg crash
+            raise VideoError(f"--video '{printable(path)}' is not UTF-8; choose another name")
         self._cv2, self._path, self._fps = cv2, path, fps
         most = min(HEIGHT if len(sizes) == 1 else HEIGHT_OF_SEVERAL, next(iter(sizes.values()))[1])
         self._scales = {name: most / size[1] for name, size in sizes.items()}

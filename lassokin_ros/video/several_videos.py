@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -26,13 +26,14 @@ from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.settings import OPTICAL_FRAME
+from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
 from lassokin_ros.replay.bags import typestore
 from lassokin_ros.replay.first_pass import WHOLE_FILE, Inputs, learn_lengths
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.found_cameras import calibration_toml, found_poses, where_in_words
+from lassokin_ros.video.people import PersonError, people_in
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
 from lassokin_ros.video.track import HEIGHT_ASSUMED, Tracked, height_given, lens_of, stop_flag
 from lassokin_ros.video.track_outputs import TrackOutputs
@@ -61,6 +62,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     learn = ["extrinsics:=learn"] if unplaced else []
     chosen = [f"landmarks:={detector.landmarks}", names, *learn, *options.p, *height]
     tracker_config, node_config = offline_settings(options.params_file, chosen, {} if options.causal else WHOLE_FILE)
+    _check(options, node_config, [camera.name for camera in cameras])
     if unplaced and tracker_config.height == 0:
         raise CameraError("height is 0, and without the places of the cameras nothing shows the size; give --height")
     types, poses = typestore(), {camera.name: camera.pose for camera in cameras}
@@ -77,12 +79,22 @@ def track_videos(options: argparse.Namespace) -> Tracked:
                 if number:
                     detector = make_detector(options.detector)  # it follows the person from image to image
                 _detect(camera, detector, backend, outputs, stopped)
+        if stopped:
+            _keep_common_part(cameras)
+        remarks = [_keep_largest(camera) for camera in cameras if detector.several]
+        outputs.remarks += filter(None, remarks)
         if (unplaced or tracker_config.calibrate and tracker_config.height > 0) and not options.causal:
             with TemporaryDirectory(prefix="lassokin_") as folder:
                 inputs = _inputs(first, cameras)
                 tracker_config = learn_lengths(_messages(cameras, backend), inputs, first, tracker_config, Path(folder))
                 if unplaced:
-                    poses, tracker_config = found_poses(first.pipeline), replace(tracker_config, extrinsics=CHECK)
+                    try:
+                        poses = found_poses(first.pipeline)
+                    except CameraError:
+                        if stopped:
+                            raise KeyboardInterrupt from None
+                        raise
+                    tracker_config = replace(tracker_config, extrinsics=CHECK)
                 second = make(tracker_config, poses=poses)
         else:
             second = make(tracker_config, poses=poses)
@@ -104,8 +116,21 @@ def track_videos(options: argparse.Namespace) -> Tracked:
             written.append(options.save_cameras)
         files.check()
     summary = _summary(options, cameras, second, written, time.monotonic() - began)
+    summary = "\n".join([summary, *(f"{'people':<15} {remark}" for remark in remarks if remark)])
     faults = [camera.detections.fault for camera in cameras if camera.detections is not None]
     return Tracked("\n".join([summary, *outputs.doubts]), not stopped, "; ".join(filter(None, faults)))
+
+
+def _check(options: argparse.Namespace, node: NodeSettings, names: Sequence[str]) -> None:
+    """Raise a LassokinError for settings that several videos have no use for, before anything is detected."""
+    if options.person is not None or node.several_people:
+        raise PersonError(
+            "several videos are tracked with one person in view; expected no --person, max_people 1 and rep155 false"
+        )
+    if list(node.camera_names) != list(names):
+        raise CameraError(
+            f"cameras is {', '.join(node.camera_names)}; expected no setting: the videos name the cameras"
+        )
 
 
 def _cameras(options: argparse.Namespace) -> list[Filmed]:
@@ -171,6 +196,29 @@ def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutp
         detector.close()
 
 
+def _keep_largest(camera: Filmed) -> str:
+    """Keep the keypoints of the largest person in the images, and return who else is there; empty for one person."""
+    assert camera.detections is not None
+    people = people_in(camera.detections.found)
+    if len(people) < 2:
+        return ""
+    present = dict(zip(people[0].seconds.tolist(), people[0].detected))
+    times = [seconds for seconds, _ in camera.detections.found]
+    camera.detections.found = [(seconds, [present[seconds]] if seconds in present else []) for seconds in times]
+    listed = "; ".join(person.words(camera.source.size[0]) for person in people)
+    return f"{len(people)} people in the images of {camera.name}, the first, largest one is tracked: {listed}."
+
+
+def _keep_common_part(cameras: list[Filmed]) -> None:
+    """Keep the keypoints of the time for which all cameras were detected. Raises KeyboardInterrupt if there is none."""
+    kept = [camera.detections for camera in cameras if camera.detections is not None and camera.detections.found]
+    if len(kept) < len(cameras):
+        raise KeyboardInterrupt
+    end = min(detections.found[-1][0] for detections in kept)
+    for detections in kept:
+        detections.found = [found for found in detections.found if found[0] <= end]
+
+
 def _images_together(cameras: list[Filmed], options: argparse.Namespace) -> Iterator[dict[str, Image]]:
     """Read the sources again; yield each image of the first one with the images of the others that are nearest in time.
 
@@ -230,7 +278,7 @@ def _summary(
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     images = ", ".join(f"{camera.source.name} ({camera.name})" for camera in cameras)
     lines = {
-        "images": f"{counts['received']} in, {counts['accepted']} instants tracked",
+        "images": f"{counts['received']} in, {tracker.messages_tracked} instants tracked",
         "height": tracker.pipeline.tracker.config.height_text,
         "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
         "total": f"{seconds:.1f} s",

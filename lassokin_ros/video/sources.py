@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import threading
 import time
@@ -16,11 +17,16 @@ import numpy as np
 from lassokin_ros.core.errors import LassokinError
 
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
-ASSUMED_FPS = 30.0
+ASSUMED_FPS, HIGHEST_FPS = 30.0, 240.0
+"""Hz: rate of a folder, and the highest that a video is believed to have. WebM of browsers says 1000: ticks per s."""
+MOST_FPS = 1000.0
+"""Hz: highest `--fps`."""
 BLACK, NOISE = 32, 0.02
 """Grey value of a black bar's pixels at most (codecs have noise), and the share of pixels that may be brighter."""
 LEAST_BAR, UNEVEN_BAR = 0.02, 0.01
 """Least width of a bar, and the largest difference of the two, as shares of the image."""
+SPREAD = (0.2, 0.4, 0.6, 0.8)
+"""Places in a file, as shares, at which further images are looked at for black bars."""
 
 STREAMS = ("rtsp", "rtsps", "rtmp", "http", "https", "udp", "tcp")
 """Schemes of addresses that OpenCV's FFmpeg opens."""
@@ -69,6 +75,8 @@ def open_source(name: str, fps: float | None = None) -> Source:
     name: a path, the number of a webcam ("0"), its device ("/dev/video0", "/dev/v4l/by-id/..."), or an address
     ("rtsp://...", "http://..."). fps: of a folder, Hz.
     """
+    if fps is not None and not 0 < fps <= MOST_FPS:  # False for NaN
+        raise SourceError(f"--fps {fps:g}; expected a rate above 0 and up to {MOST_FPS:g} Hz")
     if name.isdecimal():
         return _webcam(int(name), f"camera {name}")
     if urlsplit(name).scheme.lower() in STREAMS and "://" in name:
@@ -76,17 +84,35 @@ def open_source(name: str, fps: float | None = None) -> Source:
     path = Path(name)
     if DEVICES in path.parents:
         return _webcam(_device_number(path), str(path))
-    if path.is_dir():
+    _check_name(path)
+    if os.path.isdir(path):  # False for a name that is too long, for which Path.is_dir raises OSError
         return _folder(path, fps or ASSUMED_FPS)
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise SourceError(f"there is no file or folder '{name}'")
     return _video(path)
 
 
+def _check_name(path: Path) -> None:
+    """Raise SourceError for a name that ends OpenCV in a crash."""
+    if not is_utf8(path):
+        raise SourceError(f"the name '{printable(path)}' is not UTF-8, which OpenCV needs; rename the file")
+
+
+def is_utf8(path: Path) -> bool:
+    """Return whether the path can be written in UTF-8. Other bytes of a name are surrogates in Python's text."""
+    return not any("\ud800" <= character <= "\udfff" for character in str(path))
+
+
+def printable(path: Path) -> str:
+    """Return a path that can be printed. Bytes that are not UTF-8 become escapes."""
+    return str(path).encode(errors="backslashreplace").decode()
+
+
 def content_size(image: np.ndarray) -> tuple[int, int]:
-    """Return the (width, height) px between black bars of equal width on opposite sides of an image.
+    """Return the (width, height) px between black bars of equal width on two opposite sides of an image.
 
     A letterboxed video has them. The optical axis stays in the middle, but the field of view is that of the content.
+    Dark surroundings on all four sides are no bars: they are those of a lit stage.
     """
     bright = image.max(axis=2) > BLACK
     size = []
@@ -96,7 +122,19 @@ def content_size(image: np.ndarray) -> tuple[int, int]:
         first, last = (int(filled[0]), full - 1 - int(filled[-1])) if len(filled) else (0, 0)
         are_bars = min(first, last) > LEAST_BAR * full and abs(first - last) <= UNEVEN_BAR * full
         size.append(full - first - last if are_bars else full)
-    return size[0], size[1]
+    full_width, full_height = image.shape[1], image.shape[0]
+    around = size[0] < full_width and size[1] < full_height
+    return (full_width, full_height) if around else (size[0], size[1])
+
+
+def _largest_content(first: np.ndarray, others: Iterator[np.ndarray]) -> tuple[int, int]:
+    """Return the largest content of some images: one may be dark at its sides. others: read if the first has bars."""
+    width, height = content_size(first)
+    if (width, height) != (first.shape[1], first.shape[0]):
+        for image in others:
+            wide, high = content_size(image)
+            width, height = max(width, wide), max(height, high)
+    return width, height
 
 
 def _video(path: Path) -> Source:
@@ -107,18 +145,35 @@ def _video(path: Path) -> Source:
     if not good:
         raise SourceError(f"'{path}' has no video stream that OpenCV can read")
     first = _upright(cv2, capture, first)
-    rate = _rate(cv2, capture)
-    count = max(int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
-    return Source(path.name, *_sizes(first), rate, count, _frames(cv2, capture, first, rate))
+    rate, count = _rate_and_count(cv2, capture)
+    size, content = (first.shape[1], first.shape[0]), _largest_content(first, _spread(cv2, path, count))
+    return Source(path.name, size, content, rate, count, _frames(cv2, capture, first, rate))
+
+
+def _spread(cv2: Any, path: Path, count: int) -> Iterator[np.ndarray]:
+    """Yield some images spread over a video of `count` images, those that can be read."""
+    capture = cv2.VideoCapture(str(path))
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+    try:
+        for share in SPREAD:
+            capture.set(cv2.CAP_PROP_POS_FRAMES, int(share * count))
+            good, image = capture.read()
+            if good:
+                yield _upright(cv2, capture, image)
+    finally:
+        capture.release()
 
 
 def _sizes(image: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
     return (image.shape[1], image.shape[0]), content_size(image)
 
 
-def _rate(cv2: Any, capture: Any) -> float:
-    rate = float(capture.get(cv2.CAP_PROP_FPS))
-    return rate if 1.0 <= rate <= 1000.0 else ASSUMED_FPS
+def _rate_and_count(cv2: Any, capture: Any) -> tuple[float, int]:
+    """Return the nominal rate, Hz, and the number of images, 0 = unknown. Both are assumed for an unlikely rate."""
+    nominal, count = (float(capture.get(name)) for name in (cv2.CAP_PROP_FPS, cv2.CAP_PROP_FRAME_COUNT))
+    if 1.0 <= nominal <= HIGHEST_FPS:
+        return nominal, max(int(count), 0)
+    return ASSUMED_FPS, max(int(count * ASSUMED_FPS / nominal if nominal > 0 else count), 0)
 
 
 def _upright(cv2: Any, capture: Any, image: np.ndarray) -> np.ndarray:
@@ -169,7 +224,7 @@ def _stream(address: str) -> Source:
     if not good:
         capture.release()
         raise SourceError(f"'{name}' gives no images: check the address, the password and that the camera is on")
-    rate, count = _rate(cv2, capture), int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    rate, count = _rate_and_count(cv2, capture)
     if count > 0:
         return Source(name, *_sizes(first), rate, count, _frames(cv2, capture, first, rate))
     return Source(name, *_sizes(first), rate, 0, _newest_images(cv2, capture, name), live=True)
@@ -230,7 +285,7 @@ def _webcam(number: int, name: str) -> Source:
         finally:
             capture.release()
 
-    return Source(name, *_sizes(first), _rate(cv2, capture), 0, images(), live=True)
+    return Source(name, *_sizes(first), _rate_and_count(cv2, capture)[0], 0, images(), live=True)
 
 
 def natural_key(name: str) -> list[tuple[str, int, str]]:
@@ -239,12 +294,18 @@ def natural_key(name: str) -> list[tuple[str, int, str]]:
     return [(text, int(digits or -1), digits) for text, digits in parts]
 
 
+def images_of(folder: Path) -> list[Path]:
+    """Return the images in a folder, in no order."""
+    return [file for file in folder.iterdir() if file.suffix.lower() in IMAGES]
+
+
 def _folder(path: Path, fps: float) -> Source:
     cv2 = _opencv()
-    images_in = [file for file in path.iterdir() if file.suffix.lower() in IMAGES]
-    files = sorted(images_in, key=lambda file: natural_key(file.name))
+    files = sorted(images_of(path), key=lambda file: natural_key(file.name))
     if not files:
         raise SourceError(f"the folder '{path}' has no images; expected {', '.join(IMAGES)}")
+    for file in files:
+        _check_name(file)
     first = cv2.imread(str(files[0]))
     if first is None:
         raise SourceError(f"'{files[0]}' is no image that OpenCV can read")
@@ -257,7 +318,9 @@ def _folder(path: Path, fps: float) -> Source:
                 raise SourceError(f"'{file}' {problem}")
             yield Image(number / fps, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 
-    return Source(path.name, *_sizes(first), fps, len(files), images())
+    others = (cv2.imread(str(files[int(share * len(files))])) for share in SPREAD)
+    content = _largest_content(first, (image for image in others if image is not None))
+    return Source(path.name, (first.shape[1], first.shape[0]), content, fps, len(files), images())
 
 
 def _opencv() -> Any:

@@ -20,6 +20,7 @@ from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import CameraError
 from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
@@ -102,10 +103,13 @@ def _settings(options: argparse.Namespace, source: Source, detector: Detector) -
         who = settings_for(options.person or (NEAREST if live else LARGEST), live)
     elif options.person is not None:
         raise PersonError(f"--person {options.person}: {options.detector} finds one person; expected YOLO-pose or RTMO")
-    configs = offline_settings(options.params_file, [layout, *who, *options.p, *height], defaults)
-    if configs[1].camera_mount_frame:
-        _note("camera_mount_frame is not used, since a video has no TF; set camera_pitch and camera_roll")
-    return configs
+    tracker, node = offline_settings(options.params_file, [layout, *who, *options.p, *height], defaults)
+    if node.camera_names != ("",):
+        raise CameraError(f"cameras is {', '.join(node.camera_names)}; expected no setting: one video has one camera")
+    for name in ("camera_mount_frame", "fixed_frame"):
+        if getattr(node, name):
+            _note(f"{name} is not used, since a video has no TF; set camera_pitch and camera_roll")
+    return tracker, replace(node, fixed_frame="")
 
 
 class Run:
@@ -218,7 +222,7 @@ class Run:
         counts, error = tracker.pipeline.counts, tracker.reprojection_px
         times, detect_times = tracker.frame_seconds or [np.nan], self.detections.detect_seconds or [np.nan]
         lines = {
-            "images": f"{counts['received']} in, {counts['accepted']} tracked",
+            "images": f"{counts['received']} in, {tracker.messages_tracked} tracked",
             "height": _height_line(tracker.pipeline.tracker.config, options),
             "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
             "detector": f"{1e3 * float(np.median(detect_times)):.1f} ms median",
@@ -293,6 +297,8 @@ def lens_of(options: argparse.Namespace, source: Source, quiet: bool = False) ->
 
     quiet: do not warn if there is neither.
     """
+    if options.camera_info is not None and options.fov is not None:
+        raise CameraError("--camera-info has the lens; expected no --fov beside it")
     if options.camera_info is None and options.fov is None and not quiet:
         _note(assumed_fov_warning("--fov or --camera-info"))
     if options.camera_info is None and source.content != source.size:

@@ -34,12 +34,12 @@ class YoloDetectionsAdapter:
 
 
 def _depths(detection: Any, frame_id: str) -> list[float]:
-    """Return the depth of each keypoint of a detection, m, NaN = not measured."""
+    """Return the depth of each keypoint of a detection, m, NaN = not measured, which yolo_ros may write as 0."""
     measured = getattr(detection, "keypoints3d", None)
     if measured is None or not frame_id or measured.frame_id.lstrip("/") != frame_id:
         return [float("nan")] * len(detection.keypoints.data)
     check_count(len(measured.data))
-    by_id = {p.id: float(p.point.z) for p in measured.data}
+    by_id = {p.id: float(p.point.z) for p in measured.data if p.point.z > 0}
     return [by_id.get(p.id, float("nan")) for p in detection.keypoints.data]
 
 

@@ -25,6 +25,8 @@ CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
 DETECTIONS_TYPE, PEOPLE_TYPE = "vision_msgs/msg/Detection3DArray", "people_msgs/msg/People"
 CLASS_ID = "person"
 TRACKING, LOST = "tracking", "lost"
+LARGEST_NUMBER = 0x7FFFFFFF
+"""Largest number of a person that a field of type int32 can have."""
 POINT = np.dtype(
     [(name, "<f4") for name in (*MOTION, *COVARIANCE, "confidence", "age")]
     + [(name, "<i4") for name in ("person", "tracked", "detector_id", "guessed", "doubtful")]
@@ -96,7 +98,7 @@ class PersonReport:
 def number_of(person: str) -> int:
     """Return the number n of an id "pn"; of another id the lower 31 bits of its CRC-32."""
     found = re.fullmatch(r"p(\d{1,9})", person)
-    return int(found[1]) if found else zlib.crc32(person.encode()) & 0x7FFFFFFF
+    return int(found[1]) if found else zlib.crc32(person.encode()) & LARGEST_NUMBER
 
 
 class PeopleBuilder(Protocol):
@@ -173,8 +175,8 @@ class PeopleCloudBuilder:
     """sensor_msgs/PointCloud2, one point per person.
 
     x, y, z in m, vx, vy, vz in m/s, xx, xy, xz, yy, yz, zz in m^2: pelvis; confidence; person: `PersonReport.number`;
-    tracked: 1, or 0 for a person who is lost. age, detector_id, guessed, doubtful: as in
-    PersonReport.
+    tracked: 1, or 0 for a person who is lost. age, detector_id, guessed, doubtful: as in PersonReport; a
+    detector_id above LARGEST_NUMBER is -1.
     """
 
     def __init__(self, backend: Backend, serialised: bool = False) -> None:
@@ -192,7 +194,7 @@ class PeopleCloudBuilder:
             row[12:14] = person.confidence, person.age
         points["person"] = [person.number for person in people]
         points["tracked"] = [person.tracked for person in people]
-        points["detector_id"] = [person.detector_id for person in people]
+        points["detector_id"] = [p.detector_id if p.detector_id <= LARGEST_NUMBER else -1 for p in people]
         points["guessed"] = [person.guessed for person in people]
         points["doubtful"] = [person.doubtful for person in people]
         fill = self._fill if len(people) > 0 else self._cloud.fill

@@ -11,12 +11,14 @@ from lassokin_ros.core import increment
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import has_built_in_proportions
 from lassokin_ros.core.cameras import Camera
+from lassokin_ros.core.errors import CameraError, ConfigurationError
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.observation import CameraPose, Observation, Rejection
+from lassokin_ros.core.output import uncertainty
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 
@@ -55,6 +57,45 @@ def test_a_camera_pose_maps_points_and_knows_its_centre():
     assert np.allclose(camera.into_camera(points), expected, atol=1e-14)
     assert np.allclose(camera.into_camera(camera.centre), 0.0, atol=1e-14)
     assert not camera.is_identity and CameraPose("other").is_identity
+
+
+NOT_ROTATIONS = {
+    "zeros": np.zeros((3, 3)),
+    "scaled": 2 * np.eye(3),
+    "slightly scaled": 1.02 * np.eye(3),
+    "mirrored": np.diag([1.0, 1.0, -1.0]),
+    "an axis exchanged": np.eye(3)[[1, 0, 2]],
+    "NaN": np.full((3, 3), np.nan),
+    "infinite": np.diag([1.0, np.inf, 1.0]),
+    "2 x 2": np.eye(2),
+    "3 x 4": np.eye(3, 4),
+    "sheared": np.array([[1.0, 0, 0], [0.6, 0.8, 0], [0, 0, 0.8]]),
+    "a list": np.eye(3).tolist(),
+    "a quaternion": np.array([0.0, 0.0, 0.0, 1.0]),
+    "nothing": None,
+}
+
+
+@pytest.mark.parametrize("what", NOT_ROTATIONS)
+def test_a_matrix_that_is_no_rotation_is_refused_at_construction(what):
+    with pytest.raises(CameraError, match=r"camera 'c' has the rotation .*; expected arrays, a rotation \(3, 3\)"):
+        CameraPose("c", NOT_ROTATIONS[what], np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    "place", [np.full(3, np.nan), np.array([0, np.inf, 0]), np.zeros(2), np.zeros((3, 1)), [0, 0, 0]]
+)
+def test_a_place_that_is_none_is_refused_at_construction(place):
+    with pytest.raises(CameraError, match=r"and \(3,\) finite m"):
+        CameraPose("c", np.eye(3), place)
+
+
+def test_rotations_as_files_have_them_are_accepted():
+    for turn in Rotation.random(200, random_state=0).as_matrix():
+        assert CameraPose("c", turn).rotation is turn
+        CameraPose("c", np.round(turn, 3), np.array([100, -2, 3]))
+        CameraPose("c", turn.astype(np.float32))
+    CameraPose("c", np.eye(3, dtype=int), np.arange(3))
 
 
 @pytest.mark.parametrize("depth_prior", [True, False])
@@ -139,6 +180,19 @@ def test_a_camera_that_falls_silent_and_returns_does_not_make_the_body_jump():
     assert np.linalg.norm(places[-1]) < 0.03
 
 
+def test_depths_of_the_only_camera_that_sees_the_person_have_their_own_deviations(monkeypatch):
+    """The rows of the network have more weight than its deviations say, also if they are those of the second camera."""
+    _, front, side, observe = scene(2.0)
+    tracker = Tracker(CONFIG)
+    for frame in range(60):
+        estimate = tracker.track([observe(side, frame)] if frame else [observe(front, frame), observe(side, frame)])
+    assert estimate.cameras == 1 and "learned depth 2" in estimate.rows
+    before = tracker.uncertainty(estimate).deviation
+    monkeypatch.setattr(uncertainty, "WEIGHT", 1.0)
+    after = tracker.uncertainty(estimate).deviation
+    assert np.all(after[1:] <= before[1:]) and after.mean() < 0.95 * before.mean()
+
+
 def test_a_late_message_only_updates_its_track():
     truth, front, side, observe = scene(1.0)
     tracker = Tracker(CONFIG)
@@ -171,7 +225,7 @@ def test_two_cameras_measure_an_unknown_height():
     for frame in range(len(truth.positions)):
         estimate = tracker.track([observe(front, frame), observe(side, frame)])
     assert tracker.learned.height.measured
-    assert tracker.learned.lengths.stature == pytest.approx(1.75, rel=0.03)
+    assert tracker.learned.height.height == pytest.approx(1.75, rel=0.03)
     assert np.linalg.norm(estimate.pose.positions - truth.positions[-1], axis=-1).mean() < 0.04
 
 
@@ -294,3 +348,16 @@ def test_a_large_motion_is_linearised_again_if_any_camera_measures_depth(monkeyp
         asked.clear()
         tracker.track([observe(front, 0), replace(observe(side, 0), depth=measured)])
         assert bool(asked) == (measured is not None)
+
+
+@pytest.mark.parametrize(
+    "up", [np.zeros(3), np.array([0, 0, np.nan]), np.array([0, 0, np.inf]), np.zeros(2), np.eye(3), "z", [0, "a", 1]]
+)
+def test_a_vertical_that_is_none_is_refused(up):
+    with pytest.raises(ConfigurationError, match=r"up is .*; expected the vertical of the fixed frame, \(3,\)"):
+        Tracker(CONFIG, up=up)
+
+
+def test_the_length_of_the_vertical_does_not_count():
+    for up in ([0, 0, 5.0], (0, 0, 1), np.array([0, 0, 1e-3])):
+        assert np.array_equal(Tracker(CONFIG, up=up).learned.vertical.direction, [0.0, 0.0, 1.0])

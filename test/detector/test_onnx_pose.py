@@ -3,6 +3,8 @@
 They run as real models: the result depends on the size, order, type and scale of the input.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from onnx_graph import COCO, Graph
@@ -10,6 +12,7 @@ from onnx_graph import COCO, Graph
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.detector.backend import DetectorError, make_detector
+from lassokin_ros.detector.onnx_pose import OnnxPose
 from lassokin_ros.detector.person_region import WHOLE, region_around
 from lassokin_ros.detector.pose_models import recognise
 
@@ -160,6 +163,18 @@ def test_a_model_that_is_no_pose_model_is_one_line(onnx, tmp_path):
         make_detector(str(file))
     with pytest.raises(DetectorError, match="there is no file"):
         make_detector(str(tmp_path / "none.onnx"))
+
+
+def test_a_model_that_fails_on_an_image_is_one_line(onnx, image, tmp_path, monkeypatch):
+    movenet(onnx, tmp_path / "pose.onnx", onnx.TensorProto.INT32)
+    detector = OnnxPose(tmp_path / "pose.onnx")
+
+    def fail(*_):
+        raise RuntimeError("[ONNXRuntimeError]\n out of memory")
+
+    monkeypatch.setattr(detector, "_session", SimpleNamespace(run=fail))
+    with pytest.raises(DetectorError, match="pose.onnx' cannot be run: .ONNXRuntimeError. out of memory"):
+        detector.detect(image, 0.0)
 
 
 def test_people_are_told_apart_by_their_boxes():

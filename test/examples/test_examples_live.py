@@ -14,12 +14,21 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
-from geometry_msgs.msg import PointStamped, Pose, PoseArray, TransformStamped  # noqa: E402
+from geometry_msgs.msg import (  # noqa: E402
+    PointStamped,
+    Pose,
+    PoseArray,
+    PoseWithCovarianceStamped,
+    TransformStamped,
+)
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
+from sensor_msgs.msg import PointCloud2  # noqa: E402
 
+from lassokin_ros import joints as indices  # noqa: E402
 from msg_adapters.backends import RclpyBackend  # noqa: E402
+from msg_adapters.output_messages.limb_cloud import LimbCloudBuilder  # noqa: E402
 from msg_adapters.output_messages.skeleton_cloud import SkeletonCloudBuilder  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -75,9 +84,9 @@ def script(*command):
 
 
 @contextmanager
-def example(name, robot, act=lambda: None):
+def example(name, robot, act=lambda: None, arguments=()):
     """The process of an example; at SIGINT, while `act` is repeated, it must end with exit code 0."""
-    with script(f"examples/{name}.py") as process:
+    with script(f"examples/{name}.py", *arguments) as process:
         yield process
         process.send_signal(signal.SIGINT)
         robot.spin_until(lambda: process.poll() is not None, "the end", act)
@@ -94,45 +103,87 @@ def joints(frame_id="camera", **places):
     return message
 
 
-def test_a_raised_hand_is_logged_once(robot):
-    tracker = robot.node.create_publisher(PoseArray, "/tracker/joints", 10)
-    up, lines = joints(joint_15=(0.0, -0.6, 3.0), joint_20=(0.2, -0.9, 3.0)), []
+CLOUD = SkeletonCloudBuilder(RclpyBackend(), 24)
+
+
+def skeleton(places, deviation=(0.05, 0.05, 0.05), seen=True, late_s=0.0, frame_id="camera"):
+    """A ~/skeleton of now. places: (24, 3) m; deviation: (3,) m, along x, y and z; late_s: s, age of its stamp."""
+    stamp_ns, doubt = time.time_ns() - round(1e9 * late_s), np.tile(np.diag(np.square(deviation)), (24, 1, 1))
+    rest = np.full(24, seen), np.zeros(24), np.ones(24)
+    return CLOUD.fill(stamp_ns, frame_id, places, np.zeros((24, 3)), doubt, *rest)
+
+
+OPTICAL = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
+"""From axes x front, y left, z up to the optical frame's x right, y down, z forward."""
+
+
+@pytest.mark.parametrize("axes", [OPTICAL, np.eye(3)], ids=["optical", "fixed"])
+def test_a_raised_hand_is_logged_once(robot, axes):
+    tracker = robot.node.create_publisher(PointCloud2, "/tracker/skeleton", 10)
+    places, lines = np.tile([6.0, 4.0, 1.0], (24, 1)), []
+    places[indices.HEAD, 2] = 1.6
+    hanging, raised, late = places.copy(), places.copy(), places.copy()
+    hanging[indices.LEFT_WRIST] = 6.3, 4.2, 0.7
+    raised[indices.LEFT_WRIST] = late[indices.LEFT_WRIST] = 6.3, 4.2, 1.9
+
+    def send(body, **options):
+        tracker.publish(skeleton(body @ axes.T, frame_id="any", **options))
+
     with example("raised_hand", robot) as process:
         reader = threading.Thread(target=lambda: [lines.append(line) for line in process.stdout])
         reader.start()
-        robot.spin_until(lambda: lines, "the line", lambda: tracker.publish(up))  # the first ones may be lost
+        robot.spin_until(lambda: tracker.get_subscription_count(), "the example")
+        for _ in range(5):
+            send(hanging)
+            send(raised, late_s=1.5)
+        robot.spin_until(lambda: tracker.wait_for_all_acked(), "the acknowledgement")
+        assert not lines
+        robot.spin_until(lambda: lines, "the line", lambda: send(raised))  # the first ones may be lost
         for _ in range(3):
-            tracker.publish(up)
+            send(raised)
         robot.spin_until(lambda: tracker.wait_for_all_acked(), "the acknowledgement")
     reader.join(DEADLINE_S)
     assert sum("left hand raised" in line for line in lines) == 1
 
 
-def test_a_hand_is_published_while_it_is_visible_and_certain(robot):
-    from sensor_msgs.msg import PointCloud2
-
+def test_a_hand_is_published_while_it_is_visible_certain_and_new(robot):
+    """The least certain direction may be any one: in a fixed frame it is not z."""
     robot.listen(PointStamped, "hand")
     tracker = robot.node.create_publisher(PointCloud2, "/tracker/skeleton", 10)
-    cloud = SkeletonCloudBuilder(RclpyBackend(), 24)
 
-    def message(stamp_s, seen, deviation):
-        places = np.full((24, 3), 1.0) + np.arange(24)[:, None]
-        doubt = np.tile(deviation**2 * np.eye(3), (24, 1, 1))
-        return cloud.fill(
-            stamp_s * 10**9, "camera", places, np.zeros((24, 3)), doubt, np.full(24, seen), np.zeros(24), np.ones(24)
-        )
-
-    def send(stamp_s=3, seen=True, deviation=0.05):
-        tracker.publish(message(stamp_s, seen, deviation))
+    def send(mark=3.0, **options):
+        tracker.publish(skeleton(np.full((24, 3), mark) + np.arange(24)[:, None], **options))
 
     with example("hand_over", robot, send):  # it is publishing at SIGINT
         robot.spin_until(lambda: robot.got, "a hand", send)
-        send(1, seen=False)
-        send(2, deviation=0.2)
-        send(4)
-        robot.spin_until(lambda: robot.got[-1].header.stamp.sec == 4, "the last hand")
-    assert {point.header.stamp.sec for point in robot.got} == {3, 4}
-    assert {(point.header.frame_id, point.point.x) for point in robot.got} == {("camera", 22.0)}
+        send(1.0, seen=False)
+        send(2.0, deviation=(0.2, 0.05, 0.2))
+        send(5.0, deviation=(0.05, 0.4, 0.05))
+        send(6.0, late_s=1.5)
+        send(7.0, late_s=-1.5)
+        send(4.0, deviation=(0.25, 0.05, 0.05))
+        robot.spin_until(lambda: robot.got[-1].point.x == 25.0, "the last hand")
+    assert {point.point.x for point in robot.got} == {24.0, 25.0}
+    assert {point.header.frame_id for point in robot.got} == {"camera"}
+
+
+@pytest.mark.parametrize("frame", ["", "right_arm_base"])
+def test_the_target_of_an_arm_is_in_a_frame_of_the_robot_or_in_none(robot, frame):
+    """~/limbs has the frame_id of the camera, and the person's right_shoulder has other axes than the trunk."""
+    robot.listen(PoseWithCovarianceStamped, "arm_target")
+    tracker = robot.node.create_publisher(PointCloud2, "/tracker/limbs", 10)
+    cloud = LimbCloudBuilder(RclpyBackend(), [indices.RIGHT_WRIST], [indices.RIGHT_SHOULDER])
+
+    def send():
+        place, doubt, seen = np.array([[0.5, 0.1, -0.2]]), 1e-4 * np.eye(3)[None], np.array([True])
+        tracker.publish(cloud.fill(time.time_ns(), "camera", place, doubt, seen))
+
+    arguments = ("--ros-args", "-p", f"shoulder_frame:={frame}") if frame else ()
+    with example("imitate_arm", robot, send, arguments):
+        robot.spin_until(lambda: robot.got, "a target", send)
+    assert {target.header.frame_id for target in robot.got} == {frame}
+    place = robot.got[0].pose.pose.position
+    assert [place.x, place.y, place.z] == pytest.approx([0.4, 0.08, -0.16])
 
 
 SIGNALLED = """

@@ -1,4 +1,4 @@
-"""The examples of docs/robots.md with the real tracker: late TF, old keypoints, a dead detector, a killed tracker."""
+"""The examples of docs/robots.md with the real tracker: late TF, old keypoints, another frame, a process that dies."""
 
 import ast
 import importlib.util
@@ -17,8 +17,10 @@ rclpy = pytest.importorskip("rclpy")
 
 from geometry_msgs.msg import PointStamped, PoseArray, PoseWithCovarianceStamped, TransformStamped, Twist  # noqa: E402
 from live import BACKEND, NO_HANDLERS, NodeProcess  # noqa: E402
-from messages import FRAME, camera_info, cloud, pixels_of_motion  # noqa: E402
+from messages import FRAME, camera_info, cloud, pixels_of_motion, raw_cloud  # noqa: E402
+from rcl_interfaces.msg import Log  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from sensor_msgs.msg import CameraInfo, PointCloud2  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
@@ -26,6 +28,7 @@ ROOT = Path(__file__).resolve().parents[2]
 LATE_TF = ROOT / "test" / "support" / "late_tf"
 DEADLINE_S, STOP_S = 40.0, 0.6
 PIXELS = pixels_of_motion(40, 20.0)
+NEAR = PIXELS.mean(axis=1, keepdims=True) + 1.5 * (PIXELS - PIXELS.mean(axis=1, keepdims=True))
 NOWHERE = np.full((17, 2), np.nan)
 MOST_LINES = {"follow_person": 25, "safety_zone": 35, "imitate_arm": 35, "wrist_in_base": 40, "two_cameras": 40}
 
@@ -40,6 +43,7 @@ SCENES = {
     "safety_zone": (String, "zone", lambda message: message.data == "safe"),
     "wrist_in_base": (PointStamped, "right_wrist", bool),
     "two_cameras": (PointStamped, "person", bool),
+    "hand_over": (PointStamped, "hand", bool),
 }
 """Message type, topic, and whether a message makes the robot do something."""
 
@@ -58,6 +62,7 @@ class Robot:
         self._cameras = [create(CameraInfo, f"{space.rstrip('/')}/camera_info", 10) for space in trackers]
         self._tf = create(TransformStamped, "/late_tf", 10)
         self.tf_late_s, self.keypoints_late_s, self.pixels = 0.1, 0.0, PIXELS
+        self.transform = base_to_camera
         self.detects, self.sent, self.fresh_ns = True, 0, 0
         self.published = []
         self.node.create_timer(0.05, self._detect)
@@ -81,7 +86,8 @@ class Robot:
         self.sent += 1
 
     def _send_tf(self):
-        self._tf.publish(transform(time.time_ns() - round(1e9 * self.tf_late_s)))
+        if self.transform is not None:
+            self._tf.publish(self.transform(time.time_ns() - round(1e9 * self.tf_late_s)))
 
     def spin_until(self, condition, what):
         end = time.monotonic() + DEADLINE_S
@@ -99,25 +105,39 @@ class Robot:
         self.context.try_shutdown()
 
 
-def transform(stamp_ns):
-    """base_link to the camera, which looks forward from 1 m."""
-    message = TransformStamped(child_frame_id=FRAME)
-    message.header.frame_id = "base_link"
+def transform(stamp_ns, parent, child, place, turn):
+    """A TransformStamped of a place (3,) m and a quaternion x, y, z, w."""
+    message = TransformStamped(child_frame_id=child)
+    message.header.frame_id = parent
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
-    message.transform.translation.z = 1.0
-    turn = message.transform.rotation
-    turn.x, turn.y, turn.z, turn.w = -0.5, 0.5, -0.5, 0.5
+    for name, value in zip("xyz", place):
+        setattr(message.transform.translation, name, value)
+    for name, value in zip("xyzw", turn):
+        setattr(message.transform.rotation, name, value)
     return message
+
+
+def base_to_camera(stamp_ns):
+    """base_link to the camera, which looks forward from 1 m."""
+    return transform(stamp_ns, "base_link", FRAME, (0.0, 0.0, 1.0), (-0.5, 0.5, -0.5, 0.5))
+
+
+def odom_in_camera(stamp_ns):
+    """The camera at (6, 4, 1) m in odom looks along x."""
+    return transform(stamp_ns, FRAME, "odom", (4.0, 1.0, -6.0), (0.5, -0.5, 0.5, 0.5))
+
+
+def camera_in_odom(stamp_ns):
+    """The same transform, the other way round."""
+    return transform(stamp_ns, "odom", FRAME, (6.0, 4.0, 1.0), (-0.5, 0.5, -0.5, 0.5))
 
 
 @contextmanager
 def running(name, robot):
     """The process of an example, ended by SIGKILL."""
-    environment = dict(os.environ)
-    if importlib.util.find_spec("tf2_ros") is None:
-        path = [str(LATE_TF), str(ROOT), environment.get("PYTHONPATH", "")]
-        environment["PYTHONPATH"] = os.pathsep.join(filter(None, path))
-    command = [sys.executable, f"examples/{name}.py"]
+    path = [str(LATE_TF), str(ROOT), os.environ.get("PYTHONPATH", "")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, path))}
+    command = [sys.executable, f"examples/{name}.py", "--ros-args", "-p", f"camera_frame:={FRAME}"]
     process = subprocess.Popen(
         command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )
@@ -140,9 +160,9 @@ def robot(request):
 
 
 @contextmanager
-def trackers(robot):
-    """A tracker for each camera."""
-    nodes = [NodeProcess(space) for space in robot.spaces]
+def trackers(robot, *arguments):
+    """A tracker for each camera, with these ROS arguments."""
+    nodes = [NodeProcess(space, *arguments) for space in robot.spaces]
     try:
         yield nodes
     finally:
@@ -212,8 +232,7 @@ def test_a_robot_stops(robot, name):
 def test_a_zone_with_a_person_is_occupied_and_then_unknown(robot, name):
     """The synthetic person is nearer than the zone's radius, the reach and the doubt together."""
     robot.listen(String, "zone")
-    near = PIXELS.mean(axis=1, keepdims=True) + 1.5 * (PIXELS - PIXELS.mean(axis=1, keepdims=True))
-    robot.pixels = near
+    robot.pixels = NEAR
     with running(name, robot), trackers(robot):
         robot.spin_until(lambda: acts(robot, lambda m: m.data == "occupied"), "a person in the zone")
         robot.published.clear()
@@ -221,6 +240,99 @@ def test_a_zone_with_a_person_is_occupied_and_then_unknown(robot, name):
         robot.spin_until(lambda: acts(robot, lambda m: m.data == "safe"), "an empty zone")
         words = [message.data for _, message in robot.published]
         assert words.count("unknown") > 10 and "safe" not in words[: words.index("unknown")]
+
+
+RAISED = PIXELS.copy()
+"""The same person, with the left arm (shoulder 5, elbow 7, wrist 9) straight up. 1 m is about 160 px."""
+RAISED[:, 7], RAISED[:, 9] = PIXELS[:, 5] + [15, -45], PIXELS[:, 5] + [15, -85]
+
+
+@pytest.mark.parametrize("name", ["raised_hand"])
+def test_a_raised_hand_in_old_keypoints_is_not_logged(robot, name):
+    robot.listen(Log, "/rosout")
+    skeletons = []
+    robot.node.create_subscription(PointCloud2, "/tracker/skeleton", skeletons.append, 10)
+    robot.pixels, robot.keypoints_late_s = RAISED, 1.5
+
+    def raised(message):
+        return message.name == name and "left hand raised" in message.msg
+
+    with running(name, robot), trackers(robot):
+        robot.spin_until(
+            lambda: len(robot.node.get_subscriptions_info_by_topic("/tracker/skeleton")) == 2, "the example"
+        )
+        robot.spin_until(lambda: len(skeletons) > 20, "old skeletons")
+        robot.spin_for(2.0)
+        assert not acts(robot, raised)
+        robot.keypoints_late_s = 0.0
+        robot.spin_until(lambda: acts(robot, raised), "a raised hand")
+
+
+PERSON_FIELDS = {
+    **dict.fromkeys(("x", "y", "z", "vx", "vy", "vz", "xx", "xy", "xz", "yy", "yz", "zz", "confidence", "age"), "<f4"),
+    **dict.fromkeys(("person", "tracked", "detector_id", "guessed", "doubtful"), "<i4"),
+}
+
+
+def people_message(frame_id, **values):
+    """A ~/people of now with one tracked person, with a deviation of 1 cm."""
+    point = np.zeros(1, list(PERSON_FIELDS.items()))
+    for name, value in {"xx": 1e-4, "yy": 1e-4, "zz": 1e-4, "tracked": 1, **values}.items():
+        point[name] = value
+    fields = [(name, 4 * i, 7 if kind == "<f4" else 5) for i, (name, kind) in enumerate(PERSON_FIELDS.items())]
+    return raw_cloud(BACKEND, time.time_ns(), point.tobytes(), fields, point.itemsize, 1, frame_id)
+
+
+@pytest.mark.parametrize("name", ["safety_zone", "follow_person"])
+def test_a_person_in_a_fixed_frame_is_placed_by_tf_or_unknown(robot, name):
+    """2 m in front of the camera and 0.2 m to the left, far from the origin of odom: never safe, and never behind."""
+    message_type, topic, active = SCENES[name]
+    robot.detects, robot.transform = False, None
+    people = robot.node.create_publisher(PointCloud2, "/tracker/people", 10)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    robot.node.create_publisher(String, "/tracker/state", latched).publish(String(data="tracking"))
+    robot.node.create_timer(0.05, lambda: people.publish(people_message("odom", x=8.0, y=4.2, z=1.0)))
+    robot.listen(message_type, topic)
+
+    def right(message):
+        if name == "safety_zone":
+            return message.data == "occupied"
+        forward, turn = message.linear.x, message.angular.z
+        return 0 < forward <= 0.25 + 1e-3 and turn == pytest.approx(np.arctan2(0.2, 2.0), abs=1e-3)
+
+    with running(name, robot):
+        robot.spin_until(lambda: people.get_subscription_count() and robot.published, "the example")
+        robot.spin_for(1.5)  # without TF
+        robot.transform, robot.tf_late_s = odom_in_camera, 2.0
+        robot.spin_for(1.5)  # with old TF
+        assert len(robot.published) > 20
+        assert not acts(robot, active) and not acts(robot, right)
+        robot.tf_late_s = 0.1
+        robot.spin_until(lambda: len(acts(robot, right)) > 5, "an action")
+        assert all(right(message) for _, message in robot.published if active(message))
+
+
+@pytest.mark.skipif(importlib.util.find_spec("tf2_msgs") is None, reason="tf2_msgs is not installed: `make messages`")
+@pytest.mark.parametrize("name", ["safety_zone"])
+def test_a_person_ahead_is_never_safe_for_a_tracker_with_a_fixed_frame(robot, name):
+    from tf2_msgs.msg import TFMessage
+
+    robot.listen(String, "zone")
+    robot.pixels, robot.transform = NEAR, None
+    people = []
+    robot.node.create_subscription(PointCloud2, "/tracker/people", people.append, 10)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    tf = robot.node.create_publisher(TFMessage, "/tf_static", latched)
+    tf.publish(TFMessage(transforms=[camera_in_odom(0)]))
+    with running(name, robot), trackers(robot, "-p", "fixed_frame:=odom"):
+        robot.spin_until(lambda: sum(m.width for m in people) > 20, "a person")
+        assert people[-1].header.frame_id == "odom"
+        robot.published.clear()
+        robot.spin_for(1.0)
+        assert {message.data for _, message in robot.published} == {"unknown"}
+        robot.transform = odom_in_camera
+        robot.spin_until(lambda: acts(robot, lambda m: m.data == "occupied"), "a person in the zone")
+        assert not acts(robot, lambda m: m.data == "safe")
 
 
 def person(**fields):

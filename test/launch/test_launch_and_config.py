@@ -214,3 +214,24 @@ def test_launch_sets_several_cameras_and_their_fixed_frame(launch_file):
     assert {display["Topic"]["Value"] for display in displays if "Topic" in display} == {"tracker/markers"}
     (grid,) = [display for display in displays if display["Class"] == "rviz_default_plugins/Grid"]
     assert grid["Plane"] == "XY"  # z is up
+
+
+def test_rviz_shows_the_fixed_frame_although_the_cameras_frame_is_given(launch_file):
+    """The view of the world has z up; the optical frame would lay it on its side."""
+    rviz = start(launch_file, fixed_frame="odom", frame="camera_optical_frame", rviz="1")["rviz2"]
+    assert rviz.arguments[1].endswith("lassokin_world.rviz") and rviz.arguments[2:] == ["-f", "odom"]
+
+
+@pytest.mark.parametrize("given", [{"camera": "/cam"}, {"keypoints": "/det/kp"}])
+def test_topics_of_one_camera_beside_several_ones_are_a_warning(launch_file, given):
+    """With names of cameras, these topics have no effect; a launch file that includes this one may set them."""
+    (name,) = given
+    started = start(launch_file, cameras="[left, right]", fixed_frame="map", **given)
+    for word in (f"'{name}'", "left/keypoints", "right/camera_info"):
+        assert word in started["bag"].msg
+    assert "lassokin_ros" in started
+    assert set(start(launch_file, cameras="[left, right]", fixed_frame="map")) == {
+        "lassokin_ros",
+        "robot_state_publisher",
+    }
+    assert "bag" not in start(launch_file, **given)

@@ -125,3 +125,21 @@ def test_the_tracker_gets_the_detectors_layout(webcam):
 def test_bad_arguments_are_refused(webcam, given, words):
     with pytest.raises(RuntimeError, match=re.escape(words)):
         start(webcam[0], **given)
+
+
+def test_all_nodes_have_the_namespace_and_the_clock(webcam, tmp_path):
+    """Else the tracker would read topics that nobody publishes."""
+    module, installed = webcam
+    assert not any(hasattr(node, "namespace") for node in start(module)[:2])
+    installed.add("usb_cam")
+    (tmp_path / "default_cam.yaml").touch()
+    for driver in ("opencv", "usb_cam"):
+        camera, detector, passed = start(module, driver=driver, namespace="robot1", use_sim_time="Yes")
+        for node in (camera, detector):
+            assert node.namespace == passed["namespace"] == "robot1"
+            assert node.parameters[-1]["use_sim_time"] is True
+        assert start(module, driver=driver, use_sim_time="0")[0].parameters[-1]["use_sim_time"] is False
+
+
+def test_the_words_for_true_are_those_of_the_tracker(webcam):
+    assert set(webcam[0].TRUE) == {word for word, value in load("tracker").BOOLEANS.items() if value}

@@ -156,6 +156,16 @@ def test_the_command_prints_a_table_and_writes_plot_and_figures(tmp_path, capsys
     assert len(ElementTree.fromstring(plot.read_text()).findall(".//{*}circle")) == 6
 
 
+def test_no_file_replaces_the_motion_or_another_file(tmp_path, capsys):
+    file, other = saved(tmp_path / "walk.npz", ("", walk())), str(tmp_path / "y")
+    before = (tmp_path / "walk.npz").read_bytes()
+    assert main(["gait", file, "--json", f"{tmp_path}/../{tmp_path.name}/walk.npz", "--force"]) == 2
+    assert "walk.npz' is also the motion, which is read" in capsys.readouterr().err
+    assert main(["gait", file, "--plot", other, "--json", other]) == 2
+    assert "--plot and --json both name" in capsys.readouterr().err
+    assert (tmp_path / "walk.npz").read_bytes() == before and len(list(tmp_path.iterdir())) == 1
+
+
 def test_a_smoothed_motion_has_a_word_about_the_knees(tmp_path, capsys):
     file = saved(tmp_path / "walk.npz", ("", walk()))
     with np.load(file) as arrays:

@@ -24,6 +24,15 @@ def test_the_manifest_is_valid():
     assert re.fullmatch(r"[\w.+-]+@[\w.-]+\.[a-z]{2,}", package.maintainers[0].email)
 
 
+def test_the_version_is_that_of_the_manifest():
+    import lassokin_ros
+    from lassokin_ros.common.version import version
+
+    assert lassokin_ros.__version__ == version()
+    if version() != "(not installed)":
+        assert lassokin_ros.__version__ == ElementTree.parse(ROOT / "package.xml").findtext("version")
+
+
 def test_marker_and_scripts_are_installed():
     assert (ROOT / "resource" / "lassokin_ros").is_file()
     setup = configparser.ConfigParser()

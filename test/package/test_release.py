@@ -19,7 +19,10 @@ ROOT = Path(__file__).resolve().parents[2]
 MANIFEST = ElementTree.parse(ROOT / "package.xml").getroot()
 ON_REQUEST = {"hri_msgs", "yolo_msgs", "zed_msgs", "vision_msgs", "people_msgs", "rviz2"}
 """Packages of message types that a parameter must request. The node names a missing one."""
-APT = {"numpy": "python3-numpy", "cv2": "python3-opencv", "scipy": "python3-scipy", "yaml": "python3-yaml"}
+APT = {
+    **{"numpy": "python3-numpy", "cv2": "python3-opencv", "scipy": "python3-scipy", "yaml": "python3-yaml"},
+    "tf2_ros": "tf2_ros_py",
+}
 PIP = {"av", "distributed", "ezc3d", "mediapipe", "onnxruntime", "plotly", "proxsuite", "qpsolvers", "rerun", "rosbags"}
 """Modules without a rosdep key. All but proxsuite are imported where they are used."""
 TYPING = {"typing_extensions"}

@@ -88,3 +88,9 @@ def test_other_shapes_and_units_are_refused(points, words):
 def test_nobody_is_an_observation_without_points():
     found = observation_from_pixels(0.0, np.zeros((17, 3)), LENS)
     assert np.isnan(found.points).all() and not found.confidence.any()
+
+
+def test_fractions_are_refused_without_a_size_that_nobody_gave():
+    with pytest.raises(LassokinError) as error:
+        observation_from_pixels(0.0, POINTS[0] / [WIDTH, HEIGHT, 1], Lens(K))
+    assert "multiply x by the image's width and y by its height" in str(error.value)

@@ -18,6 +18,9 @@ from lassokin_ros.pipeline.settings import NodeSettings
         ({"depth": "depth image"}, "depth is 'depth image'; expected the name of a topic"),
         ({"publish_tf": "all", "state_publisher": "rsp"}, "both would publish the joints'"),
         ({"skeleton_output": "body.urdf"}, "expected the name of a file that ends in .yaml or .yml"),
+        ({"cameras": ("left cam", "right")}, "cameras has the name 'left cam'; expected letters from a to z"),
+        ({"cameras": ("kamera_\u00fc", "right")}, "cameras has the name 'kamera_\u00fc'; expected letters from a to z"),
+        ({"cameras": ("left\u0663", "right")}, "expected letters from a to z, digits and _"),  # an Arabic digit
         ({"max_people": 0}, "max_people is 0; expected 1 to 20"),
         ({"max_people": 21}, "max_people is 21; expected 1 to 20"),
         ({"queue_depth": 0}, "queue_depth is 0; expected 1 to 1000"),

@@ -49,20 +49,29 @@ ONE_PLACE = {
         "--export 'out/h.csv' is inside the output 'out'; choose another path",
     ),
 }
+SETTINGS = {
+    "parameters": (
+        ["in", "--params-file", "p.yaml", *SKELETON, "link/../p.yaml"],
+        "--save-skeleton 'link/../p.yaml' is",
+    ),
+    "lens": (["in", "--camera-info", "p.yaml:cam1", "--report", "p.yaml"], "--report 'p.yaml' is also --camera-info, "),
+}
 ARCHIVE = {
     "inside an input": (["in", "out", "-o", "in/new"], "the output '{}/in/new/in_tracked' is inside the input"),
     "another's input": (["in", "in_tracked"], "the output '{}/in_tracked' is the input recording '{}/in_tr"),
     "pages": (["in", "out", "-o", "new", "--report", "in"], "--report '{}/in/in.html' is inside the input recording"),
 }
+EVERY = {**OVER_THE_INPUT, **ONE_PLACE, **SETTINGS, **ARCHIVE}
 
 
-@pytest.mark.parametrize("case", sorted({**OVER_THE_INPUT, **ONE_PLACE, **ARCHIVE}))
+@pytest.mark.parametrize("case", sorted(EVERY))
 @pytest.mark.parametrize("more", [[], ["--force"]], ids=["", "forced"])
 def test_an_output_path_that_collides_is_refused(folder, capsys, case, more):
-    arguments, expected = {**OVER_THE_INPUT, **ONE_PLACE, **ARCHIVE}[case]
+    arguments, expected = EVERY[case]
     if case == "another's input":
         write_recording(Path("in_tracked"), 3)
         more = ["--force"]  # without it, only that recording is refused, as always
+    Path("p.yaml").write_text("{}", encoding="utf-8")
     before, entries = contents(folder), sorted(folder.rglob("*"))
     assert main([*arguments, *more]) == 2
     said = capsys.readouterr()
@@ -78,3 +87,9 @@ def test_paths_next_to_the_input_are_accepted(folder):
     for more in ([], ["--force"]):
         assert main(["walk.mcap", *wanted, *more]) == 0
     assert {"walk.csv", "walk.html", "walk", "walk.mcap"} <= {file.name for file in folder.iterdir()}
+
+
+def test_a_name_that_is_too_long_is_one_line(folder, capsys):
+    assert main([300 * "x"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("lassokin replay: the name 'xxx") and said.endswith("x' is too long for a file\n")

@@ -8,7 +8,6 @@ import pytest
 from cases import random_body
 from scipy.spatial.transform import Rotation
 
-from lassokin_ros.core.body.joint_angles import ROOT_JOINTS
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import SkeletonError
@@ -20,7 +19,7 @@ from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.exports.bvh import hierarchy
 from lassokin_ros.skeleton_readers import smpl
 from lassokin_ros.skeleton_readers.load import load_skeleton
-from lassokin_ros.skeleton_readers.naming import tables
+from lassokin_ros.skeleton_readers.naming import ROOT_JOINTS, tables
 
 BUILT_IN = Skeleton.load("anthropometric", 1.8)
 VERTICES = 200

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
-from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.body.rotations import exponential, right_jacobian_inverse
 from lassokin_ros.core.body.skeleton import AXIS_ORDERS, Skeleton
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.stacked_model import linearise
+from lassokin_ros.core.image.stacked_model import stacked_matrices
 from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
 
 FACING = np.diag([1.0, -1.0, -1.0])
@@ -25,6 +25,11 @@ def body(layout: str = "coco17", height: float = 1.75) -> Kinematics:
     """The built-in skeleton with a built-in layout."""
     skeleton = Skeleton.load("anthropometric", height)
     return Kinematics(skeleton, Layout.load(layout, skeleton))
+
+
+def posed(kinematics: Kinematics, state: BodyState, offsets: np.ndarray) -> BodyPose:
+    """The pose of a state, with other offsets (n, 3) m of the joints."""
+    return kinematics.pose(state, np.concatenate([offsets, kinematics.layout.offsets])[..., None])
 
 
 def random_body(random: np.random.Generator, joints: int = 12, landmarks: int = 9) -> Kinematics:
@@ -44,6 +49,24 @@ def random_body(random: np.random.Generator, joints: int = 12, landmarks: int = 
         for i in range(landmarks)
     ]
     return Kinematics(skeleton, Layout.from_mapping({"landmarks": points}, skeleton))
+
+
+def image_rows(
+    kinematics: Kinematics, pose: BodyPose, points: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(A, B, z) of (12), weighted, as written: (2 l, 3 n), (2 l, 3), (2 l,)."""
+    P, Gamma, L = stacked_matrices(kinematics, pose)
+    by_row = np.repeat(weights, 2)
+    return by_row[:, None] * (P @ L), by_row[:, None] * (P @ Gamma), by_row * (points - project(pose.landmarks)).ravel()
+
+
+def prior_rows(prior: PosePrior, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(A, z): rows (..., k, 3 n) of the pose prior for all degrees of freedom, and right sides (..., k)."""
+    posture = prior.posture(rotations)
+    blocks = prior.W.reshape(prior.count, -1, 3).swapaxes(0, 1) @ right_jacobian_inverse(posture.theta)
+    A = np.zeros((*posture.residual.shape, *rotations.shape[-3:-1]))
+    A[..., prior.joints, :] = blocks.swapaxes(-3, -2)
+    return A.reshape(*posture.residual.shape, -1), posture.residual
 
 
 def random_state(random: np.random.Generator, kinematics: Kinematics, spread: float = 0.5) -> BodyState:
@@ -99,10 +122,10 @@ class Lassos:
         weights = np.full(count, 1 / sigma)
         if draw.visible is not None:
             weights[random.permutation(count)[draw.visible :]] = 0
-        model = linearise(kinematics, kinematics.pose(state), seen + random.normal(size=seen.shape) * sigma, weights)
-        A, B, z = model.A, model.B, model.residual
+        seen = seen + random.normal(size=seen.shape) * sigma
+        A, B, z = image_rows(kinematics, kinematics.pose(state), seen, weights)
         if draw.with_prior:
-            prior_A, prior_z = self.prior.rows(state.rotations)
+            prior_A, prior_z = prior_rows(self.prior, state.rotations)
             A, B = np.vstack([A, prior_A]), np.vstack([B, np.zeros((len(prior_z), 3))])
             z = np.concatenate([z, prior_z])
         if draw.live_columns:

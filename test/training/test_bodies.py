@@ -5,11 +5,11 @@ import pytest
 
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.network.depth_network import LENGTHS, NAMES, canonical_layout, lengths_of
+from lassokin_ros.core.network.depth_network import LENGTHS, NAMES, lengths_of
 from lassokin_ros.demo.synthetic import motion as synthetic_motion
 from training import bodies
 from training.bodies import SEGMENTS, Bodies, landmarks, reshaped, trunk_axes
-from training.motion import HEIGHT_PARTS, Motion
+from training.motion import HEIGHT_PARTS, Motion, canonical_layout
 
 HEIGHT, SAMPLES = 1.75, 2000
 CAPTURED = np.array([0.7, 1.1, 1.1, 0.9, 1.2, 1.0, 0.8, 1.0])

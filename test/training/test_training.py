@@ -15,7 +15,6 @@ from lassokin_ros.core.network.depth_network import (
     TYPICAL_LENGTHS,
     Network,
     Scene,
-    canonical_layout,
     features,
     lengths_of,
     load_weights,
@@ -23,7 +22,7 @@ from lassokin_ros.core.network.depth_network import (
 )
 from lassokin_ros.demo.synthetic import motion as synthetic_motion
 from training.depth import LATER, batches, train, twice, write
-from training.motion import HEIGHT_PARTS, TEST, VALIDATION, Motion
+from training.motion import HEIGHT_PARTS, TEST, VALIDATION, Motion, canonical_layout
 from training.network import backpropagated, initial_weights, loss, orthogonalised
 from training.symmetry import INPUT, OTHER, PLACE, symmetrise_first, symmetrise_last
 from training.views import Views

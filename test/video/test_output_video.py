@@ -1,13 +1,15 @@
 """The output video: it plays in browsers, and its pictures say time, state and doubt."""
 
 import builtins
+import os
 
 import numpy as np
 import pytest
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.video.body_view import BACKGROUND, COLOURS, BodyView
-from lassokin_ros.video.encoder import open_encoder
+from lassokin_ros.video.encoder import VideoError, open_encoder
+from lassokin_ros.video.output_video import OutputVideo
 from lassokin_ros.video.sources import open_source
 
 cv2 = pytest.importorskip("cv2")
@@ -55,6 +57,11 @@ def test_without_pyav_opencv_writes_the_video(tmp_path, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without_av)
     encoder = write(tmp_path / "out.mp4")
     assert open_source(str(tmp_path / "out.mp4")).count == 5 and isinstance(encoder.browsers_play, bool)
+
+
+def test_a_name_that_crashes_the_encoders_is_refused(tmp_path):
+    with pytest.raises(VideoError, match="is not UTF-8; choose another name"):
+        OutputVideo(tmp_path / os.fsdecode(b"w\xe4lk.mp4"), {"": SIZE}, 30.0, False, np.eye(3))
 
 
 class Frame:

@@ -67,8 +67,23 @@ def test_all_people_have_their_files(two, long_video, tmp_path, capsys):  # noqa
     assert set(found) == {"p1", "p2"} and (found["p1"][1] > 0).all() and (found["p2"][1] < 0).all()
     assert len(found["p2"][0]) > 115 and {file.name for file in tmp_path.glob("*.bvh")} == {"m_p1.bvh", "m_p2.bvh"}
     assert "numbers 1 and 2 are tracked" in capsys.readouterr().out
+    (tmp_path / "m_p3.bvh").write_text("of an earlier run", encoding="utf-8")
+    (tmp_path / "m_pose.bvh").write_text("of nobody", encoding="utf-8")
+    run(long_video, tmp_path, "--person", "all", "--export", str(tmp_path / "m.bvh"))
+    assert {file.name for file in tmp_path.glob("*.bvh")} == {"m_p1.bvh", "m_p2.bvh", "m_pose.bvh"}
     only = run(long_video, tmp_path, "-p", "max_people:=2")
     assert set(only) == {"p1", "p2"}
+
+
+def test_images_without_anybody_do_not_count_as_tracked(monkeypatch, long_video, tmp_path, capsys):  # noqa: F811
+    class Empty(Two):
+        def detect(self, image, seconds):
+            return [] if 2.0 <= seconds < 2.3 else super().detect(image, seconds)
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Empty())
+    found = run(long_video, tmp_path, "--person", "all")
+    stamps = set(np.concatenate([seconds for seconds, _ in found.values()]))
+    assert f"120 in, {len(stamps)} tracked" in capsys.readouterr().out and len(stamps) < 115
 
 
 class ShortLegged(Two):

@@ -1,7 +1,9 @@
 """`lassokin track left right --cameras FILE`: synchronised image folders, and a detector that knows the motion."""
 
 import json
+import os
 import re
+import signal
 from itertools import count
 from pathlib import Path
 
@@ -87,7 +89,7 @@ def test_two_videos_give_one_motion_in_the_frame_of_the_calibration(rig, capsys)
         places, stamps = motion["joint_positions"], motion["stamp_ns"]
         assert str(motion["frame_id"]) == "world"
     frames = np.round((stamps - stamps[0]) * 30e-9).astype(int) + FRAMES - len(stamps)
-    assert len(stamps) > FRAMES - 4
+    assert len(stamps) > FRAMES - 4 and f"360 in, {len(stamps)} instants tracked" in said
     assert np.median(np.linalg.norm(places - TRUTH.positions[frames], axis=-1)) < 0.02
 
 
@@ -126,6 +128,45 @@ def test_videos_too_short_to_find_the_places_say_so(rig, capsys, monkeypatch):
     monkeypatch.setattr(camera_finder, "FEWEST", 500)
     assert main(["left", "right", "--height", "1.75", "--export", "walk.npz"]) == 2
     assert "the place of camera 'right' was not found; expected a person who moves" in capsys.readouterr().err
+
+
+def test_of_several_people_the_largest_in_each_video_is_tracked_all_the_time(rig, capsys, monkeypatch):
+    """The detector names the surest one first, which is now the one and now the other."""
+    detect = Knowing.detect
+
+    def both(self, image, seconds):
+        (near,) = detect(self, image, seconds)
+        far = Detected(0.5 * near.pixels + [20.0, 20.0], near.confidence)
+        return [near, far] if round(seconds * 30) % 20 < 10 else [far, near]
+
+    monkeypatch.setattr(Knowing, "detect", both)
+    monkeypatch.setattr(Knowing, "several", True)
+    assert main(["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--export", "walk.npz"]) == 0
+    assert "2 people in the images of right, the first, largest one is tracked: 0.0 to" in capsys.readouterr().out
+    with np.load("walk.npz") as motion:
+        frames, pelvis = np.round(motion["stamp_ns"] * 30e-9).astype(int), motion["joint_positions"][:, 0]
+    assert len(frames) > FRAMES - 4 and np.linalg.norm(np.diff(pelvis, axis=0), axis=1).max() < 0.06
+
+
+@pytest.mark.parametrize("at, placed, kept", [(FRAMES + 60, True, 60), (60, True, 0), (FRAMES + 60, False, 0)])
+def test_after_an_interrupt_the_part_that_all_cameras_show_is_kept(rig, capsys, monkeypatch, at, placed, kept):
+    """In the second of two cameras that are known; or before any, or too early to find where the cameras are."""
+    detect, images = Knowing.detect, count(1)
+
+    def interrupted(self, image, seconds):
+        if next(images) == at:
+            os.kill(os.getpid(), signal.SIGINT)
+        return detect(self, image, seconds)
+
+    monkeypatch.setattr(Knowing, "detect", interrupted)
+    lenses = ["--cameras", "calib.toml"] if placed else ["--fov", "60"]
+    assert main(["left", "right", *lenses, "--height", "1.75", "--export", "walk.npz"]) == 130
+    said = capsys.readouterr()
+    assert ("interrupted; nothing was written" in said.err) == (kept == 0) and Path("walk.npz").exists() == (kept > 0)
+    if kept:
+        assert f"{2 * kept} in, " in said.out
+        with np.load("walk.npz") as motion:
+            assert np.isfinite(motion["detected_px_right"])[5:].any(axis=(1, 2)).all()
 
 
 def test_saving_the_cameras_of_one_video_is_refused(rig, capsys):
@@ -197,6 +238,9 @@ def relative(origin, pose):
     "options, words",
     [
         (["--fov", "60", "--height", "0"], "nothing shows the size; give --height"),
+        (["--cameras", "calib.toml", "--person", "all"], "expected no --person, max_people 1 and rep155 false"),
+        (["--cameras", "calib.toml", "-p", "max_people:=2"], "expected no --person, max_people 1 and rep155 false"),
+        (["--cameras", "calib.toml", "-p", "cameras:=[left]"], "cameras is left; expected no setting: the videos name"),
         (["--cameras", "calib.toml", "--fov", "60"], "expected neither --camera-info nor --fov"),
         (["--cameras", "others.toml"], "has no camera 'left'; its cameras are: right, lft"),
         (["--cameras", "one.toml"], "expected one for each of 2 videos"),

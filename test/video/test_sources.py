@@ -1,5 +1,6 @@
 """Videos made by the test: rotation metadata, variable frame rate, portrait, black bars; cameras, streams, folders."""
 
+import os
 import struct
 import threading
 import time
@@ -104,6 +105,33 @@ def test_a_constant_frame_rate_gives_even_times(fps, tmp_path):
     assert np.isclose(source.fps, fps, rtol=1e-3) and source.count == FRAMES and not source.live
 
 
+def test_a_rate_of_ticks_is_not_believed(tmp_path):
+    """WebM files of browsers say 1000 Hz. The announced number of images is then that of the duration."""
+    source = open_source(str(record(tmp_path / "ticks.avi", np.tile(corner(), (4, 4, 1)), 1000.0)))
+    assert source.fps == 30.0 and source.seconds <= FRAMES / 1000 and len(list(source.images)) == FRAMES
+
+
+@pytest.mark.parametrize("fps", [-5.0, 0.0, float("nan"), float("inf"), 1e6])
+def test_an_impossible_rate_of_a_folder_is_refused(fps, tmp_path):
+    cv2.imwrite(str(tmp_path / "0.png"), corner())
+    with pytest.raises(SourceError, match="expected a rate above 0 and up to 1000 Hz"):
+        open_source(str(tmp_path), fps)
+
+
+def test_names_that_crash_opencv_are_refused(tmp_path):
+    folder = tmp_path / "images"
+    folder.mkdir()
+    strange = os.fsdecode(b"w\xe4lk.png")
+    cv2.imwrite(str(folder / "a.png"), corner())
+    (folder / "a.png").rename(folder / strange)
+    for name in (folder, folder / strange):
+        with pytest.raises(SourceError, match="is not UTF-8, which OpenCV needs; rename the file") as error:
+            open_source(str(name))
+        assert str(error.value).encode()
+    with pytest.raises(SourceError, match="there is no file or folder"):
+        open_source("x" * 300 + ".mp4")
+
+
 def test_a_portrait_video_has_its_field_of_view_along_its_height(tmp_path):
     source = open_source(str(record(tmp_path / "portrait.mp4", corner((96, 160)))))
     assert source.size == source.content == (96, 160)
@@ -125,6 +153,24 @@ def test_dark_areas_are_no_bars():
     assert content_size(bright) == content_size(np.zeros_like(bright)) == (160, 96)
     bright[:, :60] = 0  # on one side only
     assert content_size(bright) == (160, 96)
+    stage = np.zeros_like(bright)
+    stage[30:-30, 50:-50] = 200  # lit in the middle
+    assert content_size(stage) == (160, 96)
+
+
+def test_bars_are_in_all_images(tmp_path):
+    """The first image is a scene that is lit in a strip; bars stay, the strip does not."""
+    images = np.full((10, 96, 160, 3), 200, np.uint8)
+    images[:3, :, :50] = images[:3, :, -50:] = 0
+    writer = cv2.VideoWriter(str(tmp_path / "strip.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), FPS, SIZE)
+    (tmp_path / "strip").mkdir()
+    for number, image in enumerate(images):
+        writer.write(image)
+        cv2.imwrite(str(tmp_path / "strip" / f"{number}.png"), image)
+    writer.release()
+    for name in ("strip.mp4", "strip"):
+        source = open_source(str(tmp_path / name))
+        assert source.content == (160, 96) and len(list(source.images)) == 10
 
 
 class Camera:

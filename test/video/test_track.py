@@ -12,11 +12,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lassokin_ros.detector.backend import Detected
+from lassokin_ros.detector.backend import Detected, DetectorError
 from lassokin_ros.replay.first_pass import WHOLE_FILE
 from lassokin_ros.video import track as track_module
 from lassokin_ros.video.camera import from_file, from_fov
 from lassokin_ros.video.command import main
+from lassokin_ros.video.output_video import OutputVideo
 from lassokin_ros.video.sources import Image, Source, open_source
 
 cv2 = pytest.importorskip("cv2")
@@ -89,6 +90,9 @@ def test_unusable_input_is_one_line_and_writes_nothing(images, tmp_path, monkeyp
         ([images, "--export", none / "m.npz"], "no folder"),
         ([images, "--video", none / "v.mp4"], "no folder"),
         ([images, "-p", "height:=tall"], "height"),
+        ([images, "-p", "cameras:=[a]"], "cameras is a; expected no setting: one video has one camera"),
+        ([images, "-p", "cameras:=[a,b]"], "cameras is a, b; expected no setting"),
+        ([images, "--fov", "60", "--camera-info", none], "--camera-info has the lens; expected no --fov beside it"),
     ]:
         refused(arguments, text, capsys)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["broken.mp4", "images"]
@@ -130,6 +134,21 @@ def test_tracked_frames_are_kept_if_the_images_end_early(images, tmp_path, monke
     assert open_source(str(video)).count == 4 and not list(tmp_path.glob(".*part*"))
 
 
+def test_tracked_frames_are_kept_if_the_detector_fails(images, tmp_path, monkeypatch, capsys):
+    class Failing(Standing):
+        def detect(self, image, seconds):
+            if seconds > 0.12:  # the fifth image
+                raise DetectorError("the model 'pose.onnx' cannot be run: out of memory")
+            return super().detect(image, seconds)
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Failing())
+    motion = tmp_path / "motion.npz"
+    assert main([str(images), "--fov", "60", "--export", str(motion)]) == 2
+    output = capsys.readouterr()
+    assert output.err.endswith("out of memory; what was tracked until then is kept\n")
+    assert "4 in, 4 tracked" in output.out and motion.is_file()
+
+
 def test_a_video_that_was_cut_is_tracked_to_its_end_with_a_note(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
     file = tmp_path / "cut.avi"
@@ -158,12 +177,22 @@ def test_tracked_frames_are_kept_if_the_user_interrupts(images, tmp_path, monkey
     assert "4 in, 4 tracked" in capsys.readouterr().out and motion.is_file()
 
 
-def test_a_mount_frame_is_not_silently_without_effect(images, monkeypatch, capsys):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_while_the_images_are_drawn_leaves_no_file(long_video, tmp_path, monkeypatch, capsys, number):
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+    monkeypatch.setattr(OutputVideo, "add", lambda *_: os.kill(os.getpid(), number))
+    assert main([str(long_video), "--fov", "60", "--height", "1.8", "--video", str(tmp_path / "v.mp4")]) == 130
+    assert capsys.readouterr().err.endswith("lassokin track: interrupted; nothing was written\n")
+    assert list(tmp_path.iterdir()) == [long_video]
+
+
+@pytest.mark.parametrize("name", ["camera_mount_frame", "fixed_frame"])
+def test_a_frame_is_not_silently_without_effect(images, monkeypatch, capsys, name):
     """A video has no TF."""
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
-    assert main([str(images), "--fov", "60", "-p", "camera_mount_frame:=base_link"]) == 0
+    assert main([str(images), "--fov", "60", "-p", f"{name}:=base_link"]) == 0
     output = capsys.readouterr()
-    assert output.err.startswith("lassokin track: camera_mount_frame is not used") and output.err.count("\n") == 1
+    assert output.err.startswith(f"lassokin track: {name} is not used") and output.err.count("\n") == 1
     assert "6 in, 6 tracked" in output.out
 
 
@@ -257,6 +286,31 @@ def test_a_file_is_smoothed_with_later_frames_and_detected_once(long_video, tmp_
     shake = [np.abs(np.diff(joints[:25, 20:22], n=2, axis=0)).mean() for joints in (whole, causal)]  # wrists
     assert shake[0] < 0.7 * shake[1]
     assert [open_source(str(tmp_path / f"{name}.mp4")).count for name in ("whole", "causal")] == [120, 120]
+
+
+def test_frames_before_an_absence_are_shown_as_tracked(long_video, tmp_path, monkeypatch):
+    """A rejected frame is known at once, and tracked ones after the lag: the video and the page have them in order."""
+
+    class Leaving(Walking):
+        def detect(self, image, seconds):
+            return [] if 0.09 < seconds < 0.12 else super().detect(image, seconds)
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Leaving())
+    shown, added = {}, OutputVideo.add
+
+    def add(self, seconds, images, frames):
+        shown[round(seconds, 3)] = any(frame.accepted for frame in frames)
+        added(self, seconds, images, frames)
+
+    monkeypatch.setattr(OutputVideo, "add", add)
+    files = ["--export", str(tmp_path / "m.npz"), "--video", str(tmp_path / "v.mp4"), "--report", str(tmp_path / "r")]
+    assert main([str(long_video), "--fov", "60", "--height", "1.8", *files]) == 0
+    with np.load(tmp_path / "m.npz") as motion:
+        tracked = {round(seconds, 3) for seconds in motion["stamp_ns"] * 1e-9}
+    assert {seconds for seconds, accepted in shown.items() if accepted} == tracked and not all(shown.values())
+    text = (tmp_path / "r").read_text(encoding="utf-8")
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text).group(1))
+    assert min(data["people"][0]["time"]) >= 0 and np.all(np.diff(data["people"][0]["time"]) > 0)
 
 
 def test_the_users_settings_replace_those_for_files(long_video, tmp_path, monkeypatch):

@@ -1,1 +1,3 @@
-"""The body: skeleton, kinematics, rotations, joint angles, landmark layouts, proportions."""
+"""The body: skeleton and the roles of its joints, kinematics, rotations, joint angles, surface, landmark layouts,
+proportions, symmetry.
+"""

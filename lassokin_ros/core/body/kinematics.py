@@ -1,9 +1,10 @@
 """Forward kinematics (1)-(2) and differential kinematics (3)-(6) of a tree of ball joints.
 
-All quantities are in the camera optical frame (x right, y down, z forward), in metres and radians. At rest, every
-joint frame is parallel to the root's frame. Joint j rotates by R_j about its own centre, in its parent's frame. An
-increment omega_j is applied on the right, R_j <- R_j exp(hat(omega_j)): the three angular degrees of freedom are
-rotations about the axes of the joint's own frame.
+All quantities are in metres and radians, in the frame of the skeleton: the first camera's optical frame (x right, y
+down, z forward), or a fixed frame in which the cameras' places are given. At rest, every joint frame is parallel to the
+root's frame. Joint j rotates by R_j about its own centre, in its parent's frame. An increment omega_j is applied on the
+right, R_j <- R_j exp(hat(omega_j)): the three angular degrees of freedom are rotations about the axes of the joint's
+own frame.
 
 Functions take leading batch axes (several states) where shapes are written with `...`.
 """
@@ -11,7 +12,6 @@ Functions take leading batch axes (several states) where shapes are written with
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -21,12 +21,10 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.record import record
 
-_IDENTITY = np.eye(3)
-
 
 @record
 class BodyState:
-    """The moving state: local rotations (..., n, 3, 3), root position (..., 3) in the camera frame, m."""
+    """The moving state: local rotations (..., n, 3, 3), root position (..., 3) m, in the frame of the skeleton."""
 
     rotations: np.ndarray
     translation: np.ndarray
@@ -34,7 +32,7 @@ class BodyState:
     def retract(self, omega: np.ndarray, translation_step: np.ndarray) -> BodyState:
         """The state after the increment: R_j exp(hat(omega_j)), translation + x.
 
-        omega: (..., 3 n) rad, the seed's Omega; translation_step: (..., 3) m, its x.
+        omega: (..., 3 n) rad, the paper's Omega; translation_step: (..., 3) m, its x.
         """
         if kernel.active:
             moved = np.empty(self.rotations.shape)
@@ -46,7 +44,7 @@ class BodyState:
 
 @record
 class BodyPose:
-    """The result of forward kinematics, in the camera frame.
+    """The result of forward kinematics, in the frame of the skeleton.
 
     orientations: (..., n, 3, 3). positions: (..., n, 3) m, joint centres. landmarks: (..., l, 3) m, q.
     """
@@ -66,18 +64,18 @@ class Kinematics:
         n = skeleton.joint_count
         ancestors = skeleton.ancestors.astype(float)
         reach = ancestors[layout.joints]
-        self._jumps = _pointer_doubling(skeleton.parents)
+        depth = skeleton.ancestors.sum(axis=1)
+        self._levels = [np.flatnonzero(depth == level) for level in range(2, depth.max() + 1)]
         # Centres and landmarks are sums of vectors: bones are fixed to the parent joint, landmark offsets to the joint.
         self._carriers = np.concatenate([np.maximum(skeleton.parents, 0), layout.joints])
         self._sums = np.block([[ancestors, np.zeros(reach.T.shape)], [reach, np.eye(len(reach))]])
-        self._vectors = np.concatenate([skeleton.offsets, layout.offsets])[:, :, None]
+        self.set_skeleton(skeleton)
         #: (l, 3 n): 1 where a degree of freedom moves a landmark (its joint is the landmark's joint or an ancestor).
         self.reach = np.repeat(reach, 3, axis=1)
-        self._row_reach = np.repeat(self.reach, 2, axis=0)
         self.joint_count, self.landmark_count = n, len(layout.names)
-        self._live = np.flatnonzero(self.live)
-        #: Indices of the root's live degrees of freedom; they are the first ones of all live degrees of freedom.
-        self.live_root = self._live[skeleton.parents[self._live // 3] < 0]
+        #: Indices of the live degrees of freedom, and of those that are the root's; these come first.
+        self.live_index = np.flatnonzero(self.live)
+        self.live_root = self.live_index[skeleton.parents[self.live_index // 3] < 0]
         self._reaches: dict[tuple[bytes, int], np.ndarray] = {}
 
     def set_skeleton(self, skeleton: Skeleton) -> None:
@@ -85,7 +83,8 @@ class Kinematics:
         if skeleton.height != self.skeleton.height:
             self.layout = self._given_layout.scaled(skeleton.height / self._given_height)
         self.skeleton = skeleton
-        self._vectors = np.concatenate([skeleton.offsets, self.layout.offsets])[:, :, None]
+        #: (n + l, 3, 1) m: bones and landmark offsets, on which a pose depends besides the state.
+        self.vectors = np.concatenate([skeleton.offsets, self.layout.offsets])[:, :, None]
 
     @cached_property
     def live(self) -> np.ndarray:
@@ -99,50 +98,38 @@ class Kinematics:
         L = self.jacobian(self.pose(BodyState(exponential(vectors), np.zeros((4, 3)))))
         return np.any(np.abs(L) > 1e-9, axis=(0, 1))
 
-    def pose(self, state: BodyState, offsets: np.ndarray | None = None) -> BodyPose:
+    def pose(self, state: BodyState, vectors: np.ndarray | None = None) -> BodyPose:
         """Forward kinematics, (1)-(2): orientations, joint centres and landmarks of a state.
 
         T_i is the product of the joints' transforms from the root to joint i; a landmark is q_i = T_i q_i^0.
-        offsets: (..., n, 3) m, rest offsets of another skeleton with the same tree for each state; default: this
-        skeleton's.
+        vectors: (..., n + l, 3, 1) m, `vectors` of another body with the same tree; default: this body's.
         """
-        if kernel.active and offsets is None:
+        vectors = self.vectors if vectors is None else vectors
+        if kernel.active:
             lead = state.rotations.shape[:-3]
-            orientations, places = np.empty(state.rotations.shape), np.empty((*lead, len(self._vectors), 3))
+            orientations, places = np.empty(state.rotations.shape), np.empty((*lead, len(self.vectors), 3))
             tree = self.skeleton.parents, self.layout.joints
-            if kernel.pose(state.rotations, state.translation, *tree, self._vectors, orientations, places):
+            if kernel.pose(state.rotations, state.translation, *tree, vectors, orientations, places):
                 return BodyPose(orientations, places[..., : self.joint_count, :], places[..., self.joint_count :, :])
         orientations = self._orientations(state.rotations)
-        local = self._vectors if offsets is None else self._with_levers(offsets)
-        vectors = (orientations.take(self._carriers, axis=-3) @ local)[..., 0]
-        places = self._sums @ vectors
+        places = self._sums @ (orientations.take(self._carriers, axis=-3) @ vectors)[..., 0]
         places += state.translation[..., None, :]
         n = self.joint_count
         return BodyPose(orientations, places[..., :n, :], places[..., n:, :])
 
-    def _with_levers(self, offsets: np.ndarray) -> np.ndarray:
-        levers = np.broadcast_to(self.layout.offsets, offsets.shape[:-2] + self.layout.offsets.shape)
-        return np.concatenate([offsets, levers], axis=-2)[..., None]
-
     def _orientations(self, rotations: np.ndarray) -> np.ndarray:
-        """(..., n, 3, 3): products of the rotations from the root to each joint, in log2(depth) batched steps.
-
-        Pointer doubling: after step k, each joint has the product over its last 2^k ancestors. An extra joint with
-        the identity rotation is the parent of the root, so that the root needs no special case.
-        """
-        product = np.empty(rotations.shape[:-3] + (self.joint_count + 1, 3, 3))
-        product[..., :-1, :, :] = rotations
-        product[..., -1, :, :] = _IDENTITY
-        for rest, above in self._jumps:
-            below = product[rest]
-            np.matmul(product.take(above, axis=-3), below, out=below)
-        return product[..., :-1, :, :]
+        """(..., n, 3, 3): products of the rotations from the root to each joint, level by level of the tree."""
+        product = rotations.copy()
+        for joints in self._levels:
+            above = product.take(self.skeleton.parents[joints], axis=-3)
+            product[..., joints, :, :] = above @ rotations.take(joints, axis=-3)
+        return product
 
     def jacobian(self, pose: BodyPose) -> np.ndarray:
         """L of (11), (..., 3 l, 3 n): block (i, j) is J_j(q_i) of (3)-(4), zero where joint j does not move q_i (5).
 
         Column c of J_j(q_i) is the spatial twist of degree of freedom c applied to q_i: w x (q_i - p_j), with its
-        unit axis w and the joint's centre p_j, both in the camera frame.
+        unit axis w and the joint's centre p_j.
         """
         levers = pose.landmarks[..., :, None, :] - pose.positions[..., None, :, :]
         axes = pose.orientations.swapaxes(-1, -2)
@@ -151,25 +138,13 @@ class Kinematics:
         blocks = np.moveaxis(columns, -1, -3).reshape(*shape, self.landmark_count, 3, 3 * self.joint_count)
         return (blocks * self.reach[:, None, :]).reshape(*shape, 3 * self.landmark_count, 3 * self.joint_count)
 
-    def image_jacobian(self, pose: BodyPose, rows: np.ndarray) -> np.ndarray:
-        """P L of (9)-(12), (..., 2 l, 3 n), without forming L.
-
-        rows: (..., 2 l, 3), the rows f of P's blocks F(q_i) of (8), possibly weighted. Since
-        f . (w x (q - p)) = w . (q x f) - (w x p) . f, all entries are one product of the wrenches (q x f, f) of the
-        landmarks with the twists (w, p x w) of the degrees of freedom, and a mask. Positions are relative to the
-        root, which keeps the numbers small.
-        """
-        moments = wrenches(pose.positions[..., 0, :], pose.landmarks, rows).swapaxes(-1, -2)
-        columns = twists(pose, pose.orientations) @ moments
-        return columns.swapaxes(-1, -2) * self._row_reach
-
     def live_twists(self, pose: BodyPose, axes: np.ndarray) -> np.ndarray:
         """(..., live, 6): `twists` of the live degrees of freedom; axes: (..., n, 3, 3), see `twists`."""
         if kernel.active:
-            found = np.empty((*axes.shape[:-3], len(self._live), 6))
-            if kernel.twists(axes, pose.positions, self._live, found):
+            found = np.empty((*axes.shape[:-3], len(self.live_index), 6))
+            if kernel.twists(axes, pose.positions, self.live_index, found):
                 return found
-        return twists(pose, axes).take(self._live, axis=-2)
+        return twists(pose, axes).take(self.live_index, axis=-2)
 
     def point_columns(
         self,
@@ -199,7 +174,7 @@ class Kinematics:
         """
         key = joints.tobytes(), rows
         if key not in self._reaches:
-            carried = np.repeat(self.skeleton.ancestors[joints].astype(float), 3, axis=1)[:, self._live]
+            carried = np.repeat(self.skeleton.ancestors[joints].astype(float), 3, axis=1)[:, self.live_index]
             self._reaches[key] = np.ascontiguousarray(np.repeat(carried, rows, axis=0).T)
         return self._reaches[key]
 
@@ -223,18 +198,3 @@ def wrenches(root: np.ndarray, points: np.ndarray, rows: np.ndarray) -> np.ndarr
     np.matmul(by_point, hat(root[..., None, :] - points), out=result[..., :3])
     result[..., 3:] = by_point
     return result.reshape(*rows.shape[:-1], 6)
-
-
-def _pointer_doubling(parents: np.ndarray) -> list[tuple[tuple[Any, ...], np.ndarray]]:
-    """(rest, above) for each doubling step: the index of the joints that have an ancestor 2^k levels up, and above.
-
-    The joints are first..n-1 on the third last axis; above holds the ancestor of each, n if a later one has none.
-    """
-    top = len(parents)
-    above = np.append(np.where(parents < 0, top, parents), top)
-    steps = []
-    while np.any(above != top):
-        first = int(np.argmax(above != top))
-        steps.append(((..., slice(first, -1), slice(None), slice(None)), above[first:-1]))
-        above = above[above]
-    return steps

@@ -41,7 +41,6 @@ class Proportions:
         #: (p, n, 3) m: the offsets that each length scales.
         self.parts = np.array([parts[name] for name in self.names]).reshape(-1, given.joint_count, 3)
         self._components = np.ascontiguousarray(np.moveaxis(self.parts, 0, -1))
-        self._given_parts = self._scaled_parts(np.zeros(self.count))
 
     @property
     def count(self) -> int:
@@ -58,25 +57,13 @@ class Proportions:
         return self.given.offsets + scaled.reshape(*scaled.shape[:-1], -1, 3)
 
     def motion(self, pose: BodyPose, lengths: np.ndarray) -> LengthMotion:
-        """Derivatives of the body's points with respect to the log-lengths, camera frame, root fixed."""
-        bones = self._bones(pose, self._scaled_parts(lengths))
+        """Derivatives of the body's points with respect to the log-lengths, in the pose's frame, root fixed."""
+        by_offset = pose.orientations.take(self._parent, axis=0) @ (self._components * np.exp(lengths))
+        bones = by_offset.reshape(len(by_offset), -1)
         return LengthMotion(self._moved(self._reach, bones), self._moved(self._ancestors, bones))
 
-    def joint_jacobian(self, pose: BodyPose) -> np.ndarray:
-        """(n, 3, p) m: derivatives of the joint centres with respect to the log-lengths, at the given lengths."""
-        return self._moved(self._ancestors, self._bones(pose, self._given_parts))
-
-    def _scaled_parts(self, lengths: np.ndarray) -> np.ndarray:
-        """(n, 3, p) m: derivative of the rest offsets at these log-lengths."""
-        scaled: np.ndarray = self._components * np.exp(lengths)
-        return scaled
-
-    def _bones(self, pose: BodyPose, parts: np.ndarray) -> np.ndarray:
-        """(n, 3 p) m: derivative of each joint's offset in the camera frame; parts: see `_scaled_parts`."""
-        turned: np.ndarray = pose.orientations.take(self._parent, axis=0) @ parts
-        return turned.reshape(self.given.joint_count, -1)
-
     def _moved(self, reach: np.ndarray, bones: np.ndarray) -> np.ndarray:
+        """(points, 3, p) m from bones (n, 3 p) m, the derivatives of the joints' offsets."""
         return (reach @ bones).reshape(len(reach), 3, self.count)
 
 

@@ -1,7 +1,7 @@
-"""The roles of joints in a human body: the one table of joint names on which the method depends.
+"""The roles of joints in a human body, as far as several modules use them.
 
-A joint has a role by its name. The roles are those of SMPL's tree. A skeleton may lack some, or have further joints;
-what needs a missing role is then off, and `missing_roles` says so.
+A joint has a role by its name. Names that one module alone needs stand there. The roles are those of SMPL's tree. A
+skeleton may lack some, or have further joints; evidence without its roles is then off, and `missing_roles` says so.
 """
 
 from __future__ import annotations
@@ -62,6 +62,7 @@ LIMBS = tuple(sided_chain for side in SIDES for sided_chain in (
 """Chains of joints from the trunk outwards. Each joint except the last one rotates the bone to the next joint."""
 LIMB_BONES = tuple(bone for limb in LIMBS for bone in zip(limb, limb[1:]))
 FEET = sided("ankle", "foot")
+ANKLES = sided("ankle")
 
 THICKNESS = {
     "hip": 0.055, "knee": 0.034, "ankle": 0.021, "foot": 0.018, "neck": 0.036, "head": 0.045, "shoulder": 0.040,

@@ -1,6 +1,6 @@
 """The skeleton: a tree of ball joints at rest.
 
-The built-in tree has SMPL's joint numbers and parents (24 joints, gamma in the seed). Any other tree is read from a
+The built-in tree has SMPL's joint numbers and parents (24 joints, gamma in the paper). Any other tree is read from a
 YAML file of the same form as `skeletons/anthropometric.yaml`.
 """
 
@@ -57,7 +57,7 @@ class Skeleton:
 
     @property
     def joint_count(self) -> int:
-        """Number of ball joints, gamma in the seed."""
+        """Number of ball joints, gamma in the paper."""
         return len(self.joint_names)
 
     @cached_property

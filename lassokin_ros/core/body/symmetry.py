@@ -5,6 +5,8 @@ If the lengths of a given skeleton are not symmetric, they were probably guessed
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
@@ -22,6 +24,12 @@ def other_side(name: str) -> str:
         if name.endswith(f"_{side}"):
             return name.removesuffix(side) + other
     return name
+
+
+def partners(names: Sequence[str]) -> np.ndarray:
+    """(n,) index of each name's counterpart on the other side, its own without one."""
+    places = {name: index for index, name in enumerate(names)}
+    return np.array([places.get(other_side(name), index) for index, name in enumerate(names)], dtype=int)
 
 
 def limb_groups(skeleton: Skeleton) -> np.ndarray:
@@ -62,10 +70,8 @@ def symmetrised(skeleton: Skeleton) -> Skeleton:
 
 def _ratios(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
     """For the bone that ends in each joint, (n,) each: whether it has a partner, and log(length / partner's length)."""
-    names, lengths = skeleton.joint_names, np.linalg.norm(skeleton.offsets, axis=1)
-    places = {name: joint for joint, name in enumerate(names)}
-    others = np.array([places.get(other_side(name), joint) for joint, name in enumerate(names)])
-    paired = (others != np.arange(len(names))) & (lengths > 0) & (lengths[others] > 0)
-    ratios = np.zeros(len(names))
+    others, lengths = partners(skeleton.joint_names), np.linalg.norm(skeleton.offsets, axis=1)
+    paired = (others != np.arange(len(lengths))) & (lengths > 0) & (lengths[others] > 0)
+    ratios = np.zeros(len(lengths))
     ratios[paired] = np.log(lengths[paired] / lengths[others[paired]])
     return paired, ratios

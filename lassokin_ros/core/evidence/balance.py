@@ -29,7 +29,7 @@ class Balance(Evidence):
     name, count = "balance", 3
 
     def __init__(self, kinematics: Kinematics) -> None:
-        self._live = np.flatnonzero(kinematics.live)
+        self._live = kinematics.live_index
         #: (n,) weights of the joint centres in (centre of mass - middle of the feet); their sum is 0.
         self.shares = _shares(kinematics.skeleton.joint_names)
         carried = kinematics.skeleton.ancestors.T * self.shares  # (n, n): weights of what each joint moves

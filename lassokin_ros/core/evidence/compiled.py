@@ -33,11 +33,11 @@ class CompiledEvidence:
     def __init__(self, kinematics: Kinematics, prior: PosePrior, balance: Balance, depth: LearnedDepth | None) -> None:
         """depth: None for a skeleton without learned depth."""
         self._kinematics = kinematics
-        joints, levers, reach = np.empty(0, dtype=int), np.empty((0, 3)), np.empty((len(kinematics.live), 0))
+        joints, levers, reach = np.empty(0, dtype=int), np.empty((0, 3)), np.empty((len(kinematics.live_index), 0))
         if depth is not None:
             joints, levers, reach = depth.joints, depth.levers, depth.reach
         self._tables = (
-            np.flatnonzero(kinematics.live),
+            kinematics.live_index,
             kinematics.reach_of(kinematics.layout.joints, 2),
             prior.columns_by_joint,
             prior.live,

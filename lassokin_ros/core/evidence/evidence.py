@@ -59,7 +59,7 @@ class LinearisationPoint:
 
     @cached_property
     def axes(self) -> np.ndarray:
-        """(..., n, 3, 3): axes of each joint's three rotations in the matrix columns, camera frame."""
+        """(..., n, 3, 3): axes of each joint's three rotations in the matrix columns, in the frame of the skeleton."""
         orientations = self.states.pose.orientations
         return orientations if self.increment_jacobian is None else orientations @ self.increment_jacobian
 

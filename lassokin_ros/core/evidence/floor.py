@@ -11,11 +11,10 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.proportions import LengthMotion
-from lassokin_ros.core.body.roles import sided
+from lassokin_ros.core.body.roles import ANKLES
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.image.frame_data import FrameData
 
-ANKLES = sided("ankle")
 ANKLE_HEIGHT = 0.05
 """Height of the ankle of a foot on the floor, in heights of the person."""
 DEVIATION = 0.02
@@ -30,13 +29,8 @@ class Floor(Evidence):
 
     name, count = "feet on the floor", len(ANKLES)
 
-    @staticmethod
-    def fits(names: tuple[str, ...]) -> bool:
-        """Whether a skeleton with these joints has the ankles."""
-        return set(names) >= set(ANKLES)
-
     def __init__(self, kinematics: Kinematics) -> None:
-        """The skeleton must be one that `fits`."""
+        """The skeleton must have the ankles."""
         self._kinematics = kinematics
         self._ankles = np.array([kinematics.skeleton.index(ankle) for ankle in ANKLES])
 

@@ -10,12 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import Kinematics
-from lassokin_ros.core.body.roles import sided
+from lassokin_ros.core.body.roles import ANKLES
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import squared_norm
 
-ANKLES = sided("ankle")
 DEVIATION = 0.03
 """m: standard deviation of an ankle about its anchor, in each direction."""
 SCALE = 3.0
@@ -29,13 +28,8 @@ class FootContact(Evidence):
 
     name, count = "foot contact", 3 * len(ANKLES)
 
-    @staticmethod
-    def fits(names: tuple[str, ...]) -> bool:
-        """Whether a skeleton with these joints has the ankles."""
-        return set(names) >= set(ANKLES)
-
     def __init__(self, kinematics: Kinematics) -> None:
-        """The skeleton must be one that `fits`."""
+        """The skeleton must have the ankles."""
         self._ankles = np.array([kinematics.skeleton.index(ankle) for ankle in ANKLES])
 
     def present(self, frame: FrameData) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.proportions import LengthMotion
+from lassokin_ros.core.body.roles import ANKLES
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.evidence.balance import Balance
 from lassokin_ros.core.evidence.compiled import CompiledEvidence
@@ -53,23 +54,31 @@ class FrameModel:
         self.upright, self.balance = Upright(), Balance(kinematics)
         self.measured_depth = MeasuredDepth(kinematics.landmark_count)
         self.learned_depth = LearnedDepth(kinematics) if LearnedDepth.fits(kinematics.skeleton) else None
-        self.foot_contact = FootContact(kinematics) if FootContact.fits(kinematics.skeleton.joint_names) else None
-        self.floor = Floor(kinematics) if Floor.fits(kinematics.skeleton.joint_names) else None
+        with_ankles = set(ANKLES) <= set(kinematics.skeleton.joint_names)
+        self.foot_contact = FootContact(kinematics) if with_ankles else None
+        self.floor = Floor(kinematics) if with_ankles else None
         self._users = [UsersEvidence(evidence) for evidence in users]
         built_in = self.image, self.prior, self.upright, self.balance, self.measured_depth, self.learned_depth
         self.pieces: dict[str, Evidence] = {}
-        for piece in (*built_in, self.foot_contact, self.floor, *self._users):
+        for piece in (*built_in, self.foot_contact, self.floor):
             if piece is not None:
-                if piece.name in self.pieces:
-                    raise ConfigurationError(f"two pieces of evidence are named '{piece.name}'; expected unique names")
                 self.pieces[piece.name] = piece
+        reserved = tuple(self.pieces)
+        for own in self._users:
+            if own.name in self.pieces:
+                raise ConfigurationError(f"two pieces of evidence are named '{own.name}'; expected unique names")
+            if own.name.rstrip("0123456789").rstrip() in reserved:
+                raise ConfigurationError(
+                    f"evidence is named '{own.name}', as that of a further camera; expected a name without the number"
+                )
+            self.pieces[own.name] = own
         self._compiled = CompiledEvidence(kinematics, self.prior, self.balance, self.learned_depth)
         self._compiled.add_camera(self.image, self.learned_depth)
         self._layouts: dict[tuple[str, ...], tuple[dict[str, slice], int]] = {}
         self.image_pieces = [self.image]
         """The reprojection errors of each camera."""
         #: Indices of the estimated degrees of freedom. The root's come first; the prior has no rows for them.
-        self.live = np.flatnonzero(kinematics.live)
+        self.live = kinematics.live_index
 
     def add_camera(self) -> None:
         """Add the evidence of a further camera. Its views follow those of the cameras before in each frame."""

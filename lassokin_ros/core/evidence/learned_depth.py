@@ -7,6 +7,8 @@ row decreases where the state disagrees with the network. All depths are relativ
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
@@ -24,10 +26,9 @@ DEPTH_ROWS = "learned depth"
 WEIGHT = 1.5
 """Factor on the rows in frames of one camera without measured depth. Validation people: as captured 97.9 / 44.9 mm with
 1, 96.5 / 44.0 with 1.5; strangers 66.4 / 46.3 and 65.8 / 45.8, their knees 8.2 and 7.8 degrees."""
-WEIGHT_OF_SEVERAL = 0.5
-"""Factor on the rows of each camera in frames of several cameras, which observe depth."""
 WEIGHT_WITH_DEPTH = 0.5
-"""Factor on the rows in frames with measured depth, see `FrameData.prior_weight`."""
+"""Factor on the rows in frames with measured depth, see `FrameData.prior_weight`, or of several cameras, which observe
+depth."""
 TAIL = 4.0
 """Degrees of freedom of Student's t distribution, as in training."""
 
@@ -52,8 +53,7 @@ class LearnedDepth(Evidence):
         self.joints = np.array([skeleton.index(joint) for joint, _ in chosen])
         #: (DEPTHS + 1, 3, 1) in heights.
         self.levers = np.array([offset for _, offset in chosen])[..., None]
-        live = np.flatnonzero(kinematics.live)
-        self.reach = np.repeat(skeleton.ancestors[self.joints], 3, axis=1)[:, live].T.astype(float, order="C")
+        self.reach = kinematics.reach_of(self.joints, 1)
         #: (DEPTHS, DEPTHS + 1): maps positions of the targets and the right hip to positions relative to the mid-hip.
         self._relative = np.eye(DEPTHS, DEPTHS + 1)
         self._relative[:, [0, DEPTHS]] -= 0.5
@@ -99,13 +99,11 @@ class LearnedDepth(Evidence):
         """The network's estimate, with less weight beside measured depth or other cameras."""
         given = frame.views[self._camera].joint_depths
         assert given is not None
-        factor = self.factor(frame)
-        return given if factor == 1.0 else given.with_weight(factor)
+        return replace(given, whitening=self.factor(frame) * given.whitening)
 
     def factor(self, frame: FrameData) -> float:
         """Factor on the rows of a frame."""
-        factor = WEIGHT_WITH_DEPTH if frame.depth_covers else WEIGHT
-        return min(factor, WEIGHT_OF_SEVERAL) if frame.seen_by > 1 else factor
+        return WEIGHT_WITH_DEPTH if frame.depth_covers or frame.seen_by > 1 else WEIGHT
 
     def _points(self, pose: BodyPose) -> np.ndarray:
         """(..., DEPTHS + 1, 3) m: the targets and the right hip."""

@@ -86,7 +86,6 @@ class PosePrior(Evidence):
                 "the limbs or the head"
             )
         chosen = _components(list(self.joints))
-        self._n = kinematics.joint_count
         #: (k,) rad and (k, k) rad^2, as shipped.
         self.mean, self.covariance = prior.mean[self.joints].reshape(-1), prior.covariance[np.ix_(chosen, chosen)]
         #: (k, k) upper triangular, W of the module's docstring.
@@ -125,25 +124,18 @@ class PosePrior(Evidence):
         flat = theta.reshape(*theta.shape[:-2], -1)
         return Posture(theta, np.asarray(self.whitened_mean - flat.dot(self.W.T)))
 
-    def residual(self, rotations: np.ndarray) -> np.ndarray:
-        """Right sides (..., k): W (mean - theta), in standard deviations."""
-        return self.posture(rotations).residual
-
-    def rows(self, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(A, z): rows (..., k, 3 n) and right sides (..., k) of ||z - A Omega||^2."""
-        posture = self.posture(rotations)
-        columns, z = self._columns(posture, None), posture.residual
-        A = np.zeros((*z.shape, self._n, 3))
-        A[..., self.joints, :] = columns.swapaxes(-1, -2).reshape(*z.shape, len(self.joints), 3)
-        return A.reshape(*z.shape, 3 * self._n), z
-
     def live_columns(self, posture: Posture, increment_jacobian: np.ndarray | None = None) -> np.ndarray:
-        """A transposed, for the live degrees of freedom after the root's: (..., live - first, k).
+        """Rows for Omega, transposed, for the live degrees of freedom after the root's: (..., live - first, k).
 
-        increment_jacobian: (..., n, 3, 3), right Jacobian of an increment already applied: a right factor of each
-        joint's block.
+        d theta / d Omega is the inverse right Jacobian of SO(3) at theta. increment_jacobian: (..., n, 3, 3), right
+        Jacobian of an increment already applied: a right factor of each joint's block.
         """
-        return self._columns(posture, increment_jacobian).take(self.live, axis=-2)
+        inner = right_jacobian_inverse(posture.theta)
+        if increment_jacobian is not None:
+            inner = inner @ increment_jacobian.take(self.joints, axis=-3)
+        # In this order no product needs a copy.
+        columns = (inner.swapaxes(-1, -2) @ self.columns_by_joint).reshape(*inner.shape[:-3], -1, self.count)
+        return columns.take(self.live, axis=-2)
 
     def in_theta(self, A: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Convert rows A (r, live - first) for Omega to rows (r, 3 joints) for theta: Omega = J_r(theta) d theta."""
@@ -151,14 +143,3 @@ class PosePrior(Evidence):
         rows[:, self.live] = A
         turned = rows.reshape(len(A), len(self.joints), 1, 3) @ right_jacobian(theta)
         return np.asarray(turned.reshape(rows.shape))
-
-    def _columns(self, posture: Posture, increment_jacobian: np.ndarray | None) -> np.ndarray:
-        """(..., 3 joints, k), A transposed; in this order no product needs a copy.
-
-        d theta / d Omega is the inverse right Jacobian of SO(3) at theta.
-        """
-        theta = posture.theta
-        inner = right_jacobian_inverse(theta)
-        if increment_jacobian is not None:
-            inner = inner @ increment_jacobian.take(self.joints, axis=-3)
-        return np.asarray((inner.swapaxes(-1, -2) @ self.columns_by_joint).reshape(*theta.shape[:-2], -1, self.count))

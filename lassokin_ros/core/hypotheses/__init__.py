@@ -1,1 +1,1 @@
-"""Where a frame may start other than from the tracked state: first fit, and the pose of the depth network."""
+"""Where a frame may start other than from the tracked state: a fit, the network's pose, mirrored limbs."""

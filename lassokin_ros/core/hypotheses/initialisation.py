@@ -18,6 +18,7 @@ from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import capped_weights
+from lassokin_ros.core.lasso.problem import WEAKEST
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.core.record import record
 
@@ -38,12 +39,10 @@ SIDES = 8
 POOR_FIT = 1.5
 """Cost per visible landmark of the best fit above which other orientations are tried. With 2 px of noise, 19 of 20
 first frames of upright people cost less, and hardly any fit with a wrong orientation does."""
-FAR_SCHEDULE = ((8.0, 8), (2.0, 6), (1.0, 6))
-"""(factor on the noise, iterations) for a start that may be far from the solution."""
-NEAR_SCHEDULE = ((4.0, 3), (1.0, 5))
-"""The same for a start near the solution."""
-DAMPING = 1e-3
-"""1/rad^2, fixes unobservable degrees of freedom."""
+FAR = (8.0,) * 8 + (2.0,) * 6 + (1.0,) * 6
+"""Factor on the noise in each iteration of a fit whose start may be far from the solution."""
+NEAR = (4.0,) * 3 + (1.0,) * 5
+"""The same for a start near the solution. With half the iterations, poses after a gap had larger errors."""
 LARGEST_ROTATION = 0.7
 """rad: largest rotation of a degree of freedom in one step."""
 LEAST_DEPTH = 0.3
@@ -65,29 +64,25 @@ class Initialiser:
         self._kinematics, self._frame_model = kinematics, frame_model
         self.mean_pose = exponential(prior.mean)
         """(n, 3, 3) local rotations of the prior's mean."""
-        self._live = np.flatnonzero(kinematics.live)
-        self._damping = np.append(np.full(len(self._live), DAMPING), np.full(3, 1e-6))
+        self._live = kinematics.live_index
+        self._damping = np.append(np.full(len(self._live), WEAKEST), np.full(3, 1e-6))
 
     def fit(self, frame: FrameData) -> Fit:
         """The best fit of all starts. At least two landmarks must be visible."""
         upright = int(np.argmax(START_ROTATIONS[:, :, 1].dot(frame.camera.rotation @ frame.up)))
-        fit = self._best_of(self._starts(range(SIDES), [upright], frame), frame)
+        fit = self._fitted(self._starts(range(SIDES), [upright], frame), frame, FAR)
         if fit.cost > POOR_FIT * frame.point_count:
-            others = [other for other in range(len(START_ROTATIONS)) if other != upright]
-            fit = min(fit, self._best_of(self._starts(range(0, SIDES, 2), others, frame), frame), key=_cost)
+            others = [number for number in range(len(START_ROTATIONS)) if number != upright]
+            other = self._fitted(self._starts(range(0, SIDES, 2), others, frame), frame, FAR)
+            fit = min(fit, other, key=lambda one: one.cost)
         return fit
 
     def fit_near(self, start: BodyState, frame: FrameData) -> Fit:
         """Fit one state (n, 3, 3). Its translation is computed here."""
-        states = self.with_translation(start.rotations[None], frame)
-        for factor, iterations in NEAR_SCHEDULE:
-            states = self.iterate(states, frame, [factor] * iterations)
-        return self.best(states, frame)
+        return self._fitted(self.with_translation(start.rotations[None], frame), frame, NEAR)
 
-    def _best_of(self, states: BodyState, frame: FrameData) -> Fit:
-        for factor, iterations in FAR_SCHEDULE:
-            states = self.iterate(states, frame, [factor] * iterations)
-        return self.best(states, frame)
+    def _fitted(self, states: BodyState, frame: FrameData, factors: Iterable[float]) -> Fit:
+        return self.best(self.iterate(states, frame, factors), frame)
 
     def iterate(self, states: BodyState, frame: FrameData, factors: Iterable[float]) -> BodyState:
         """A Gauss-Newton step from S states, (S, n, 3, 3) and (S, 3), for each factor on the noise."""
@@ -121,10 +116,7 @@ class Initialiser:
         at_origin = self._kinematics.pose(BodyState(rotations, np.zeros(rotations.shape[:1] + (3,)))).landmarks
         rows, right = [], []
         for view in frame.views:
-            to_rays = np.zeros((len(view.points), 2, 3))
-            to_rays[:, 0, 0] = to_rays[:, 1, 1] = 1
-            to_rays[:, :, 2] = -view.points
-            to_rays *= view.weights[:, None, None]
+            to_rays = view.ray_rows()
             rows.append((to_rays @ view.camera.rotation).reshape(-1, 3))
             seen = view.camera.into_camera(at_origin)[..., None]
             right.append(-(to_rays @ seen).reshape(len(rotations), -1))
@@ -151,10 +143,6 @@ def _limit_depths(translation: np.ndarray, camera: CameraPose) -> None:
     """Limit translations (S, 3) in place to depths of at least `LEAST_DEPTH` in a camera."""
     missing = np.maximum(LEAST_DEPTH - camera.into_camera(translation)[:, 2], 0.0)
     translation += missing[:, None] * camera.rotation[2]
-
-
-def _cost(fit: Fit) -> float:
-    return fit.cost
 
 
 def _limited(rotations: np.ndarray) -> np.ndarray:

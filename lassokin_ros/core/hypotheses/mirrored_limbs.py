@@ -12,6 +12,7 @@ from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.roles import LIMBS
 from lassokin_ros.core.body.rotations import least_turn
 from lassokin_ros.core.evidence.evidence import EvaluatedState
+from lassokin_ros.core.image.frame_data import FrameData
 
 BONES = (True, True), (False, True), (True, False)
 """Which of a limb's two bones are mirrored, from the trunk outwards: both, the outer one, the inner one."""
@@ -28,20 +29,26 @@ class MirroredLimbs:
         self._chains = [chain for chain in chains if moving[chain[0]]]
         self._turn = 0
 
-    def propose(self, tracked: EvaluatedState) -> BodyState | None:
+    def propose(self, tracked: EvaluatedState, frame: FrameData) -> BodyState | None:
         """The tracked state with each limb mirrored, one state per limb; None if there is no limb."""
         if not self._chains:
             return None
         bones, self._turn = BONES[self._turn % len(BONES)], self._turn + 1
-        rotations = np.array([self._mirrored(tracked, chain, *bones) for chain in self._chains])
+        centre = frame.seeing.camera.centre
+        rotations = np.array([self._mirrored(tracked, centre, chain, *bones) for chain in self._chains])
         return BodyState(rotations, np.repeat(tracked.state.translation[None], len(rotations), axis=0))
 
-    def _mirrored(self, tracked: EvaluatedState, chain: list[int], inner: bool, outer: bool) -> np.ndarray:
-        """(n, 3, 3) local rotations with the bones of one limb mirrored along the line of sight to its first joint."""
+    def _mirrored(
+        self, tracked: EvaluatedState, centre: np.ndarray, chain: list[int], inner: bool, outer: bool
+    ) -> np.ndarray:
+        """(n, 3, 3) local rotations with the bones of one limb mirrored along the line of sight to its first joint.
+
+        centre: (3,) m, of the camera.
+        """
         first, second, end = chain
         pose, rotations = tracked.pose, tracked.state.rotations.copy()
         root, middle, tip = pose.positions[chain]
-        sight = root / np.linalg.norm(root)
+        sight = (root - centre) / np.linalg.norm(root - centre)
         inner_bone, outer_bone = middle - root, tip - middle
         above = pose.orientations[first] @ rotations[first].T
         orientation = pose.orientations[first]

@@ -7,8 +7,7 @@ All other joints are as in the prior's mean pose.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Protocol
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from lassokin_ros.core.body.roles import LIMB_BONES
 from lassokin_ros.core.body.rotations import least_turn
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.evidence import EvaluatedState
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import norm
 from lassokin_ros.core.network.depth_network import PLACES
 
@@ -24,20 +24,12 @@ SAME_POSE = 0.08
 """m: mean distance of the network's joints from the tracked ones below which they are the same pose."""
 
 
-class PlaceSource(Protocol):
-    """Gives places as `DepthEstimator.places` does, in the frame of the skeleton."""
-
-    def network_places(self) -> np.ndarray | None:
-        """See `DepthEstimator.places`."""
-        ...
-
-
 class NetworkPose:
     """The network's pose for the newest frame, on the present skeleton."""
 
-    def __init__(self, network: PlaceSource, kinematics: Kinematics, mean_pose: np.ndarray) -> None:
-        """mean_pose: (n, 3, 3) local rotations."""
-        self._network, self._kinematics, self._mean_pose = network, kinematics, mean_pose
+    def __init__(self, places: Callable[[], np.ndarray | None], kinematics: Kinematics, mean_pose: np.ndarray) -> None:
+        """places: as `DepthEstimator.places`, in the frame of the skeleton. mean_pose: (n, 3, 3) local rotations."""
+        self._places, self._kinematics, self._mean_pose = places, kinematics, mean_pose
         names = kinematics.skeleton.joint_names
         shared = [name for name in PLACES if name in names]
         self._shared = np.array([PLACES.index(name) for name in shared])
@@ -46,31 +38,28 @@ class NetworkPose:
 
     def state(self) -> BodyState | None:
         """The pose, (n, 3, 3), with translation 0; None without an estimate for the newest frame."""
-        places = self._network.network_places()
-        return None if places is None else self._state_at(places)
+        places = self._places()
+        if places is None:
+            return None
+        return state_at(dict(zip(PLACES, places)), self._kinematics.skeleton, self._mean_pose)
 
     def distance(self, pose: BodyPose) -> float:
         """Mean distance in m of a pose's joints from the network's, both relative to the middle of the hips.
 
         NaN without an estimate.
         """
-        places = self._network.network_places()
-        return math.nan if places is None else self._apart(places, pose)
-
-    def propose(self, tracked: EvaluatedState) -> BodyState | None:
-        """The pose, as a batch of one, if it is far from the tracked one."""
-        places = self._network.network_places()
-        if places is None or self._apart(places, tracked.pose) < SAME_POSE:
-            return None
-        state = self._state_at(places)
-        return BodyState(state.rotations[None], state.translation[None])
-
-    def _state_at(self, places: np.ndarray) -> BodyState:
-        return state_at(dict(zip(PLACES, places)), self._kinematics.skeleton, self._mean_pose)
-
-    def _apart(self, places: np.ndarray, pose: BodyPose) -> float:
+        places = self._places()
+        if places is None:
+            return math.nan
         joints = self._relative.dot(pose.positions.take(self._joints, axis=0))
         return float(norm(places.take(self._shared, axis=0) - joints).sum()) / len(joints)
+
+    def propose(self, tracked: EvaluatedState, frame: FrameData) -> BodyState | None:
+        """The pose, as a batch of one, if it is far from the tracked one; it does not depend on the frame."""
+        if self.distance(tracked.pose) < SAME_POSE:
+            return None
+        state = self.state()
+        return None if state is None else BodyState(state.rotations[None], state.translation[None])
 
 
 def _from_the_hips(names: Sequence[str]) -> np.ndarray:
@@ -83,7 +72,8 @@ def _from_the_hips(names: Sequence[str]) -> np.ndarray:
 def state_at(positions: Mapping[str, np.ndarray], skeleton: Skeleton, mean: np.ndarray) -> BodyState:
     """The state, with translation 0, whose bones point along the given positions.
 
-    positions: (3,) m by joint name, camera frame, relative to the middle of the hips. mean: (n, 3, 3) local rotations.
+    positions: (3,) m by joint name, relative to the middle of the hips, in the frame of the skeleton. mean: (n, 3, 3)
+    local rotations.
     """
     rotations, names = mean.copy(), skeleton.joint_names
     rotations[0] = trunk_orientation(positions)

@@ -14,12 +14,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import numpy as np
-
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.hypotheses.initialisation import NEAR_SCHEDULE, Initialiser
+from lassokin_ros.core.hypotheses.initialisation import NEAR, Initialiser
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import norm
 
@@ -27,8 +25,6 @@ PERIOD_S = 0.1
 """s between the beginnings of two fits while a person is tracked."""
 DIFFERENT_POSE = 0.05
 """m: mean distance of joints, relative to the pelvis, from which a fit is another pose than the tracked one."""
-FACTORS = np.repeat([factor for factor, _ in NEAR_SCHEDULE], [count for _, count in NEAR_SCHEDULE])
-"""Factor on the noise in each iteration of a fit. With half the iterations, poses after a gap had larger errors."""
 COST_MARGIN = 2.0
 """Difference in cost, a negative log-likelihood, by which the fitted pose must be better."""
 BALANCE_MARGIN = 0.2
@@ -44,9 +40,11 @@ class OtherPose:
         self,
         initialiser: Initialiser,
         frame_model: FrameModel,
-        propose: Callable[[EvaluatedState], BodyState | None],
+        propose: Callable[[EvaluatedState, FrameData], BodyState | None],
     ) -> None:
-        """propose: starts (S, n, 3, 3) and (S, 3) of a fit beside the tracked state; None if there is no other pose."""
+        """propose: starts (S, n, 3, 3) and (S, 3) of a fit to a frame beside the tracked state; None if there is no
+        other pose.
+        """
         self._initialiser, self._frame_model, self._propose = initialiser, frame_model, propose
         self.reset()
 
@@ -68,17 +66,17 @@ class OtherPose:
             self._begin(stamp, frame, tracked)
         if self._fitted is None:
             return None
-        due = math.floor(len(FACTORS) * min(step / PERIOD_S, 1.0) + 1e-6)
+        due = math.floor(len(NEAR) * min(step / PERIOD_S, 1.0) + 1e-6)
         begin, self._iterations_done = self._iterations_done, self._iterations_done + max(due, 1)
-        self._fitted = fitted = self._initialiser.iterate(self._fitted, frame, FACTORS[begin : self._iterations_done])
-        if self._iterations_done < len(FACTORS):
+        self._fitted = fitted = self._initialiser.iterate(self._fitted, frame, NEAR[begin : self._iterations_done])
+        if self._iterations_done < len(NEAR):
             return None
         self._fitted = None
         return self._accepted(fitted, frame, tracked, cost)
 
     def _begin(self, stamp: float, frame: FrameData, tracked: EvaluatedState) -> None:
         self._begun_at = stamp
-        start = self._propose(tracked)
+        start = self._propose(tracked, frame)
         if start is not None:
             self._fitted, self._iterations_done = self._initialiser.with_translation(start.rotations, frame), 0
 

@@ -22,17 +22,13 @@ LEVEL_CAMERA_UP = np.array([0.0, -1.0, 0.0])
 class JointDepths:
     """Depths of k joints relative to the middle of the hips, as the depth network estimates them.
 
-    sight: (3,) unit vector along which depths are measured, camera frame. depths: (k,) m.
+    sight: (3,) unit vector along which depths are measured, in the frame of the skeleton. depths: (k,) m.
     whitening: (k, k) 1/m: whitening @ (depths - truth) has independent errors of unit scale.
     """
 
     sight: np.ndarray
     depths: np.ndarray
     whitening: np.ndarray
-
-    def with_weight(self, factor: float) -> JointDepths:
-        """The same depths, with a factor on the whitening: below 1 they are less certain."""
-        return JointDepths(self.sight, self.depths, factor * self.whitening)
 
 
 @record
@@ -41,7 +37,7 @@ class FrameData:
 
     points: (l, 2) normalised image coordinates, any finite value where the weight is 0.
     weights: (l,) 1 / standard deviation in that unit, 0 = missing.
-    up: (3,) unit vector, the vertical in the camera frame.
+    up: (3,) unit vector, the vertical in the frame of the skeleton.
     depth: (l,) m, depth of each landmark along the optical axis; None in a frame without any measured depth.
     depth_weights: (l,) 1/m, 1 / standard deviation of `depth`, 0 = not measured.
     joint_depths: the network's estimate; None without one.
@@ -67,6 +63,16 @@ class FrameData:
     def views(self) -> tuple[FrameData, ...]:
         """The views of all cameras, this one first."""
         return (self, *self.others)
+
+    def ray_rows(self) -> np.ndarray:
+        """(l, 2, 3) weighted rows x - u z and y - v z of each landmark; they are 0 for places in the camera that the
+        keypoint shows.
+        """
+        rows = np.zeros((len(self.points), 2, 3))
+        rows[:, 0, 0] = rows[:, 1, 1] = 1.0
+        rows[:, :, 2] = -self.points
+        rows *= self.weights[:, None, None]
+        return rows
 
     def prior_weight(self, with_depth: float) -> float:
         """Factor on a prior's rows: `with_depth` if half of the landmarks have a measured depth, else 1.
@@ -100,6 +106,13 @@ class FrameData:
     def seeing(self) -> FrameData:
         """The first view with any point that has weight; this one if there is none."""
         return next((view for view in self.views if np.count_nonzero(view.weights)), self)
+
+    def for_size(self, ratio: float) -> FrameData:
+        """The frame with the network's depths for a body that is taller by a factor."""
+        given = self.joint_depths
+        if given is not None:
+            given = replace(given, depths=ratio * given.depths, whitening=given.whitening / ratio)
+        return replace(self, joint_depths=given, others=tuple(view.for_size(ratio) for view in self.others))
 
     def with_larger_noise(self, factor: float) -> FrameData:
         """The frame with the keypoints' noise made larger by a factor.

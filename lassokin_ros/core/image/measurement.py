@@ -1,6 +1,6 @@
 """The measurement of one frame: keypoints after gating and filtering.
 
-Keypoints equal to the last ones are no new evidence (see `repeated_frames`). Each keypoint's track in the image is
+Keypoints equal to the last ones are no new evidence. Each keypoint's track in the image is
 filtered (see `keypoint_filter`). `MeasurementFilter` keeps the stamps of the last used frame and of the last frame with
 new keypoints.
 """
@@ -18,7 +18,6 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.depth_gating import gate_depth
 from lassokin_ros.core.image.keypoint_filter import PREDICTED_WEIGHT, KeypointFilter
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.repeated_frames import RepeatedFrames
 from lassokin_ros.core.observation import HERE, CameraPose, Observation
 from lassokin_ros.core.record import record
 
@@ -85,7 +84,7 @@ class MeasurementFilter:
         """kinematics: its layout and skeleton may change their size later."""
         self._kinematics = kinematics
         limbs = limb_groups(kinematics.skeleton)[kinematics.layout.joints]
-        self._repeats, self._filter = RepeatedFrames(), KeypointFilter(kinematics.layout.names, limbs)
+        self._filter = KeypointFilter(kinematics.layout.names, limbs)
         self.reset()
 
     def reset(self) -> None:
@@ -98,8 +97,19 @@ class MeasurementFilter:
 
     def forget(self) -> None:
         """Forget the keypoints, but not the stamps."""
-        self._repeats.reset()
+        self._last, self._since = b"", 0.0  # the last keypoints, and the stamp of their first occurrence
         self._filter.reset()
+
+    def _age(self, observation: Observation) -> float:
+        """Time in s since the same keypoints were first received; 0 if they are new.
+
+        Keypoints are repeated with a new stamp if the detector is slower than the camera, or the image is frozen. The
+        comparison is bitwise: keypoints detected in another image never agree in all digits.
+        """
+        these = observation.points.tobytes() + observation.confidence.tobytes()
+        if these != self._last:
+            self._last, self._since = these, observation.stamp
+        return max(observation.stamp - self._since, 0.0)
 
     def filtered(
         self,
@@ -115,7 +125,7 @@ class MeasurementFilter:
         between keypoints and landmarks. The tracks are dropped if there were no new keypoints for `lost_after`.
         """
         stamp, focal, visible = observation.stamp, observation.focal, weights > 0
-        repeated = self._repeats.age(stamp, observation.points, observation.confidence)
+        repeated = self._age(observation)
         lost = stamp - (self.newest if repeated else self.last_new_stamp) > config.lost_after
         if lost:
             self._filter.reset()

@@ -1,4 +1,4 @@
-"""Huber's loss on a landmark's reprojection error, in standard deviations."""
+"""Huber's loss on a landmark's reprojection error, in standard deviations; and lengths of vectors."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 
 THRESHOLD = 3.0
 """Standard deviations beyond which an error counts linearly."""
+MEDIAN_OF_NORMAL = 0.6745
+"""Median of the absolute value of a standard normal variable."""
 
 
 def squared_norm(errors: np.ndarray) -> np.ndarray:
@@ -29,14 +31,14 @@ def norm(errors: np.ndarray) -> np.ndarray:
     return np.sqrt(squared_norm(errors))
 
 
-def huber_weights(size: np.ndarray, threshold: float = THRESHOLD) -> np.ndarray:
+def huber_weights(size: np.ndarray) -> np.ndarray:
     """Weights in (0, 1] on the squared errors with which least squares minimises Huber's loss (IRLS)."""
-    return threshold / np.maximum(size, threshold)
+    return THRESHOLD / np.maximum(size, THRESHOLD)
 
 
-def huber_cost(size: np.ndarray, threshold: float = THRESHOLD) -> np.ndarray:
-    """Huber's loss: 1/2 e^2 up to the threshold t, t (e - t/2) beyond."""
-    inside = np.minimum(size, threshold)
+def huber_cost(size: np.ndarray) -> np.ndarray:
+    """Huber's loss: 1/2 e^2 up to t = `THRESHOLD`, t (e - t/2) beyond."""
+    inside = np.minimum(size, THRESHOLD)
     return inside * (size - 0.5 * inside)
 
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lassokin_ros.core.body.symmetry import other_side
+from lassokin_ros.core.body.symmetry import partners
 
 SWAP_GAIN = 40.0
 """A pair is swapped if the sum of its squared distances from the tracks, over the variances, is less by this amount
@@ -34,10 +34,9 @@ class SideSwaps:
 
     def __init__(self, names: Sequence[str], limbs: Sequence[int]) -> None:
         """names: landmark names; names that differ only in left/right are a pair. limbs: see `limb_groups`."""
-        place = {name: index for index, name in enumerate(names)}
         self._own = np.arange(len(names))
         #: (l,) index of the landmark on the other side; the landmark itself if there is none.
-        self.other = np.array([place.get(other_side(name), index) for index, name in enumerate(names)], dtype=int)
+        self.other = partners(names)
         self._paired = paired = self.other != self._own
         limb_of = np.asarray(limbs)
         limb_of = np.where(limb_of == limb_of[self.other], limb_of, -1)  # both landmarks of a pair in one group

@@ -17,10 +17,7 @@ def triangulate(frame: FrameData) -> np.ndarray:
     count = len(frame.points)
     H, g, views = np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros(count)
     for view in frame.views:
-        rows = np.zeros((count, 2, 3))
-        rows[:, 0, 0] = rows[:, 1, 1] = 1.0
-        rows[:, :, 2] = -view.points
-        rows *= view.weights[:, None, None]
+        rows = view.ray_rows()
         right = -(rows @ view.camera.translation)
         rows = rows @ view.camera.rotation
         H += rows.swapaxes(-1, -2) @ rows

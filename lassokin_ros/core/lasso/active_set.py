@@ -15,8 +15,8 @@ from scipy.linalg import lapack
 from lassokin_ros.core.kernel import kernel
 
 NEGLIGIBLE = 0.2
-"""Share of the guess' mean penalty below which a degree of freedom is set to 0. The predicted support has about 8 wrong
-signs of 44; the last frame's support has 18."""
+"""Share of the guess's mean penalty below which a degree of freedom is set to 0. The predicted support has about 8
+wrong signs of 44; the last frame's support has 18."""
 
 ENTERING_TOGETHER = 0.15
 """Share of the largest violation of KKT-2 from which other violators enter the support in the same step."""
@@ -60,7 +60,8 @@ def predict_solution(H: np.ndarray, g: np.ndarray, alpha: np.ndarray, guess: np.
 def solve_active_set(
     H: np.ndarray, g: np.ndarray, alpha: np.ndarray, omega: np.ndarray, steps: int
 ) -> np.ndarray | None:
-    """The exact solution on a support near that of `omega`, or None if it is not found within `steps`.
+    """The exact solution on a support near that of `omega`, or None if it is not found within `steps`, or if columns of
+    the support are dependent.
 
     On the support V with signs S, KKT-1 is linear: H_VV Omega_V = g_V - alpha_V S. Members whose value contradicts the
     sign leave V, and violators of KKT-2 enter, as in block principal pivoting (Portugal, Judice, Vicente 1994). At
@@ -78,11 +79,8 @@ def solve_active_set(
         support = signs.nonzero()[0]
         rows = H.take(support, axis=0)
         values, factor, failed = _solve_on(rows, support, (g - alpha * signs).take(support))
-        if failed or (step == 0 and _nearly_singular(factor)):
-            if step > 0:
-                return None
-            signs = np.sign(_with_independent_columns(H, alpha, np.where(signs != 0, omega, 0.0)))
-            continue
+        if failed:
+            return None
         correlation = g - values.dot(rows)
         excess = np.abs(correlation) - bound
         excess[support] = 0.0
@@ -115,33 +113,3 @@ def _solve_on(rows: np.ndarray, support: np.ndarray, right: np.ndarray) -> tuple
 def _nearly_singular(factor: np.ndarray) -> bool:
     diagonal = factor.diagonal()
     return bool(diagonal[diagonal.argmin()] < 1e-6 * diagonal[diagonal.argmax()])
-
-
-def _factor_fails(H: np.ndarray, support: np.ndarray) -> bool:
-    """True if the columns of the support are (nearly) dependent."""
-    if len(support) == 0:
-        return False
-    factor, failed = lapack.dpotrf(H[np.ix_(support, support)])
-    return bool(failed) or _nearly_singular(factor)
-
-
-def _with_independent_columns(H: np.ndarray, alpha: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """An equivalent Omega whose support has independent columns. With dependent columns the lasso has many minimisers.
-
-    A move along a null vector of the support's columns changes neither the residual nor, at a minimiser, the penalty.
-    Each move ends when a degree of freedom becomes 0 and leaves the support.
-    """
-    omega = omega.copy()
-    while True:
-        support = np.flatnonzero(omega)
-        if not _factor_fails(H, support):
-            return omega
-        null = np.linalg.eigh(H[np.ix_(support, support)])[1][:, 0]
-        if (alpha[support] * np.sign(omega[support])) @ null > 0:
-            null = -null
-        steps = np.where(null * omega[support] < 0, -omega[support] / np.where(null == 0, 1, null), np.inf)
-        first = int(np.argmin(steps))
-        if not np.isfinite(steps[first]):
-            return omega
-        omega[support] += steps[first] * null
-        omega[support[first]] = 0.0

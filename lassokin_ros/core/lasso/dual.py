@@ -2,7 +2,7 @@
 
 qpsolvers is imported only if another solver than ProxQP is chosen: it takes 5 MB of memory.
 
-Projected dual, u in R^m (the residual r): the seed's problem with x eliminated,
+Projected dual, u in R^m (the residual r): the paper's problem with x eliminated,
     min 1/2 ||u - z||^2   s.t.  |A_k^T u| <= alpha_k          Omega = the constraints' multipliers
 
 Condensed dual, c in R^n (the correlations A^T r), if H = A^T A is well conditioned (with the prior's rows it is):
@@ -14,6 +14,7 @@ Both are solved in units of alpha (bounds of +-1), so that they are well scaled 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -24,6 +25,7 @@ from scipy.linalg import lapack
 from lassokin_ros.core.errors import SolverError
 from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.lasso.problem import Reduced
+from lassokin_ros.core.record import record
 
 _proxqp = proxsuite.proxqp
 _SOLVED = _proxqp.QPSolverOutput.PROXQP_SOLVED
@@ -37,7 +39,7 @@ LARGEST_CONDITION = 1e10
 _CONDITION = np.array([LARGEST_CONDITION])
 
 _FIRST_MU = {"condensed": 1.0, "projected": 1e-4}
-"""ProxQP's step size of the inequalities at the begin of a solve, in the first try."""
+"""ProxQP's step size of the inequalities at the beginning of a solve, in the first try."""
 ITERATIONS = ((40, 25), (50, 30), (50, 30))
 """Limits of ProxQP's outer and inner iterations, by effort. A frame's problem takes about 10 and 60 in total. With
 these limits a solve that does not converge ends after 10 ms."""
@@ -50,6 +52,28 @@ def available_solvers() -> list[str]:
     except ImportError:
         return ["proxqp"]
     return ["proxqp"] + sorted(set(qpsolvers.available_solvers) - {"proxqp"})
+
+
+@record
+class Form:
+    """A dual as a QP: the smallest 1/2 v^T H v + g^T v with |C v| <= bound, entry by entry.
+
+    C is None for the identity. by_multiplier: (n,) Omega / multipliers (positive at the upper bound). variables: v for
+    an Omega.
+    """
+
+    name: str
+    H: np.ndarray
+    g: np.ndarray
+    C: np.ndarray | None
+    bound: np.ndarray
+    by_multiplier: np.ndarray
+    variables: Callable[[np.ndarray], np.ndarray]
+
+    def limits(self) -> dict[str, np.ndarray]:
+        """The bounds by ProxQP's names: it has other ones for those of the variables themselves."""
+        lower, upper = ("l_box", "u_box") if self.C is None else ("l", "u")
+        return {lower: -self.bound, upper: self.bound}
 
 
 class DualSolver:
@@ -70,83 +94,65 @@ class DualSolver:
         """Omega (n,) of the lasso with x eliminated and the penalties alpha (n,).
 
         effort: 0 in the first try; 1 and 2 use more iterations, another step size, and the projected form, which is
-        valid for every A. start: (n,) a predicted solution from which ProxQP starts; None for a start from zero. From
-        the solution itself it needs one iteration. From a point far from it, it may not converge.
+        valid for every A. start: (n,) a predicted solution from which ProxQP starts; None for a start from zero, as the
+        first solve of a QP object always does. From the solution itself it needs one iteration. From a point far from
+        it, it may not converge.
         """
         m, n = reduced.A.shape
-        if m > n and effort == 0:
-            form = _condensed_form(reduced, alpha)
-            if form is not None:
-                return self._condensed(*form, reduced, alpha, effort, start)
-        return self._projected(reduced, alpha, effort, start)
+        form = condensed(reduced, alpha) if m > n and effort == 0 else None
+        return self.solve_form(form or projected(reduced, alpha), effort, start)
 
-    def _projected(self, reduced: Reduced, alpha: np.ndarray, effort: int, start: np.ndarray | None) -> np.ndarray:
-        A, z = reduced.A, reduced.z
-        unit = np.exp(np.mean(np.log(alpha)))
-        scaled = A.T / alpha[:, None]
-        norm = np.sqrt(np.mean(scaled * scaled) * len(z)) + 1e-300
-        C, bound, by_multiplier = scaled / norm, np.full(len(alpha), 1 / (unit * norm)), unit / (norm * alpha)
-        if self.name == "proxqp":
-            warm = None if start is None else ((z - A.dot(start)) / unit, start / by_multiplier)
-            multipliers = self._proxqp("projected", None, -z / unit, C, bound, effort, warm)
-        else:
-            multipliers = _by_qpsolvers(self.name, np.eye(len(z)), -z / unit, C, bound)
-        return multipliers * by_multiplier
-
-    def _condensed(
-        self,
-        scaled: np.ndarray,
-        linear: np.ndarray,
-        norm: float,
-        reduced: Reduced,
-        alpha: np.ndarray,
-        effort: int,
-        start: np.ndarray | None,
-    ) -> np.ndarray:
-        bound, by_multiplier = np.ones(len(alpha)), norm / alpha
-        if self.name == "proxqp":
-            warm = None if start is None else ((reduced.g - reduced.H.dot(start)) / alpha, start / by_multiplier)
-            multipliers = self._proxqp("condensed", scaled, linear, None, bound, effort, warm)
-        else:
-            multipliers = _by_qpsolvers(self.name, scaled, linear, None, bound)
-        return multipliers * by_multiplier
-
-    def _proxqp(
-        self,
-        form: str,
-        H: np.ndarray | None,
-        g: np.ndarray,
-        C: np.ndarray | None,
-        bound: np.ndarray,
-        effort: int,
-        start: tuple[np.ndarray, np.ndarray] | None,
-    ) -> np.ndarray:
-        """Multipliers (positive at the upper bound) by dense ProxQP. start: variables and multipliers, None for
-        zero.
-        """
-        key = (form, len(g), len(bound))
+    def solve_form(self, form: Form, effort: int, start: np.ndarray | None) -> np.ndarray:
+        """Omega (n,), see `solve`."""
+        if self.name != "proxqp":
+            return _by_qpsolvers(self.name, form) * form.by_multiplier
+        key = form.name, len(form.g), len(form.bound)
         # A reused object keeps some state of earlier problems. Rarely, after a hard problem, it reports a wrong answer
         # as solved or does not converge. The second and third try therefore use a new object, and so does the next
         # problem after a failed solve.
         qp: Any = self._objects.get(key) if effort == 0 else None
-        fresh = qp is None
-        if fresh:
-            qp = _new_proxqp(form, len(g), 0 if C is None else len(bound), effort)
-        if fresh and effort == 0:
-            self._objects[key] = qp
-        if C is None:
-            if fresh:
-                qp.init(H, g, None, None, None, None, None, -bound, bound)
-            else:
-                qp.update(H=H, g=g, l_box=-bound, u_box=bound, update_preconditioner=False, mu_in=_FIRST_MU[form])
-        elif fresh:
-            qp.init(np.eye(len(g)), g, None, None, C, -bound, bound)
+        if qp is None:
+            start = None
+            qp = _new_proxqp(form, effort)
+            qp.init(form.H, form.g, C=form.C, **form.limits())
+            if effort == 0:
+                self._objects[key] = qp
         else:
-            qp.update(g=g, C=C, l=-bound, u=bound, update_preconditioner=False, mu_in=_FIRST_MU[form])
-        _solve_from(qp, None if fresh else start)
+            mu = _FIRST_MU[form.name]
+            qp.update(form.H, form.g, C=form.C, **form.limits(), update_preconditioner=False, mu_in=mu)
+        _solve_from(qp, None if start is None else (form.variables(start), start / form.by_multiplier))
         if qp.results.info.status != _SOLVED:
             self._objects.pop(key, None)
-        return np.array(qp.results.z)  # a copy: results.z is a live view
+        return np.asarray(qp.results.z * form.by_multiplier)
+
+
+def projected(reduced: Reduced, alpha: np.ndarray) -> Form:
+    """The projected dual in units of alpha."""
+    A, z = reduced.A, reduced.z
+    unit = np.exp(np.mean(np.log(alpha)))
+    C = A.T / alpha[:, None]
+    norm = np.sqrt(np.mean(C * C) * len(z)) + 1e-300
+    C /= norm
+    bound, by_multiplier = np.full(len(alpha), 1 / (unit * norm)), unit / (norm * alpha)
+    return Form("projected", np.eye(len(z)), -z / unit, C, bound, by_multiplier, lambda o: (z - A.dot(o)) / unit)
+
+
+def condensed(reduced: Reduced, alpha: np.ndarray) -> Form | None:
+    """The condensed dual in units of alpha, None if H is not safely positive definite.
+
+    Its matrix is H^-1 in these units, divided by its mean diagonal.
+    """
+    H, g, scaled, linear, mean = reduced.H, reduced.g, np.empty(reduced.H.shape), np.empty(len(alpha)), np.empty(1)
+    if not (kernel.active and kernel.condensed(H, g, alpha, _CONDITION, scaled, linear, mean)):
+        inverse = _inverse(H)
+        if inverse is None:
+            return None
+        scaled = inverse * alpha * alpha[:, None]
+        mean = scaled.trace() / len(alpha)
+        scaled /= mean
+        linear = -scaled.dot(g / alpha)
+    bound = np.ones(len(alpha))
+    return Form("condensed", scaled, linear, None, bound, mean / alpha, lambda o: (g - H.dot(o)) / alpha)
 
 
 def _solve_from(qp: Any, start: tuple[np.ndarray, np.ndarray] | None) -> None:
@@ -167,62 +173,45 @@ def _solve_from(qp: Any, start: tuple[np.ndarray, np.ndarray] | None) -> None:
         qp.solve(variables, None, None)
 
 
-def _new_proxqp(form: str, variables: int, constraints: int, effort: int) -> Any:
+def _new_proxqp(form: Form, effort: int) -> Any:
     """A ProxQP object with the settings under which this problem is solved reliably.
 
     The dual is always feasible (u = 0), so the infeasibility tests are off: with their defaults they report 5-18 % of
     small-alpha problems as infeasible. The check of the duality gap is on; without it (the default) the status SOLVED
     is not reliable. Iterations are limited, so that no frame takes too long.
     """
-    box = form == "condensed"
+    box, variables = form.C is None, len(form.g)
     qp = _proxqp.dense.QP(
         variables,
         0,
-        constraints,
+        0 if box else len(form.bound),
         box,
         _proxqp.dense.HessianType.Dense,
         _proxqp.dense.DenseBackend.PrimalDualLDLT,
     )
     settings = qp.settings
-    tolerance = TOLERANCE_AGAIN if effort else TOLERANCE[form]
+    tolerance = TOLERANCE_AGAIN if effort else TOLERANCE[form.name]
     settings.eps_abs = settings.eps_rel = tolerance
     settings.check_duality_gap = True
     settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = GAP_AGAIN if effort else tolerance
     settings.eps_primal_inf = settings.eps_dual_inf = 0.0
     settings.max_iter, settings.max_iter_in = ITERATIONS[effort]
-    settings.default_mu_in = 1.0 if effort == 2 else 1e-2 if effort else _FIRST_MU[form]
+    settings.default_mu_in = 1.0 if effort == 2 else 1e-2 if effort else _FIRST_MU[form.name]
     settings.compute_preconditioner = False
     return qp
 
 
-def _by_qpsolvers(name: str, H: np.ndarray, g: np.ndarray, C: np.ndarray | None, bound: np.ndarray) -> np.ndarray:
-    """Multipliers (positive at the upper bound) by a solver of qpsolvers; zeros if it finds no solution."""
+def _by_qpsolvers(name: str, form: Form) -> np.ndarray:
+    """Multipliers by a solver of qpsolvers; zeros if it finds no solution."""
     import qpsolvers
 
-    if C is None:
-        C = np.eye(len(bound))
-    problem = qpsolvers.Problem(H, g, np.vstack([C, -C]), np.concatenate([bound, bound]))
+    C = np.eye(len(form.bound)) if form.C is None else form.C
+    problem = qpsolvers.Problem(form.H, form.g, np.vstack([C, -C]), np.concatenate([form.bound, form.bound]))
     solution = qpsolvers.solve_problem(problem, solver=name)
+    count = len(form.bound)
     if solution.z is None or not np.all(np.isfinite(solution.z)):
-        return np.zeros(len(bound))
-    return np.asarray(solution.z[: len(bound)] - solution.z[len(bound) :])
-
-
-def _condensed_form(reduced: Reduced, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
-    """(H^-1 in units of alpha, divided by its mean diagonal; the linear term; that mean), None if H is not safely
-    positive definite.
-    """
-    if kernel.active:
-        scaled, linear, norm = np.empty(reduced.H.shape), np.empty(len(alpha)), np.empty(1)
-        if kernel.condensed(reduced.H, reduced.g, alpha, _CONDITION, scaled, linear, norm):
-            return scaled, linear, float(norm[0])
-    inverse = _inverse(reduced.H)
-    if inverse is None:
-        return None
-    scaled = inverse * alpha * alpha[:, None]
-    mean = float(scaled.trace()) / len(alpha)
-    scaled /= mean
-    return scaled, -scaled.dot(reduced.g / alpha), mean
+        return np.zeros(count)
+    return np.asarray(solution.z[:count] - solution.z[count:])
 
 
 def _inverse(H: np.ndarray) -> np.ndarray | None:

@@ -35,11 +35,6 @@ class Lasso:
         """The problem with the translation eliminated, computed once."""
         return eliminate_translation(self)
 
-    def check(self) -> None:
-        """Raise SolverError if shapes do not fit, a value is not finite, or an alpha is not positive."""
-        self.check_shapes()
-        self.check_values()
-
     def check_shapes(self) -> None:
         """Raise SolverError if shapes do not fit."""
         m, n = self.A.shape

@@ -38,14 +38,9 @@ class RecoveryConditions:
     condition2: float
     condition3: float
 
-    @property
-    def holds(self) -> bool:
-        """True if conditions 1 and 2 hold strictly, and condition 3 up to rounding."""
-        return self.condition1 < 1 and self.condition2 > 0 and self.condition3 < 1e-6
-
 
 def theorem1_literal(problem: Lasso, x: np.ndarray, support: np.ndarray, signs: np.ndarray) -> RecoveryConditions:
-    """Conditions 1-3 as in the seed: z* = z - B x, columns of A as they are.
+    """Conditions 1-3 as in the paper: z* = z - B x, columns of A as they are.
 
     x: (3,) m; support: indices V; signs: (len(V),) of Omega on V.
     """

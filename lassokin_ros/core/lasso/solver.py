@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Callable
 
 import numpy as np
 
@@ -36,23 +35,23 @@ SMALLEST_ALPHA = 1e-4
 
 @record
 class LassoSolution:
-    """The minimiser: omega (n,) rad, x (3,) m, and the alpha (n,) that was used, after clamping.
+    """The minimiser of a problem: omega (n,) rad, x (3,) m, and the alpha (n,) that was used, after clamping.
 
     method: name of the solver that found it. exact: KKT holds to rounding on H, which is enough for an answer that is
-    only the start of the next linearisation. certifier: computes the certificate.
+    only the start of the next linearisation.
     """
 
     omega: np.ndarray
     x: np.ndarray
     alpha: np.ndarray
-    certifier: Callable[[], Certificate]
+    problem: Lasso
     method: str
     exact: bool = False
 
     @cached_property
     def certificate(self) -> Certificate:
         """KKT residuals and duality gap on the matrices as given, computed on first use."""
-        return self.certifier()
+        return certify(self.problem.A, self.problem.B, self.problem.z, self.alpha, self.omega, self.x)
 
     @property
     def certified(self) -> bool:
@@ -61,7 +60,7 @@ class LassoSolution:
 
     @property
     def support(self) -> np.ndarray:
-        """Indices of the degrees of freedom that move, V in the seed."""
+        """Indices of the degrees of freedom that move, V in the paper."""
         return self.omega.nonzero()[0]
 
 
@@ -141,11 +140,7 @@ def _finished(
     problem: Lasso, reduced: Reduced, alpha: np.ndarray, omega: np.ndarray, method: str, exact: bool
 ) -> LassoSolution:
     x = reduced.Y.dot(problem.z - problem.A.dot(omega))
-
-    def certifier() -> Certificate:
-        return certify(problem.A, problem.B, problem.z, alpha, omega, x)
-
-    return LassoSolution(omega, x, alpha, certifier, method, exact)
+    return LassoSolution(omega, x, alpha, problem, method, exact)
 
 
 def _without_tiny_entries(reduced: Reduced, alpha: np.ndarray, omega: np.ndarray) -> np.ndarray:

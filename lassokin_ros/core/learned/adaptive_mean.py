@@ -57,9 +57,6 @@ class AdaptiveMean:
         self._measured_at = -np.inf
         self._prior.set_mean(self.mean)
 
-    def resize(self, ratio: float) -> None:
-        """Angles do not depend on the person's size."""
-
     def update(self, stamp: float, start: BodyState, problem: Lasso, rows: Mapping[str, slice]) -> bool:
         """Use a tracked frame: its lasso about the state `start`, with the rows of each piece of evidence.
 

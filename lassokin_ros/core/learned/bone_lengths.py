@@ -23,8 +23,22 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import huber_weights
+from lassokin_ros.core.lasso.problem import WEAKEST
 from lassokin_ros.core.learned.length_prior import LengthPosterior, initial_deviation, length_models, posterior
-from lassokin_ros.core.schedule import Schedule
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Growing intervals in s: at least `first`, then `share` of the evidence collected so far, at most `last`."""
+
+    first: float
+    share: float
+    last: float
+
+    def interval(self, known: float) -> float:
+        """Time in s until the next piece of work. known: s of evidence collected so far."""
+        return min(max(self.first, self.share * known), self.last)
+
 
 STATURE_DEVIATION, OBSERVED_STATURE_DEVIATION = 0.005, 0.03
 """Standard deviation of the logarithm of the stature at rest: with one camera, which does not observe size, and with
@@ -46,8 +60,6 @@ UPDATE = Schedule(0.2, 0.25, 1.0)
 """s between two updates of the skeleton."""
 SETTLED = 0.05
 """s after an initialisation before frames are kept."""
-DAMPING = 1e-3
-"""1/rad^2, fixes unobservable degrees of freedom."""
 TYPICAL_COST = 12.0
 """Robust cost of a frame (image and prior) at which its weight is halved, because a high cost indicates a wrong pose.
 If the median over the kept frames is larger, as it is while the lengths are wrong, the median is used instead."""
@@ -82,7 +94,7 @@ class Calibration:
         self._frame_model, kinematics = frame_model, frame_model.kinematics
         self.proportions = Proportions(kinematics)
         self._models = length_models(self.proportions)
-        self._live, self._joint_count = np.flatnonzero(kinematics.live), kinematics.joint_count
+        self._live, self._joint_count = kinematics.live_index, kinematics.joint_count
         self.reset()
 
     def reset(self) -> None:
@@ -92,7 +104,6 @@ class Calibration:
         self.deviation = initial_deviation(self._models)
         self.frozen = count == 0
         self.kept_motion = 0.0
-        self.odds = np.array([model.odds for model in self._models])
         self._frames: list[KeptFrame] = []
         self._next_relinearised = 0
         self._last_work_stamp = -math.inf
@@ -101,21 +112,17 @@ class Calibration:
 
     def resize(self, ratio: float) -> None:
         """Use a given body that is taller by a factor. The log-lengths stay, and the kept frames move away from the
-        camera, so that their images stay.
+        camera, so that their images stay. The network's depths in them are those of the taller body.
         """
         self.proportions.use(self.proportions.given.scaled(ratio))
         for frame in self._frames:
             frame.state = BodyState(frame.state.rotations, ratio * frame.state.translation)
+            frame.data = frame.data.for_size(ratio)
 
     @property
     def skeleton(self) -> Skeleton:
         """The skeleton with the present lengths."""
         return self.proportions.skeleton(self.lengths)
-
-    @property
-    def stature(self) -> float:
-        """m: the height of the person with the present lengths. With one camera it stays near the given one."""
-        return float(self.skeleton.height * (1 + self.proportions.stature_shares @ np.expm1(self.lengths)))
 
     @property
     def certain(self) -> bool:
@@ -165,7 +172,7 @@ class Calibration:
         """Recompute a frame's normal equations at the present lengths, and do one Gauss-Newton step of its pose."""
         J, C, z, cost = self._frame_rows(frame)
         H = J.T @ J
-        H.reshape(-1)[:: len(H) + 1] += DAMPING
+        H.reshape(-1)[:: len(H) + 1] += WEAKEST
         right = np.column_stack([J.T @ C, J.T @ z])
         _, solved, failed = lapack.dposv(H, right)
         if failed:
@@ -201,7 +208,6 @@ class Calibration:
         H, g = self._normal_equations()
         g += shares * (shares @ self.lengths - excess) / self.stature_deviation**2
         found = posterior(self._models, H, g, stature)
-        self.odds = found.odds
         best = self._best(found)
         self.lengths = self.lengths + np.clip(best - self.lengths, -LARGEST_STEP, LARGEST_STEP)
         self.deviation = found.deviation(best)

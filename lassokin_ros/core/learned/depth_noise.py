@@ -14,9 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from lassokin_ros.core.image.measurement import Measurement
+from lassokin_ros.core.image.robust_loss import MEDIAN_OF_NORMAL
 
-NORMAL = 0.6745
-"""Median of the absolute value of a standard normal variable."""
 LONGEST_STEP = 0.12
 """s between frames; after a longer step the acceleration is larger than the noise."""
 FEWEST = 4
@@ -44,9 +43,6 @@ class DepthNoise:
         self._known = INITIAL_WEIGHT
         self._stamp = -math.inf
         self._past: list[np.ndarray] = []
-
-    def resize(self, ratio: float) -> None:
-        """The noise does not depend on the person's size."""
 
     @property
     def factor(self) -> float:
@@ -78,7 +74,7 @@ class DepthNoise:
         change = np.abs(first - 2 * second + third) * weights
         change = change[np.isfinite(change)]
         if len(change) >= FEWEST:
-            size = float(np.median(change)) / (MOTION * NORMAL * math.sqrt(6))
+            size = float(np.median(change)) / (MOTION * MEDIAN_OF_NORMAL * math.sqrt(6))
             share = step / (self._known + step)
             self._known = min(self._known + step, LARGEST_WEIGHT)
             self._log += share * (math.log(min(max(size, 1 / LARGEST_FACTOR), LARGEST_FACTOR)) - self._log)

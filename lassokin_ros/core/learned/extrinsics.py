@@ -15,6 +15,7 @@ import numpy as np
 
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.robust_loss import MEDIAN_OF_NORMAL
 from lassokin_ros.core.learned.camera_finder import CameraFinder
 from lassokin_ros.core.learned.size_check import SizeCheck
 from lassokin_ros.core.observation import CameraPose
@@ -42,9 +43,6 @@ OUTLIER = 3.0
 """Distance r from an epipolar line, in standard deviations, from which its weight decreases, with r^-2."""
 FOLLOWING = 0.1
 """Share of the way to the solution that a correction moves in PERIOD_S, so that the body does not jump."""
-NORMAL = 1.48
-"""Standard deviation of normal errors, in units of their median size. Errors that are larger than configured count
-less."""
 STEP = 1e-5
 """rad and m: step of the differences that give the derivatives."""
 MOVED = math.radians(1.5), 0.05
@@ -65,7 +63,7 @@ class Extrinsics:
     """Corrections of the poses of all cameras but one."""
 
     def __init__(self, size: SizeCheck, size_known: bool, used: bool) -> None:
-        """size: knows the limbs of the body; size_known: whether the person's height is given. used: whether poses are
+        """size: of the body's limbs; size_known: whether the person's height is given. used: whether poses are
         corrected, or only checked.
         """
         self._size, self.size_known, self._used = size, size_known, used
@@ -76,7 +74,7 @@ class Extrinsics:
         self._solutions: dict[str, np.ndarray] = {}
         self._given: dict[str, CameraPose] = {}
         self.found: dict[str, CameraPose] = {}
-        """Poses that nobody has given, by camera, from the first frames with the person."""
+        """Poses of cameras without a given one, by name, from the first frames with the person."""
         self.reset()
 
     def reset(self) -> None:
@@ -86,9 +84,6 @@ class Extrinsics:
         self._newest, self._count = -math.inf, 0
         self.wrong: dict[str, str] = {}
         """What is wrong with the pose of a camera, in words, by name; empty if it fits."""
-
-    def resize(self, ratio: float) -> None:
-        """The places of cameras do not depend on the person's size."""
 
     def corrected(self, pose: CameraPose) -> CameraPose:
         """Return a given pose with the correction of its camera; for an unknown pose, the found one with it, if any."""
@@ -178,9 +173,9 @@ class Extrinsics:
         due = self._count % (SOLVED_EVERY if self._used else CHECKED_EVERY) == 0
         for view, weights in common:
             name = view.camera.name
-            a, b = self._given[first.camera.name], self._given[name]
+            pose = self._given[name].relative_to(self._given[first.camera.name])
             frames = self._frames.setdefault(name, deque(maxlen=LONGEST))
-            frames.append((first.points, view.points, weights, *_relative(a, b)))
+            frames.append((first.points, view.points, weights, pose.rotation, pose.translation))
             if due and len(frames) >= FEWEST:
                 deviation = FOUND_DEVIATION if name in self.found else GIVEN_DEVIATION
                 self._solutions[name] = self._solved(frames, self._solutions.get(name, np.zeros(6)), deviation, STEPS)
@@ -205,8 +200,9 @@ class Extrinsics:
         if self._misfit(a, b, weights, rotation, translation) < WRONG:
             return ""
         words = f"keypoints of '{first}' and '{name}' do not fit the poses of the cameras"
-        inverse = _relative(self._given[first], _inverse(self._given[name]))
-        if self._misfit(a, b, weights, *(np.stack(len(a) * [part]) for part in inverse)) < RIGHT:
+        inverse = self._given[name].inverse.relative_to(self._given[first])
+        inverted = (np.stack(len(a) * [part]) for part in (inverse.rotation, inverse.translation))
+        if self._misfit(a, b, weights, *inverted) < RIGHT:
             return f"{words}, but the inverse transform: expected the pose of the camera, x_frame = R x_camera + t"
         if self._misfit(b, a, weights, rotation, translation) < RIGHT:
             return f"{words}, but if '{first}' and '{name}' are exchanged: check the topics"
@@ -220,8 +216,8 @@ class Extrinsics:
         seen = weights > 0
         if plausible < LEAST_SHARE:
             return math.inf
-        spread = np.ptp(np.where(seen[..., None], b, np.nanmedian(b, axis=1, keepdims=True)), axis=1)
-        extent = np.linalg.norm(spread, axis=-1)[:, None]
+        shown = np.where(seen[..., None], b, np.nan)
+        extent = np.linalg.norm(np.nanmax(shown, axis=1) - np.nanmin(shown, axis=1), axis=-1)[:, None]
         apart = float(np.median((np.abs(distances) / np.maximum(weights, 1e-9) / extent)[seen]))
         return apart + 0.5 * abs(size) * self.size_known
 
@@ -239,7 +235,8 @@ class Extrinsics:
             ]
             J = np.stack([(one[0] - base[0]) / STEP for one in moved], axis=-1).reshape(-1, 6)
             r = base[0].reshape(-1)
-            scale = max(1.0, NORMAL * float(np.median(np.abs(r[weights.reshape(-1) > 0]))))
+            # Errors that are larger than configured count less.
+            scale = max(1.0, float(np.median(np.abs(r[weights.reshape(-1) > 0]))) / MEDIAN_OF_NORMAL)
             J, r = J / scale, r / scale
             robust = share * np.minimum(1.0, OUTLIER / np.maximum(np.abs(r), 1e-9))
             J, r = J * robust[:, None], r * robust
@@ -299,7 +296,8 @@ def _entries(finder: CameraFinder, pose: CameraPose) -> deque[tuple[np.ndarray, 
     for placed, unplaced in finder.views:
         weights = _common(placed, unplaced)
         if np.count_nonzero(weights) >= FEWEST_POINTS:
-            frames.append((placed.points, unplaced.points, weights, *_relative(placed.camera, pose)))
+            relative = pose.relative_to(placed.camera)
+            frames.append((placed.points, unplaced.points, weights, relative.rotation, relative.translation))
     return frames
 
 
@@ -307,16 +305,6 @@ def _common(a: FrameData, b: FrameData) -> np.ndarray:
     """(l,) weights of the landmarks that both views show, for their difference."""
     both = (a.weights > 0) & (b.weights > 0)
     return np.where(both, 1 / np.hypot(1 / np.maximum(a.weights, 1e-9), 1 / np.maximum(b.weights, 1e-9)), 0.0)
-
-
-def _relative(a: CameraPose, b: CameraPose) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation (3, 3) and translation (3,) m from the frame of camera a to that of camera b."""
-    rotation = b.rotation @ a.rotation.T
-    return rotation, b.translation - rotation @ a.translation
-
-
-def _inverse(pose: CameraPose) -> CameraPose:
-    return CameraPose(pose.name, pose.rotation.T, pose.centre)
 
 
 def _moved(pose: CameraPose, correction: np.ndarray) -> CameraPose:

@@ -1,7 +1,7 @@
 """Which feet stand still, and where: the anchors of the rows of `evidence.foot_contact`.
 
 A foot is in contact if its keypoints stand still in the image. They do not show a motion along the line of sight, so
-the ankle of the fitted body must not be fast at the begin of a contact; later the rows hold it. A camera that moves
+the ankle of the fitted body must not be fast at the beginning of a contact; later the rows hold it. A camera that moves
 moves the keypoints of both feet, so that they are not in contact.
 """
 
@@ -39,10 +39,6 @@ class FootContacts:
         self._stamp, self._places, self._velocity = -math.inf, np.zeros((0, 3)), np.zeros((0, 3))
         self.anchors: np.ndarray | None = None
         """(2, 3) m: where the left and the right ankle stand, NaN without contact; None if no foot is in contact."""
-
-    def resize(self, ratio: float) -> None:
-        """Forget the feet: places depend on the person's size."""
-        self.reset()
 
     def update(self, stamp: float, places: np.ndarray, speeds: np.ndarray) -> None:
         """Use a solved frame.

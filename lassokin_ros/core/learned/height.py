@@ -71,9 +71,6 @@ class HeightEstimator:
         """Standard deviation of the logarithm by the camera's tilt and the distance in the last frame with feet on the
         floor, whether it was used or not; 0 if there was none."""
 
-    def resize(self, ratio: float) -> None:
-        """The estimate does not depend on the size in use."""
-
     @property
     def measured(self) -> bool:
         """True after the first frame with enough depths."""
@@ -120,9 +117,7 @@ class HeightEstimator:
         return True
 
     def _learn(self, measurement: Measurement, solved: EvaluatedState, height: float) -> None:
-        if measurement.repeated or measurement.depth is None or measurement.depth_weights is None:
-            return
-        if np.count_nonzero(measurement.depth_weights) < FEWEST:
+        if measurement.repeated or measurement.depth_count < FEWEST:
             return
         root = solved.state.translation
         scale, deviation = fit_scale(measurement, solved.pose.landmarks - root, root)

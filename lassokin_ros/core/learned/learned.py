@@ -26,10 +26,10 @@ from lassokin_ros.core.learned.vertical import Vertical
 
 
 class Learned:
-    """The learners of one tracker. Each has `update`, `reset` and `resize`, for a body that is taller by a factor.
+    """The learners of one tracker. Each has `update` and `reset`.
 
     lengths: the bone lengths. height: None if it is given. mean_pose: the person's mean posture. model_error: the
-    keypoints' constant error. vertical: in the camera frame. depth_noise: of measured depth. size_check: of a given
+    keypoints' constant error. vertical: in the skeleton's frame. depth_noise: of measured depth. size_check: of a given
     height against measured depth. extrinsics: None if the cameras' given poses are not checked. feet: which stand
     still.
     """
@@ -62,13 +62,16 @@ class Learned:
 
     def resize(self, ratio: float) -> None:
         """Scale what is known to a body that is taller by a factor."""
-        for learner in self._all:
-            learner.resize(ratio)
+        self.lengths.resize(ratio)
+        self.model_error.resize(ratio)
+        self.size_check.use(self.lengths.proportions.given)
+        self.feet.reset()  # they are elsewhere
 
     def use_body(self, given: Skeleton, measured: bool) -> None:
         """Use another given body with the same tree. measured: whether its height is to be measured."""
         self.resize(given.height / self.lengths.proportions.given.height)
         self.lengths.proportions.use(given)
+        self.size_check.use(given)
         self.height = HeightEstimator() if measured else None
         if self.extrinsics is not None:
             self.extrinsics.size_known = not measured

@@ -43,7 +43,7 @@ CAPPED = 1 - math.exp(-CAP)
 
 
 class ModelError:
-    """The constant error of one person's keypoints. Call `update` with every tracked frame with new keypoints."""
+    """The constant error of one person's keypoints. Call `update` with tracked frames with new keypoints."""
 
     def __init__(self, height: float) -> None:
         """height: m, height of the person."""
@@ -85,14 +85,12 @@ class ModelError:
         weights: np.ndarray,
         depth: np.ndarray | float,
     ) -> None:
-        """Use a tracked frame, if a measurement is due.
+        """Use a tracked frame for which a measurement is `due`.
 
         problem: its lasso; image: the rows of the image in it; omega: (live,) rad, its solution. stamp: s; weights:
         (l,), 1 / standard deviation in normalised units, 0 = missing; depth: m, of the person, or (l,) in each
         landmark's camera.
         """
-        if not self.due(stamp):
-            return
         step = min(stamp - self._measured_at, 2 * self._every)
         self._measured_at = stamp
         seen = weights > 0

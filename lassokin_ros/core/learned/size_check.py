@@ -12,15 +12,14 @@ from collections import deque
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.roles import sided
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.measurement import Measurement
+from lassokin_ros.core.learned.height import CORRELATED_S
 
 SHORTEST = 0.08
 """As a fraction of the height: shortest limb that is used."""
-PERIOD_S = 0.1
-"""s between two frames that are used, because the errors of nearer ones are correlated."""
 FEWEST = 20
 """Frames until there is a result."""
 LARGEST_COUNT = 100
@@ -38,22 +37,21 @@ class SizeCheck:
 
     def __init__(self, kinematics: Kinematics) -> None:
         """kinematics: with the given skeleton."""
-        joints, parents = kinematics.layout.joints, kinematics.skeleton.parents
+        self._kinematics = kinematics
+        self.use(kinematics.skeleton)
+
+    def use(self, given: Skeleton) -> None:
+        """Use another given skeleton with the same tree, and forget the person."""
+        layout = self._kinematics.layout.scaled(given.height / self._kinematics.skeleton.height)
+        joints, rest = layout.joints, given.rest_positions[layout.joints] + layout.offsets
         # Pairs of landmarks: one of a joint, one of a child of that joint.
-        above, below = np.nonzero(parents[joints] == joints[:, None])
-        count = kinematics.joint_count
-        rest = kinematics.pose(BodyState(np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros(3))).landmarks
+        above, below = np.nonzero(given.parents[joints] == joints[:, None])
         lengths = np.linalg.norm(rest[above] - rest[below], axis=1)
-        long = lengths > SHORTEST * kinematics.skeleton.height
+        long = lengths > SHORTEST * given.height
         self._above, self._below, self._lengths = above[long], below[long], lengths[long]
-        trunk = [np.argwhere(np.outer(*(joints == j for j in pair))) for pair in _sides_of_trunk(kinematics.skeleton)]
+        trunk = [np.argwhere(np.outer(*(joints == j for j in pair))) for pair in _sides_of_trunk(given)]
         self._ends = np.concatenate([np.column_stack([self._above, self._below]), *trunk])
         self._with_trunk = np.linalg.norm(rest[self._ends[:, 0]] - rest[self._ends[:, 1]], axis=1)
-        self.reset()
-
-    def resize(self, ratio: float) -> None:
-        """Use another given size."""
-        self._lengths, self._with_trunk = self._lengths * ratio, self._with_trunk * ratio
         self.reset()
 
     def reset(self) -> None:
@@ -100,7 +98,7 @@ class SizeCheck:
         """Use a tracked frame."""
         if measurement.depth is None or measurement.depth_weights is None or measurement.repeated:
             return
-        if measurement.stamp < self._newest + PERIOD_S:
+        if measurement.stamp < self._newest + CORRELATED_S:
             return
         usable = (measurement.depth_weights > 0) & measurement.visible & (measurement.weights > 0)
         places = measurement.depth[:, None] * np.column_stack([measurement.points, np.ones(len(usable))])

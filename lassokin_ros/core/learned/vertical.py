@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from lassokin_ros.core.body.rotations import exponential, hat
+from lassokin_ros.core.body.rotations import exponential, hat, least_turn
 
 TIME_CONSTANT_S = 0.5, 5.0
 """s with which the vertical follows the person's: at first, and at most. It grows with the time for which a person has
@@ -55,12 +55,9 @@ class Vertical:
     def reset(self) -> None:
         """Return to the vertical of the camera's mount."""
         self.direction = self.mount
-        """(3,) unit vector in the camera frame. Learning replaces the array."""
+        """(3,) unit vector in the frame of the skeleton. Learning replaces the array."""
         self.learned_for = 0.0
         """s for which the vertical has been learned."""
-
-    def resize(self, ratio: float) -> None:
-        """A direction does not depend on the person's size."""
 
     def move_mount(self, roll: float, pitch: float) -> None:
         """Set the measured mount, rad, of a camera that may move.
@@ -73,7 +70,7 @@ class Vertical:
             self.mount, self.configured = mount, True
             self.reset()
         elif np.abs(mount - self.mount).max() > LEAST_TILT:
-            moved = mount if self.learned_for == 0 else _rotate_between(self.direction, self.mount, mount)
+            moved = mount if self.learned_for == 0 else least_turn(self.mount, mount) @ self.direction
             self.direction, self.mount = moved, mount
 
     def candidates(self) -> list[tuple[np.ndarray, float]]:
@@ -108,14 +105,6 @@ class Vertical:
             share = min(step / min(first + self.learned_for, longest), 1.0)
             moved = self.direction + share * (up - self.direction)
             self.direction = moved / math.sqrt(moved.dot(moved))
-
-
-def _rotate_between(vector: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Rotate a vector (3,) by the smallest rotation that takes `before` to `after`, unit vectors (3,)."""
-    axis, cosine = hat(before) @ after, float(before.dot(after))
-    if cosine < -0.999:  # any axis would do
-        return after
-    return np.asarray(cosine * vector + hat(axis) @ vector + axis * (axis.dot(vector) / (1 + cosine)))
 
 
 def level_from_camera(roll: float, pitch: float) -> np.ndarray:

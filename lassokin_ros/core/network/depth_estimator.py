@@ -52,7 +52,9 @@ class DepthEstimator:
         self._places: np.ndarray | None = None  # of `PLACES` in the virtual camera, m
         self._rotation = np.eye(3)
         self.joint_depths: JointDepths | None = None
-        """The estimate for the newest frame; None if fewer than `LEAST_SEEN` points are visible in it."""
+        """The estimate for the newest frame, here with `sight` in the camera frame; None if fewer than `LEAST_SEEN`
+        points are visible in it.
+        """
 
     def update(
         self, stamp: float, points: np.ndarray, seen: np.ndarray, up: np.ndarray | None, mount: np.ndarray

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.roles import NETWORK_JOINTS, SIDES
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.record import record
@@ -33,9 +34,6 @@ TIMES = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
 LONGEST_GAP = 0.6
 """s: detections further apart are not interpolated."""
 _LONGEST = np.array([LONGEST_GAP])
-
-SIDES = ("left", "right")
-
 
 Offset = tuple[float, float, float]
 
@@ -90,12 +88,6 @@ LEAST_SEEN = 5
 """Smallest number of canonical points that must be visible now."""
 
 
-def canonical_layout(skeleton: Skeleton) -> Layout:
-    """The canonical points as a landmark layout."""
-    landmarks = [{"name": name, "joint": joint, "offset": list(offset)} for name, joint, offset in CANONICAL]
-    return Layout.from_mapping({"name": "canonical", "landmarks": landmarks}, skeleton)
-
-
 def canonical_index(layout: Layout, skeleton: Skeleton) -> np.ndarray:
     """(canonical points,) index of the layout's landmark at each canonical point, -1 if there is none."""
     index = np.full(len(NAMES), -1)
@@ -112,11 +104,7 @@ def canonical_index(layout: Layout, skeleton: Skeleton) -> np.ndarray:
 def lengths_of(skeleton: Skeleton) -> np.ndarray:
     """(len(LENGTHS),) of a skeleton at rest, in heights."""
     place = {name: skeleton.rest_positions[joint] for joint, name in enumerate(skeleton.joint_names)}
-    return lengths_between({name: place[name] for name in _LENGTH_POINTS}) / skeleton.height
-
-
-_LIMB_JOINTS = "hip knee ankle shoulder elbow wrist".split()
-_LENGTH_POINTS = (*(f"{side}_{joint}" for side in SIDES for joint in _LIMB_JOINTS), "head")
+    return lengths_between({name: place[name] for name in NETWORK_JOINTS}) / skeleton.height
 
 
 def lengths_between(place: dict[str, np.ndarray]) -> np.ndarray:

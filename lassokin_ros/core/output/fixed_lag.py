@@ -25,11 +25,11 @@ TOLERANCE = 0.003
 
 @record
 class _Waiting:
-    """A frame that waits: estimate, forward pass, offsets (n, 3) m of its skeleton, and its reprojection error."""
+    """A frame that waits: estimate, forward pass, `Kinematics.vectors` of its body, and its reprojection error."""
 
     estimate: Estimate
     forward: Forward
-    offsets: np.ndarray
+    vectors: np.ndarray
     reprojection_px: Callable[[BodyPose], float]
 
 
@@ -53,11 +53,11 @@ class FixedLag:
         self,
         estimate: Estimate,
         forward: Forward,
-        offsets: np.ndarray,
+        vectors: np.ndarray,
         reprojection_px: Callable[[BodyPose], float],
     ) -> None:
         """Add the accepted estimate of the newest frame. Arguments: see `_Waiting`."""
-        self._waiting.append(_Waiting(estimate, forward, offsets, reprojection_px))
+        self._waiting.append(_Waiting(estimate, forward, vectors, reprojection_px))
 
     def due(self, now: float, lag: float) -> list[Estimate]:
         """Release the estimates that are older than the lag, s, at the stamp `now`, s; all with a lag of 0."""
@@ -94,9 +94,9 @@ class FixedLag:
         estimate = waiting.estimate
         assert estimate.solved is not None
         state = moved(estimate.solved, offset[0] + offset[1])
-        if is_too_far_in_depth(state, estimate.solved):
+        if is_too_far_in_depth(state, estimate.solved, estimate.solved.translation - estimate.centre):
             return estimate
-        pose = self._kinematics.pose(state, waiting.offsets)
+        pose = self._kinematics.pose(state, waiting.vectors)
         return replace(estimate, state=state, pose=pose, reprojection_px=waiting.reprojection_px(pose))
 
 

@@ -121,7 +121,7 @@ class OutputFilter:
         self._covariance = after, depth_after
         self.forward = Forward(False, step, rays, predicted, ahead, self._offset, self._velocity, self._covariance)
         published = moved(state, self._offset)
-        return self._restart(state, step, steady_over) if is_too_far_in_depth(published, state) else published
+        return self._restart(state, step, steady_over) if is_too_far_in_depth(published, state, place) else published
 
     def _restart(self, state: BodyState, step: float, time: float) -> BodyState:
         self.reset()
@@ -161,10 +161,13 @@ def moved(state: BodyState, offset: np.ndarray) -> BodyState:
     return state.retract(offset[:-1].reshape(-1), offset[-1])
 
 
-def is_too_far_in_depth(published: BodyState, solved: BodyState) -> bool:
-    """Whether a published state is too far from the solved one in depth, see `LARGEST_DEPTH_OFFSET`."""
-    place = solved.translation
-    return bool(abs((published.translation - place).dot(place)) > LARGEST_DEPTH_OFFSET * place.dot(place))
+def is_too_far_in_depth(published: BodyState, solved: BodyState, place: np.ndarray) -> bool:
+    """Whether a published state is too far from the solved one in depth, see `LARGEST_DEPTH_OFFSET`.
+
+    place: (3,) m, of the solved state's root, from the camera.
+    """
+    offset = published.translation - solved.translation
+    return bool(abs(offset.dot(place)) > LARGEST_DEPTH_OFFSET * place.dot(place))
 
 
 def time_constant(speed: float, time: float) -> float:

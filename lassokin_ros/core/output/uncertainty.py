@@ -3,8 +3,8 @@
 The l2 rows of a frame's lasso (image, prior, uprightness, balance, depths, each in standard deviations) define
 a Gaussian of the increment and the translation with the inverse covariance [A B]^T [A B]. The marginal of the increment
 has the inverse covariance A^T M A, which the solver has computed. The joints' Jacobian converts it to a covariance of
-each joint's position relative to the pelvis, in the camera frame. The l1 term, which models motion and not position, is
-not included.
+each joint's position relative to the pelvis, in the frame of the skeleton. The l1 term, which models motion and not
+position, is not included.
 
 The variance of the bone lengths, from calibration, is added. It has the shape of the posterior: with a wrong length the
 pose follows the image, and the error is in depth.
@@ -25,20 +25,21 @@ benchmarks/accuracy.py --uncertainty tests them on other people.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg import lapack
 
-from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
+from lassokin_ros.core.body.kinematics import BodyPose, twists
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.roles import sided
 from lassokin_ros.core.body.rotations import hat
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.foot_contact import FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.evidence.learned_depth import DEPTH_ROWS, WEIGHT
+from lassokin_ros.core.evidence.image_points import ImagePoints
+from lassokin_ros.core.evidence.learned_depth import WEIGHT, LearnedDepth
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
@@ -74,8 +75,8 @@ LARGEST_DEVIATION = 0.6
 the linear model."""
 HIDDEN_LEG = 0.25
 """As a fraction of the height: least standard deviation of the joints of a leg without any visible point from the knee
-down. The prior knows people who stand and walk. With it 70 instead of 44 % of the hidden knees and ankles of people who
-sit are within one deviation, and 100 instead of 95 % within two.
+down. The prior was learned from people who stand and walk. With it 70 instead of 44 % of the hidden knees and ankles of
+people who sit are within one deviation, and 100 instead of 95 % within two.
 """
 SCALE_DEVIATION = 0.045
 """Standard deviation of the body's size, as a fraction of it: height, shoes, proportions.
@@ -98,15 +99,11 @@ LARGEST_ROTATION = math.sqrt(math.pi**2 / 3 + 2)
 """rad: root mean square angle of a random rotation. The deviation of a rotation is limited by it, as that of a position
 is by `LARGEST_DEVIATION`."""
 STILL = ("wrist", "hand", "foot")
-"""Joints that never move in the motion capture of the prior, so that the prior does not know how far they turn."""
+"""Joints that never move in the motion capture of the prior, so that it is not known how far they turn."""
 STILL_DEVIATION = 0.5
 """rad about each axis: least deviation of these, that of joints without a prior (`PoseDistribution`)."""
 
-ORIGIN = np.zeros(3)
-"""(3,) m: centre of a camera in whose optical frame the skeleton is kept."""
 _IDENTITY = np.eye(3).reshape(9)
-#: (9, 3): its product with an axis w contains the matrix of w x p in its rows, by component of p and of the result.
-_TURNS = hat(np.eye(3)).transpose(2, 1, 0).reshape(9, 3)
 
 
 @record
@@ -127,17 +124,16 @@ class AbsoluteUncertainty:
 class JointUncertainty:
     """Uncertainty of an estimate.
 
-    covariance: (n, 3, 3) m^2 of each joint's position relative to the pelvis, in the camera frame; that of the pelvis
-    is 0. deviation: (n,) m, of each joint relative to the pelvis; two thirds of the errors are smaller.
-    failure_probability: 0 to 1, probability that the mean error of the joints exceeds 100 mm. turn, place: compute
-    `rotation_deviation` and `absolute`.
+    covariance: (n, 3, 3) m^2 of each joint's position relative to the pelvis, in the frame of the skeleton; that of the
+    pelvis is 0. deviation: (n,) m, of each joint relative to the pelvis; two thirds of the errors are smaller.
+    failure_probability: 0 to 1, probability that the mean error of the joints exceeds 100 mm. posterior: from which the
+    other values are computed.
     """
 
     covariance: np.ndarray
     deviation: np.ndarray
     failure_probability: float
-    turn: Callable[[], np.ndarray]
-    place: Callable[[], AbsoluteUncertainty]
+    posterior: Posterior
 
     @cached_property
     def rotation_deviation(self) -> np.ndarray:
@@ -147,12 +143,12 @@ class JointUncertainty:
         rotation's covariance (3, 3), that is the root mean square angle between the estimated and the true rotation;
         two thirds of the angles are smaller. See `ROTATION_FACTOR`.
         """
-        return self.turn()
+        return self.posterior.rotation_deviation()
 
     @cached_property
     def absolute(self) -> AbsoluteUncertainty:
-        """The uncertainty of positions in the camera frame, computed at the first access."""
-        return self.place()
+        """The uncertainty of positions in the frame of the skeleton, computed at the first access."""
+        return self.posterior.absolute()
 
 
 class UncertaintyModel:
@@ -167,73 +163,67 @@ class UncertaintyModel:
     ) -> None:
         """observed: of this skeleton and layout."""
         kinematics = self._kinematics = frame_model.kinematics
-        live, dead = np.flatnonzero(kinematics.live), np.flatnonzero(~kinematics.live)
-        self._live_count = len(live)
+        live, dead = kinematics.live_index, np.flatnonzero(~kinematics.live)
+        self.live_count, self.live_root = len(live), kinematics.live_root
         # Unobserved degrees of freedom have the standard deviation of the prior.
         deviation = np.concatenate([np.ones(len(live)), np.sqrt(np.diagonal(prior.covariance)[dead])])
-        self._jacobian = PositionJacobian(kinematics, np.concatenate([live, dead]), deviation)
+        self._columns = np.concatenate([live, dead])
+        self._moved = moved_joints(kinematics.skeleton, self._columns) * deviation
         #: (n, live), 1 for the live degrees of freedom of each joint; (n,) rad^2, the prior's variance of the others.
-        self._own = (live // 3 == np.arange(kinematics.joint_count)[:, None]).astype(float)
-        self._prior_variances = np.bincount(dead // 3, np.diagonal(prior.covariance)[dead], kinematics.joint_count)
-        #: Columns of the root's rotation. The root comes first and every landmark moves with it.
-        self._turns = np.eye(len(live), 3)
+        self.own = (live // 3 == np.arange(kinematics.joint_count)[:, None]).astype(float)
+        self.prior_variances = np.bincount(dead // 3, np.diagonal(prior.covariance)[dead], kinematics.joint_count)
         self._proportions, self.observed, self._learned_depth = proportions, observed, frame_model.learned_depth
-        self._image_rows = frame_model.image_rows
+        self._given_lengths = np.zeros(proportions.count)
+        self._pieces = frame_model.pieces
         names, ancestors = kinematics.skeleton.joint_names, kinematics.skeleton.ancestors
         still = np.isin(names, [name for part in STILL for name in sided(part)])
-        self._least_rotation = np.sqrt(3) * STILL_DEVIATION * still
+        self.least_rotation = np.sqrt(3) * STILL_DEVIATION * still
         #: Each knee, and the joints (n,) bool from it down.
         self._legs = [(knee, ancestors[:, knee]) for knee in (names.index(n) for n in sided("knee") if n in names)]
 
     def evaluate(self, estimate: Estimate) -> JointUncertainty:
         """The uncertainty of an accepted estimate."""
-        assert estimate.pose is not None and estimate.problem is not None and estimate.visible is not None
-        share = min(estimate.keypoint_error_ratio * LEAST_ERROR / SMALLEST_BIAS, 1.0)
-        image = self._image_rows(estimate.rows)
-        shares: list[tuple[slice | np.ndarray, float]] = []
-        if FootContact.name in estimate.rows:  # an anchor has the errors of the poses before
-            shares.append((estimate.rows[FootContact.name], 0.0))
-        if DEPTH_ROWS in estimate.rows and estimate.cameras == 1 and not estimate.depth_covers:
-            shares.append((estimate.rows[DEPTH_ROWS], 1 / WEIGHT))  # they do not know more than they say
-        # Rows of the image may not be the only ones with the translation.
-        if share < 1 and (estimate.depth_measured or estimate.cameras > 1):
-            shares.append((image, share))
-            share = 1.0
-        problem = _scaled(estimate.problem, shares)
-        hidden = self.observed.below_last_keypoint(estimate.visible)
-        covariance, lower, place = self.covariance(
-            estimate.pose,
-            problem,
-            self._factor(estimate) * np.where(hidden, FACTOR_BELOW_LAST_KEYPOINT, 1.0),
-            estimate.length_deviation if estimate.cameras == 1 else 0.0,
-            0.0 if estimate.depth_measured or estimate.cameras > 1 else SCALE_DEVIATION,
-            share,
-            image,
-            estimate.centre,
-            self._least(hidden),
-        )
+        posterior = self._posterior(estimate)
+        covariance = posterior.scaled(posterior.relative)
         deviation = np.sqrt(_trace(covariance))
         mean, cost = float(deviation[1:].sum()) / (len(deviation) - 1), estimate.cost / max(estimate.measurements, 1)
-        visible = estimate.visible
-        return JointUncertainty(
-            covariance,
-            deviation,
-            failure_probability(mean, estimate.keypoint_error_ratio, cost),
-            lambda: self.rotation_deviation(lower, self.observed.beyond_last_keypoint(visible)),
-            place,
+        probability = failure_probability(mean, estimate.keypoint_error_ratio, cost)
+        return JointUncertainty(covariance, deviation, probability, posterior)
+
+    def _posterior(self, estimate: Estimate) -> Posterior:
+        assert estimate.pose is not None and estimate.visible is not None
+        pose, problem = estimate.pose, self._problem(estimate)
+        information = problem.reduced.H.copy()
+        information.reshape(-1)[:: len(information) + 1] += WEAKEST
+        # LAPACK works in place on the transposed views.
+        lower, _ = lapack.dpotrf(information.T, lower=1, overwrite_a=1)
+        spread = position_jacobian(pose, self._columns, self._moved)
+        live = spread[:, :, : self.live_count]
+        seen, _ = lapack.dtrtrs(lower, live.reshape(-1, self.live_count).T, lower=1, overwrite_b=1)
+        live[:] = seen.T.reshape(live.shape)  # J H^-1 J^T = seen^T seen
+        hidden = self.observed.below_last_keypoint(estimate.visible)
+        factor = self._factor(estimate) * np.where(hidden, FACTOR_BELOW_LAST_KEYPOINT, 1.0)
+        relative = spread @ np.swapaxes(spread, -1, -2)
+        return Posterior(
+            self, estimate, problem, lower, live, relative, factor, self._by_lengths(estimate), self._least(hidden)
         )
 
-    def rotation_deviation(self, lower: np.ndarray, hidden: np.ndarray) -> np.ndarray:
-        """Return (n,) rad, see `JointUncertainty`. lower: (live, live) Cholesky factor of the information.
-
-        hidden: (n,) bool, see `ObservedJoints.beyond_last_keypoint`. A degree of freedom that is not live has the
-        variance of the prior.
-        """
-        inverse, _ = lapack.dtrtri(lower, lower=1)
-        diagonal = squared_norm(inverse.T)  # of H^-1
-        size = ROTATION_FACTOR**2 * (self._own.dot(diagonal) + self._prior_variances)
-        size[hidden] *= FACTOR_BELOW_LAST_KEYPOINT**2
-        return np.maximum(np.sqrt(size / (1 + size / LARGEST_ROTATION**2)), self._least_rotation)
+    def _problem(self, estimate: Estimate) -> Lasso:
+        """The frame's problem, with smaller rows of evidence whose errors are not independent from frame to frame."""
+        problem = estimate.problem
+        assert problem is not None
+        alone = estimate.cameras == 1 and not estimate.depth_covers
+        shares = {
+            ImagePoints: min(estimate.keypoint_error_ratio * LEAST_ERROR / SMALLEST_BIAS, 1.0),
+            LearnedDepth: 1 / WEIGHT if alone else 1.0,  # the errors that the network states
+            FootContact: 0.0,  # an anchor has the errors of the poses before
+        }
+        scale = np.ones(len(problem.z))
+        for name, own in estimate.rows.items():
+            scale[own] = shares.get(type(self._pieces[name]), 1.0)
+        if scale.min() == 1:
+            return problem
+        return Lasso((problem.A.T * scale).T, (problem.B.T * scale).T, problem.z, problem.alpha)
 
     def _factor(self, estimate: Estimate) -> float:
         """Factor on the posterior's standard deviations."""
@@ -247,6 +237,13 @@ class UncertaintyModel:
         disagreement = self._learned_depth.disagreement(estimate.pose, estimate.joint_depths) / USUAL_DISAGREEMENT
         return float(FACTOR * min(max(disagreement, RANGE[0]), RANGE[1]) ** POWER)
 
+    def _by_lengths(self, estimate: Estimate) -> np.ndarray:
+        """(n,) m^2: variance of each joint by that of the lengths. Several cameras observe the lengths."""
+        assert estimate.pose is not None
+        by_length = self._proportions.motion(estimate.pose, self._given_lengths).joints
+        by_length *= LENGTHS_FACTOR * (estimate.length_deviation if estimate.cameras == 1 else 0.0)
+        return squared_norm(by_length.reshape(len(by_length), -1))
+
     def _least(self, hidden: np.ndarray) -> np.ndarray:
         """(n,) m^2: least variance of each joint. hidden: (n,) bool, see `ObservedJoints.below_last_keypoint`."""
         least = np.zeros(len(hidden))
@@ -255,141 +252,83 @@ class UncertaintyModel:
                 least[joints] = (HIDDEN_LEG * self._kinematics.skeleton.height) ** 2
         return least
 
-    def covariance(
-        self,
-        pose: BodyPose,
-        problem: Lasso,
-        factor: np.ndarray,
-        length_deviation: np.ndarray | float,
-        size_deviation: float = SCALE_DEVIATION,
-        share: float = 1.0,
-        image: slice | np.ndarray = slice(0),
-        centre: np.ndarray = ORIGIN,
-        least: np.ndarray | float = 0.0,
-    ) -> tuple[np.ndarray, np.ndarray, Callable[[], AbsoluteUncertainty]]:
-        """Return (n, 3, 3) m^2, from a frame's last problem and the pose of its solution, the Cholesky factor (live,
-        live) of the information, and the function that computes the rest.
 
-        factor: (n,) on the standard deviation of each joint's posterior. length_deviation: (p,) standard deviation of
-        the log-lengths. size_deviation: see SCALE_DEVIATION. share: factor on the rows of the `image`, so that the
-        keypoint error is at least `SMALLEST_BIAS`. If it is below 1, only these rows depend on the translation. centre:
-        (3,) m, of the camera. least: (n,) m^2, lower limit of the variances.
-        """
-        spread = self._jacobian.at(pose)
-        live = spread[:, :, : self._live_count]
-        information = _information(problem, image, share)
-        # LAPACK works in place on the transposed views.
-        lower, _ = lapack.dpotrf(information.T, lower=1, overwrite_a=1)
-        right = live.reshape(-1, self._live_count).T
-        seen, _ = lapack.dtrtrs(lower, right, lower=1, overwrite_b=1)  # J H^-1 J^T = seen^T seen
-        live[:] = seen.T.reshape(live.shape)
-        by_length = self._proportions.joint_jacobian(pose) * (LENGTHS_FACTOR * length_deviation)
-        added = squared_norm(by_length.reshape(len(by_length), -1))
-        relative = spread @ np.swapaxes(spread, -1, -2)
+@record
+class Posterior:
+    """The Gaussian posterior of an estimate, and what turns it into the uncertainty of the joints.
 
-        def place() -> AbsoluteUncertainty:
-            sight = size_deviation * (pose.positions[0] - centre)
-            return self._absolute(live, relative, lower, pose, problem, share, factor, added, sight, least)
+    problem: the frame's, with its rows scaled. lower: (live, live) Cholesky factor of the information of the live
+    degrees of freedom. live: (n, 3, live) m, of which live live^T is the joints' covariance relative to the pelvis
+    by these. relative: (n, 3, 3) m^2, the whole of it. factor: (n,) on the deviation of each joint. added: (n,) m^2,
+    variance by the lengths. least: (n,) m^2, lower limit of the variances.
+    """
 
-        return _sized(relative, factor, added, least), lower, place
+    model: UncertaintyModel
+    estimate: Estimate
+    problem: Lasso
+    lower: np.ndarray
+    live: np.ndarray
+    relative: np.ndarray
+    factor: np.ndarray
+    added: np.ndarray
+    least: np.ndarray
 
-    def _absolute(
-        self,
-        live: np.ndarray,
-        relative: np.ndarray,
-        lower: np.ndarray,
-        pose: BodyPose,
-        problem: Lasso,
-        share: float,
-        factor: np.ndarray,
-        added: np.ndarray,
-        sight: np.ndarray,
-        least: np.ndarray | float,
-    ) -> AbsoluteUncertainty:
-        """Add the pelvis' own uncertainty: x = Y (z - A Omega) by (15), and (B^T B)^-1 = Y Y^T for a given Omega.
+    def scaled(self, covariance: np.ndarray) -> np.ndarray:
+        """Covariances (n, 3, 3) times the factors on the deviation, limited by `LARGEST_DEVIATION`, plus `added`."""
+        size = _trace(covariance)
+        wanted = np.maximum(self.factor**2 * size / (1 + size / LARGEST_DEVIATION**2) + self.added, self.least)
+        return covariance * (wanted / np.maximum(size, 1e-12))[:, None, None]
 
-        live: (n, 3, live) and relative: (n, 3, 3), their part and the whole of the covariances relative to the pelvis,
-        relative = live live^T plus a part that is independent of the pelvis. lower: Cholesky factor of the information.
-        share, least: see `covariance`. factor, added: as in `_sized`. sight: (3,) m, standard deviation of the distance
-        from the camera, along the line of sight.
-        """
-        Y = problem.reduced.Y
-        columns = np.empty((self._live_count, 6))
-        columns[:, :3], columns[:, 3:] = -Y.dot(problem.A).T, self._turns @ pose.orientations[0].T
-        root, _ = lapack.dtrtrs(lower, columns, lower=1)
-        sizes = np.repeat([factor[0], ROTATION_FACTOR], 3)
-        whole = sizes[:, None] * root.T.dot(root) * sizes
-        crossed = live.reshape(-1, self._live_count).dot(root[:, :3]).reshape(-1, 3, 3)
-        joints = _sized(
-            relative + crossed + crossed.swapaxes(1, 2) + root[:, :3].T.dot(root[:, :3]), factor, added, least
-        )
-        place = (factor[0] / share) ** 2 * Y.dot(Y.T) + sight[:, None] * sight
+    def rotation_deviation(self) -> np.ndarray:
+        """(n,) rad, see `JointUncertainty`. A degree of freedom that is not live has the variance of the prior."""
+        model, visible = self.model, self.estimate.visible
+        assert visible is not None
+        inverse, _ = lapack.dtrtri(self.lower, lower=1)
+        diagonal = squared_norm(inverse.T)  # of H^-1
+        size = ROTATION_FACTOR**2 * (model.own.dot(diagonal) + model.prior_variances)
+        size[model.observed.beyond_last_keypoint(visible)] *= FACTOR_BELOW_LAST_KEYPOINT**2
+        return np.maximum(np.sqrt(size / (1 + size / LARGEST_ROTATION**2)), model.least_rotation)
+
+    def absolute(self) -> AbsoluteUncertainty:
+        """Add the pelvis' own uncertainty: x = Y (z - A Omega) by (15), and (B^T B)^-1 = Y Y^T for a given Omega."""
+        estimate, pose, Y = self.estimate, self.estimate.pose, self.problem.reduced.Y
+        assert pose is not None
+        count, turns = len(self.lower), self.model.live_root
+        columns = np.zeros((count, 6))
+        # The root's degrees of freedom come first, and every landmark moves with it.
+        columns[:, :3], columns[: len(turns), 3:] = -Y.dot(self.problem.A).T, pose.orientations[0].T[turns]
+        root, _ = lapack.dtrtrs(self.lower, columns, lower=1)
+        sizes = np.repeat([self.factor[0], ROTATION_FACTOR], 3)
+        pelvis = sizes[:, None] * root.T.dot(root) * sizes
+        crossed = self.live.reshape(-1, count).dot(root[:, :3]).reshape(-1, 3, 3)
+        joints = self.scaled(self.relative + crossed + crossed.swapaxes(1, 2) + root[:, :3].T.dot(root[:, :3]))
+        place = self.factor[0] ** 2 * Y.dot(Y.T)
         place.reshape(-1)[::4] += PLACE_DEVIATION**2
+        if not (estimate.depth_measured or estimate.cameras > 1):
+            sight = SCALE_DEVIATION * (pose.positions[0] - estimate.centre)
+            place += sight[:, None] * sight
         joints += place
-        whole[:3, :3] = joints[0]
-        return AbsoluteUncertainty(joints, whole)
+        pelvis[:3, :3] = joints[0]
+        return AbsoluteUncertainty(joints, pelvis)
 
 
-def _scaled(problem: Lasso, shares: Sequence[tuple[slice | np.ndarray, float]]) -> Lasso:
-    """The problem with rows multiplied by factors: `shares` has the rows and the factor of each."""
-    if not shares:
-        return problem
-    A, B = problem.A.T.copy().T, problem.B.T.copy().T  # the columns stay contiguous, as the kernel takes them
-    for rows, share in shares:
-        A[rows] *= share
-        B[rows] *= share
-    return Lasso(A, B, problem.z, problem.alpha)
+def moved_joints(skeleton: Skeleton, columns: np.ndarray) -> np.ndarray:
+    """(n, 1, k): 1 where a degree of freedom, one of `columns` (k,), moves a joint's centre."""
+    below = skeleton.ancestors & ~np.eye(skeleton.joint_count, dtype=bool)
+    return below[:, None, columns // 3].astype(float)
 
 
-def _information(problem: Lasso, image: slice | np.ndarray, share: float) -> np.ndarray:
-    """(live, live): A^T M A with the image's rows multiplied by `share`; only they hold the translation.
-
-    M does not change if all rows of B are scaled, so the image's part of the product is.
-    """
-    if share == 1:
-        information = problem.reduced.H.copy()
-    else:
-        columns = problem.reduced.A[image].T
-        information = problem.reduced.H - (1 - share * share) * columns.dot(columns.T)
-    information.reshape(-1)[:: len(information) + 1] += WEAKEST
-    return information
-
-
-def _sized(covariance: np.ndarray, factor: np.ndarray, added: np.ndarray, least: np.ndarray | float) -> np.ndarray:
-    """Scale covariances (n, 3, 3) by `factor` (n,) on the deviation, limited by `LARGEST_DEVIATION`, and add `added`
-    (n,) m^2. least: (n,) m^2, lower limit of the result.
-    """
-    size = _trace(covariance)
-    wanted = np.maximum(factor**2 * size / (1 + size / LARGEST_DEVIATION**2) + added, least)
-    return covariance * (wanted / np.maximum(size, 1e-12))[:, None, None]
-
-
-class PositionJacobian:
-    """Derivative of the joint centres relative to the pelvis by the increment Omega, in the camera frame.
+def position_jacobian(pose: BodyPose, columns: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """(n, 3, k) m/rad: derivative of the joint centres relative to the pelvis by degrees of freedom, in the frame of
+    the skeleton. columns: (k,) degrees of freedom. moved: (n, 1, k) factors, see `moved_joints`.
 
     Like `Kinematics.jacobian` for landmarks: w x (p_i - p_j) if joint i is below joint j.
     """
-
-    def __init__(self, kinematics: Kinematics, columns: np.ndarray, factors: np.ndarray) -> None:
-        """columns: (k,) degrees of freedom, in the order of the result; factors: (k,) on each."""
-        parents, ancestors = kinematics.skeleton.parents, kinematics.skeleton.ancestors
-        self._root = int(np.flatnonzero(parents < 0)[0])
-        #: Indices of the axes in the flattened orientations, one column of its joint each: rows x, y, z.
-        self._axes = columns // 3 * 9 + columns % 3 + 3 * np.arange(3)[:, None]
-        self._carried = (ancestors[:, columns // 3] * factors)[:, None]
-        count = len(columns)
-        #: Entries of the product that concern a degree of freedom's own joint.
-        self._own = ((columns // 3 * 3 + np.arange(3)[:, None]) * count + np.arange(count)).reshape(-1)
-
-    def at(self, pose: BodyPose) -> np.ndarray:
-        """(n, 3, k) m/rad times the factors."""
-        places = pose.positions - pose.positions[self._root]
-        axes = pose.orientations.take(self._axes)
-        carried = places @ (_TURNS @ axes).reshape(3, -1)  # w x p: by joint and component of p, and degree of freedom
-        carried -= carried.take(self._own)  # a joint's own rotation does not move it
-        jacobian = carried.reshape(len(places), 3, -1)
-        jacobian *= self._carried
-        return jacobian
+    twist = twists(pose, pose.orientations).take(columns, axis=0).T
+    jacobian = hat(pose.positions[0] - pose.positions).reshape(-1, 3).dot(twist[:3]).reshape(-1, 3, len(columns))
+    jacobian += twist[3:]
+    jacobian *= moved
+    return jacobian
 
 
 def _trace(matrices: np.ndarray) -> np.ndarray:

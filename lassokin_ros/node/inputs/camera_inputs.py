@@ -75,6 +75,7 @@ class CameraInputs:
         """Log missing inputs; now: s, steady clock. Call it periodically. Return faults, in words."""
         self._latched_camera_info.check(now, self._received)
         fault = self._publishers.check(now, self._images.camera.is_shared)
+        self._images.camera.publishers = self._publishers.count
         self._missing_camera.check(now, self._received)
         if self._depth is not None:
             self._depth.check(now)

@@ -18,6 +18,8 @@ class CameraPublishers:
         self._node = node
         self._topic = node.resolve_topic_name(topic)
         self._since: float | None = None
+        self.count = 0
+        """Number of publishers at the last check."""
 
     def check(self, now: float, differ: bool) -> str:
         """Return that there are several publishers, with their names; empty for one.
@@ -26,7 +28,8 @@ class CameraPublishers:
         that of a process that has ended, and the sentence comes after LEFTOVER_S.
         """
         found = self._node.get_publishers_info_by_topic(self._topic)
-        if len(found) < 2:
+        self.count = len(found)
+        if self.count < 2:
             self._since = None
             return ""
         self._since = now if self._since is None else self._since

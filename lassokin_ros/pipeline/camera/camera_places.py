@@ -31,7 +31,7 @@ class CameraPlaces:
         """Name of the frame. Without a fixed frame it is that of the first camera, empty before its first image."""
         self._fixed = bool(self.base)
         if given is not None and not self._fixed:
-            self._given = {name: _relative(given[name], given[names[0]]) for name in names}
+            self._given = {name: given[name].relative_to(given[names[0]]) for name in names}
         self.transforms = Transforms()
         self.known = False
         """True if TF has given a pose."""
@@ -86,11 +86,3 @@ class CameraPlaces:
     def in_words(self) -> str:
         """Return where the poses come from."""
         return f"follow TF in the frame '{self.base}'"
-
-
-def _relative(pose: CameraPose, first: CameraPose) -> CameraPose:
-    """Return a pose in the optical frame of another camera; the pose itself if it is not known."""
-    if not pose.known:
-        return pose
-    rotation = pose.rotation @ first.rotation.T
-    return CameraPose(pose.name, rotation, pose.translation - rotation @ first.translation)

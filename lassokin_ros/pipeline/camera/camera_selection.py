@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -26,8 +27,13 @@ FEW = 0.1
 MOST_CAMERAS = 8
 """Number of cameras on one topic that are remembered."""
 RECENT, ALTERNATIONS, STEADY = 20, 3, 150
-"""Several cameras share the topic if the camera changes at least ALTERNATIONS times among the last RECENT changes.
-After STEADY messages of one camera the changes are forgotten."""
+"""Several cameras share the topic if their frame_ids change at least ALTERNATIONS times among the last RECENT changes,
+or if as many are returns to an earlier camera after a short time. After STEADY messages or images of one camera the
+changes are forgotten."""
+SHORT, LASTING = 1, 30
+"""Messages, and images, for which a camera lasts at most if another publisher interrupts it; the second number if the
+topic is known to have several publishers, which may be slow. A zoom to and fro of one camera lasts longer. A camera
+that lasts for more than LASTING messages or images is used in any case: the other one has ended."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +65,30 @@ class View:
         return int(np.count_nonzero(outside[:, 0] | outside[:, 1])) > FEW * len(xy)
 
 
+@dataclass
+class _Stay:
+    """Messages with the same camera, one after another, and the images that came meanwhile."""
+
+    frame: str
+    content: tuple[Any, ...]
+    messages: int = 1
+    images: int = 0
+
+    def is_within(self, count: int) -> bool:
+        """Whether it has lasted for at most that many messages and images."""
+        return self.messages <= count and self.images <= count
+
+
+@dataclass
+class _Ignored:
+    """A camera_info that is not used, and the number of images since it came."""
+
+    frame: str
+    content: tuple[Any, ...]
+    message: Any
+    images: int = 0
+
+
 class Camera:
     """Receives camera_info messages and selects the camera of an image.
 
@@ -71,8 +101,10 @@ class Camera:
         self._newest: tuple[View | None, View | None] = None, None  # now, before
         self._by_frame: dict[str, tuple[View, View | None]] = {}
         self._keys: dict[str, tuple[Any, ...]] = {}
-        self._recent: deque[tuple[str, tuple[Any, ...]]] = deque(maxlen=RECENT)  # frame_id and content at each change
-        self._steady = 0  # messages since the last change
+        self._recent: deque[_Stay] = deque(maxlen=RECENT)
+        self._ignored: _Ignored | None = None  # the newest camera_info, if it is that of another camera on the topic
+        self.publishers = 0
+        """Number of publishers of the topic, 0 if it is not known."""
         self._frame = ""  # of the last keypoints
         self.fault = ""
         """Why the last camera_info was refused, in words; empty if it was accepted."""
@@ -88,7 +120,7 @@ class Camera:
         if (view := self.view) is None:
             return ""
         if self._frames_alternate:
-            names = ", ".join(f"'{name[:40]}'" for name in sorted({frame for frame, _ in self._recent})[:MOST_CAMERAS])
+            names = ", ".join(f"'{name[:40]}'" for name in sorted({stay.frame for stay in self._recent})[:MOST_CAMERAS])
             return (
                 f"camera_info of several cameras on one topic ({names}); used is '{view.intrinsics.frame_id[:40]}'; "
                 "expected one camera, or keypoints with the frame_id of their camera"
@@ -97,10 +129,10 @@ class Camera:
         if self._alternates(frame):
             used = f"fx = {view.intrinsics.K[0, 0]:g} px and {view.size[0]} x {view.size[1]} px"
             return (
-                f"camera_info of two cameras with the frame_id '{frame[:40]}' on one topic; used is the first one, "
+                f"camera_info of two cameras with the frame_id '{frame[:40]}' on one topic; used is the one "
                 f"with {used}; expected one publisher"
             )
-        return view.intrinsics.warning
+        return view.intrinsics.warning or view.lens.warning
 
     @property
     def is_shared(self) -> bool:
@@ -110,14 +142,30 @@ class Camera:
 
     @property
     def _frames_alternate(self) -> bool:
-        frames = [frame for frame, _ in self._recent]
+        frames = [stay.frame for stay in self._recent]
         return sum(a != b for a, b in zip(frames, frames[1:])) >= ALTERNATIONS
 
     def _alternates(self, frame: str) -> bool:
-        """Return True if camera_info of this frame_id changes again and again to a content that it had before."""
-        contents = [content for name, content in self._recent if name == frame]
-        changed = [now for before, now in zip(contents, contents[1:]) if now != before]
-        return len(changed) - len(set(changed)) >= ALTERNATIONS - 1
+        """Return True if camera_info of this frame_id returns again and again, soon, to an earlier one."""
+        stays = self._stays_of(frame)
+        short = SHORT if self.publishers < 2 else LASTING
+        returns = (
+            stays[i - 1].is_within(short) and any(stay.content == earlier.content for earlier in stays[: i - 1])
+            for i, stay in enumerate(stays)
+            if i >= 2
+        )
+        return sum(returns) >= ALTERNATIONS
+
+    def _stays_of(self, frame: str) -> list[_Stay]:
+        """Return the cameras that this frame_id had, in order, whatever other frame_ids were between."""
+        stays: list[_Stay] = []
+        for stay in self._recent:
+            if stay.frame == frame and stays and stays[-1].content == stay.content:
+                joined = stays.pop()
+                stay = replace(stay, messages=joined.messages + stay.messages, images=joined.images + stay.images)
+            if stay.frame == frame:
+                stays.append(stay)
+        return stays
 
     def update(self, message: Any) -> bool:
         """Apply a CameraInfo message. Return True if the present camera changes to another frame_id.
@@ -127,30 +175,55 @@ class Camera:
         before = self.view
         frame, key = message.header.frame_id.lstrip("/"), _key(message)
         shared = frame in self._by_frame and self._alternates(frame)
-        self._note_change(frame, key)
-        if key == self._keys.get(frame):
-            self.fault = ""
-            view = self._by_frame[frame][0]
-        elif shared:  # another camera's: the first one stays
-            view = self._by_frame[frame][0]
+        self._note_message(frame, key)
+        if shared and key != self._keys[frame] and self._stays_of(frame)[-1].is_within(LASTING):
+            self._ignore(frame, key, message)
         else:
-            view = self._decode(message)
-            self._remember(frame, key, view)
-        newest = self._newest[0]
-        if newest is None or newest.intrinsics is not view.intrinsics:
-            self._newest = replace(view, stamp_ns=_stamp_ns(message)), newest
+            self._use(frame, key, message)
         now = self.view
         return before is not None and now is not None and before.intrinsics.frame_id != now.intrinsics.frame_id
 
-    def _note_change(self, frame: str, content: tuple[Any, ...]) -> None:
-        """Record the camera of a message if it is another one than that of the message before."""
-        if not self._recent or self._recent[-1] != (frame, content):
-            self._recent.append((frame, content))
-            self._steady = 0
+    def _ignore(self, frame: str, content: tuple[Any, ...], message: Any) -> None:
+        before = self._ignored
+        if before is None or (before.frame, before.content) != (frame, content):
+            self._ignored = _Ignored(frame, content, message)
+
+    def _use(self, frame: str, content: tuple[Any, ...], message: Any) -> None:
+        """Use the camera of a message for its frame_id, and as the newest one. Raises AdapterError."""
+        if self._ignored is not None and self._ignored.frame == frame:
+            self._ignored = None
+        if content == self._keys.get(frame):
+            self.fault = ""
+        else:
+            self._remember(frame, content, self._decode(message))
+        view, newest = self._by_frame[frame][0], self._newest[0]
+        if newest is None or newest.intrinsics is not view.intrinsics:
+            self._newest = replace(view, stamp_ns=_stamp_ns(message)), newest
+
+    def _note_message(self, frame: str, content: tuple[Any, ...]) -> None:
+        if self._recent and (self._recent[-1].frame, self._recent[-1].content) == (frame, content):
+            self._recent[-1].messages += 1
+            self._forget_changes(self._recent[-1].messages)
+        else:
+            self._recent.append(_Stay(frame, content))
+
+    def _note_image(self) -> None:
+        """Count an image. An ignored camera is used if no other one comes, also if it was published only once."""
+        if not self._recent:
             return
-        self._steady += 1
-        if self._steady == STEADY:
-            self._recent = deque([(frame, content)], maxlen=RECENT)
+        self._recent[-1].images += 1
+        self._forget_changes(self._recent[-1].images)
+        ignored = self._ignored
+        if ignored is not None:
+            ignored.images += 1
+            if ignored.images > LASTING:
+                with suppress(AdapterError):  # see `fault`
+                    self._use(ignored.frame, ignored.content, ignored.message)
+
+    def _forget_changes(self, count: int) -> None:
+        """Forget the changes before the present camera if it has lasted for this number of messages or images."""
+        if count == STEADY:
+            self._recent = deque([self._recent[-1]], maxlen=RECENT)
 
     def _decode(self, message: Any) -> View:
         try:
@@ -183,6 +256,7 @@ class Camera:
         """
         if frame is not None:
             self._frame = frame
+            self._note_image()
         now, before = self._views(self._frame)
         if now is None:
             raise AdapterError("no_camera_info", self.fault or "no camera_info received yet")

@@ -24,6 +24,10 @@ MISSING = complex(np.nan, np.nan)
 class Distortion(Protocol):
     """A lens model. Points are (k,) complex, normalised, NaN = outside the range of the model."""
 
+    turns_back: float
+    """Distance from the principal point, distorted, at which the image of the model turns back; infinite if it does
+    not."""
+
     def distort(self, straight: np.ndarray) -> np.ndarray:
         """Return the distorted points."""
         ...
@@ -56,6 +60,7 @@ class Polynomial:
         turn = np.flatnonzero(~(np.diff(bent) > 0))  # where the image of the model turns back
         count = turn[0] + 1 if len(turn) else len(bent)
         self._bent_radii, self._radii = bent[:count], RADII[:count]
+        self.turns_back = float(bent[turn[0]]) if len(turn) else np.inf
 
     def distort(self, straight: np.ndarray) -> np.ndarray:
         """See Distortion.distort."""
@@ -128,6 +133,10 @@ class Equidistant:
     def __init__(self, D: np.ndarray) -> None:
         """D: k1 k2 k3 k4."""
         self._k = D.tolist()
+        with np.errstate(all="ignore"):
+            bent, slope = self._bent(np.linspace(0.0, np.pi / 2, 1025))
+        turn = np.flatnonzero(~(slope > 0))
+        self.turns_back = float(bent[turn[0]]) if len(turn) else np.inf
 
     def distort(self, straight: np.ndarray) -> np.ndarray:
         """See Distortion.distort."""

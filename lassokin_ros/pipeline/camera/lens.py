@@ -7,7 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from lassokin_ros.core.errors import CameraError
-from lassokin_ros.pipeline.camera.distortion import make_distortion
+from lassokin_ros.pipeline.camera.distortion import Distortion, make_distortion
+from lassokin_ros.pipeline.camera.lens_check import border_points, faults_of
 from msg_adapters.camera_info import Intrinsics
 
 COUNTS = {
@@ -22,7 +23,8 @@ class Lens:
     """Camera matrix and distortion of one camera: pixels to the normalised coordinates of equation (7).
 
     K: (3, 3) px. D: coefficients in OpenCV's order. model: "plumb_bob", "rational_polynomial", "equidistant", or "" for
-    no distortion. size: (width, height) px of the image, 0 if unknown. Raises CameraError.
+    no distortion. size: (width, height) px of the image, 0 if unknown. Raises CameraError, also for coefficients that
+    no lens has.
     """
 
     def __init__(
@@ -39,6 +41,8 @@ class Lens:
         self.size = int(size[0]), int(size[1])
         """(width, height) px of the image, 0 if unknown."""
         self._distortion = make_distortion(model, self.D) if model else None
+        self.warning = "" if self._distortion is None else self._check_image(self._distortion)
+        """What is unusual about the distortion, in words; empty if nothing is."""
 
     @classmethod
     def from_intrinsics(cls, intrinsics: Intrinsics, rectified: bool = False) -> Lens:
@@ -49,9 +53,26 @@ class Lens:
         """
         if rectified and not intrinsics.P[0, 0] > 0:
             raise CameraError("camera_info has P[0] = 0; parameter 'rectified' needs a rectified camera's P")
-        lens = cls(intrinsics.P[:, :3]) if rectified else cls(intrinsics.K, intrinsics.D, intrinsics.model)
-        lens.size = intrinsics.width, intrinsics.height
-        return lens
+        size = intrinsics.width, intrinsics.height
+        if rectified:
+            return cls(intrinsics.P[:, :3], size=size)
+        return cls(intrinsics.K, intrinsics.D, intrinsics.model, size)
+
+    def _check_image(self, distortion: Distortion) -> str:
+        """Return what is unusual about the distortion, see `lens_check`. Raises CameraError if no lens has it."""
+        impossible, unusual = faults_of(
+            lambda points: _pairs(distortion.undistort(_complex(points))),
+            border_points(self.K, self.size),
+            distortion.turns_back,
+            self.model == "equidistant",
+        )
+        words = f"D = {self.D.tolist()} ({self.model})"
+        if impossible:
+            raise CameraError(
+                f"{words} is not the distortion of a lens: {impossible}; expected coefficients of a calibration, in "
+                "OpenCV's order"
+            )
+        return unusual and f"{words} is unusual for a lens: {unusual}; check the calibration"
 
     @cached_property
     def focal(self) -> float:

@@ -16,7 +16,6 @@ from itertools import combinations
 import numpy as np
 
 from lassokin_ros.core.learned.size_check import SizeCheck
-from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.people.cross_view import compared, triangulated
 from lassokin_ros.pipeline.people.tracked_person import Sight
 
@@ -195,6 +194,5 @@ def _same_keypoints(one: Sight, other: Sight) -> bool:
 
 def _inverted(one: Sight, other: Sight, size: SizeCheck) -> float | None:
     """Return the cost with the inverse transform of the other camera."""
-    pose = other.camera
-    inverted = replace(other, camera=CameraPose(pose.name, pose.rotation.T, pose.centre))
+    inverted = replace(other, camera=other.camera.inverse)
     return compared(one, inverted, size, triangulated(one, inverted))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +17,7 @@ CONFIDENT, NEAREST, CENTRE = "confident", "nearest", "centre"
 RULES = (CONFIDENT, NEAREST, CENTRE)
 GUESS_AFTER_S = 0.5
 """s: a person who is found by place after a longer absence may be somebody else, see FrameResult.guessed."""
-ID = re.compile(r"p?(\d{1,9})")
+ID = re.compile(r"p?(\d{1,18})")
 """One person: the number of the detector; with several people, the number of the id in ~/people."""
 
 
@@ -43,10 +43,14 @@ def _confidence(detection: Detection) -> float:
     return float(np.where(counted, detection.confidence, 0.0).clip(max=1.0).sum())
 
 
+def _depth(detection: Detection) -> float:
+    """Return the median depth, m; NaN if none is measured."""
+    depth = np.empty(0) if detection.depth is None else detection.depth[detection.depth > 0]
+    return float(np.median(depth)) if len(depth) else np.nan
+
+
 def _size(detection: Detection) -> float:
-    """Return the diagonal of the points in the image; with measured depth, the inverse of their median depth."""
-    if detection.depth is not None and np.isfinite(detection.depth).any():
-        return 1e3 / float(np.nanmedian(detection.depth))
+    """Return the diagonal of the points in the image."""
     seen = detection.points[np.isfinite(detection.points).all(axis=1)]
     return float(np.linalg.norm(seen.max(axis=0) - seen.min(axis=0))) if len(seen) else 0.0
 
@@ -56,9 +60,19 @@ def _nearness_to_centre(detection: Detection) -> float:
     return -float(np.linalg.norm(seen.mean(axis=0))) if len(seen) else -np.inf
 
 
-SCORES: Mapping[str, Callable[[Detection], float]] = {
-    CONFIDENT: _confidence,
-    NEAREST: _size,
-    CENTRE: _nearness_to_centre,
-}
-"""Score of a detection by rule; the person with the highest one is followed."""
+def scores(rule: str, detections: Sequence[Detection]) -> list[float]:
+    """Return the score of each detection by a rule; the person with the highest one is followed.
+
+    The nearest person is that of the least depth if everybody's is measured, else the largest one in the image.
+    """
+    if rule == CONFIDENT:
+        return [_confidence(detection) for detection in detections]
+    if rule == CENTRE:
+        return [_nearness_to_centre(detection) for detection in detections]
+    depths = [_depth(detection) for detection in detections]
+    return [-depth for depth in depths] if np.isfinite(depths).all() else [_size(detection) for detection in detections]
+
+
+def preferred(rule: str, detections: Sequence[Detection]) -> int:
+    """Return the index of the detection, of one or more, that a rule prefers: the first of equals."""
+    return int(np.argmax(scores(rule, detections)))

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lassokin_ros.core.body.joint_angles import JointAngleReader
 from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.pipeline.people.joint_angles import JointAngleReader
 
 SHORTEST_NS = 1_000_000
 """ns: velocities are differences over stamps. Over a shorter step, as stamps in another unit have, there are none."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Iterable, Sequence
 
 import numpy as np
@@ -18,10 +18,10 @@ from lassokin_ros.pipeline.people.assignment import assign
 from lassokin_ros.pipeline.people.choice import (
     CONFIDENT,
     GUESS_AFTER_S,
-    SCORES,
     NoPersonError,
     nobody_to_lock,
     number_named,
+    preferred,
 )
 from lassokin_ros.pipeline.people.cross_view import SAME_PERSON, cross_view_cost
 from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, is_trackable, match_radius
@@ -64,25 +64,33 @@ class MultiPersonTracker:
     """Implements PeopleTracker for several people. The trackers are created at the start and reused."""
 
     def __init__(
-        self, people: Sequence[TrackedPerson], counts: Counter[str], follow: str = CONFIDENT, lock: bool = False
+        self,
+        people: Sequence[TrackedPerson],
+        counts: Counter[str],
+        follow: str = CONFIDENT,
+        lock: bool = False,
+        several_cameras: bool = False,
     ) -> None:
         """counts: receives the numbers of people who come and leave, and the rejections of single people.
 
-        follow, lock: see NodeSettings.
+        follow, lock: see NodeSettings. several_cameras: numbers of people are not used, because each camera's detector
+        has its own.
         """
         self._follow, self._lock_first, self._lock_next = follow, lock, lock
         self._locked: int | None = None
         self._guessed: set[int] = set()
-        self._newest: dict[int, Detection] = {}  # the detections of the newest image, by person
+        self._newest: dict[int, Detection] = {}  # the newest detection, by person
         self._newest_ns = 0
+        self._several_cameras = several_cameras
         self._idle = list(people)
         self._counts = counts
         self._present: dict[int, TrackedPerson] = {}
         self._candidates: dict[str, list[Candidate]] = {}  # by camera
-        self._cameras: set[str] = set()
         self._sights: dict[int, dict[str, Sight]] = {}  # the newest ones, by person and camera
         self._crowds: dict[str, tuple[int, int]] = {}  # stamp, ns, and number of people in the newest image, by camera
+        self._left: list[FrameResult] = []  # results of people removed, which waited for smoothing_lag
         self._next = 1
+        self._made: set[int] = set()  # people whose number is not the detector's
         self._count = people[0].tracker.kinematics.landmark_count
         self._nothing = Detection(np.full((self._count, 2), np.nan), np.zeros(self._count))
 
@@ -114,10 +122,11 @@ class MultiPersonTracker:
 
     def lock(self) -> str:
         """See PeopleTracker.lock."""
-        there = {n: seen for n, seen in self._newest.items() if self._present[n].seen_ns == self._newest_ns}
+        ages = {n: self._present[n].unseen_s(self._newest_ns) for n in self._newest}
+        there = {n: seen for n, seen in self._newest.items() if ages[n] <= GUESS_AFTER_S}
         number = number_named(self._follow)
         if number is None and there:
-            number = max(there, key=lambda n: SCORES[self._follow](there[n]))
+            number = list(there)[preferred(self._follow, list(there.values()))]
         if number is None or number not in there:
             raise NoPersonError(nobody_to_lock(self._follow, len(there)))
         self._locked, self._lock_next = number, False
@@ -143,7 +152,8 @@ class MultiPersonTracker:
 
     def flush(self) -> list[FrameResult]:
         """See PeopleTracker.flush."""
-        return [result for person in self._present.values() for result in person.flush()]
+        left, self._left = self._left, []
+        return [*left, *(result for person in self._present.values() for result in person.flush())]
 
     def sights_at(self, stamp_ns: int) -> dict[int, dict[str, Detection]]:
         """Return the detections of each person in the images of a stamp, by number and by camera."""
@@ -158,13 +168,13 @@ class MultiPersonTracker:
             self._remove(number)
         for person in self._idle:
             person.reset()
+        self._left.clear()
         self._candidates.clear()
         self._locked, self._lock_next = None, self._lock_first
 
     def update(self, images: Sequence[PeopleImage], frame_id: str, forget_after: float) -> list[FrameResult]:
         """Track the people of one image, or of one instant; see PeopleTracker.update. Returns accepted results only."""
-        self._cameras.update(image.camera.name for image in images)
-        persistent = images[0].persistent and len(self._cameras) == 1  # detectors number people independently
+        persistent = images[0].persistent and not self._several_cameras
         stamp_ns = max(image.stamp_ns for image in images)
         for number in [n for n, person in self._present.items() if person.unseen_s(stamp_ns) > forget_after]:
             self._remove(number)
@@ -180,13 +190,14 @@ class MultiPersonTracker:
                 found = self._numbered(view) if persistent else self._match(image, view, sights)
             for number, sight in found.items():
                 sights.setdefault(number, []).append(sight)
-        self._newest = {n: seen[0].seen for n, seen in sights.items() if n in self._present}
+        self._newest |= {n: seen[0].seen for n, seen in sights.items() if n in self._present}
         self._newest_ns = stamp_ns
-        results = self._track(images[0], frame_id, sights)
+        results = self._track(images[0], frame_id, sights, persistent)
         if self._lock_next:
             with suppress(NoPersonError):  # wait for the next image
                 self.lock()
-        return [self._identified(result, persistent) for result in results]
+        left, self._left = self._left, []
+        return left + results
 
     def _only_one(self, image: PeopleImage, view: Sequence[Sight], sights: dict[int, list[Sight]]) -> dict[int, Sight]:
         """Return the sight of a camera whose place is not known, if it is that of the only person in view.
@@ -199,20 +210,30 @@ class MultiPersonTracker:
         there = recent | sights.keys()
         return dict(zip(there, view)) if len(there) == 1 else {}
 
-    def _identified(self, result: FrameResult, persistent: bool) -> FrameResult:
-        number = number_named(result.person)
-        assert number is not None
-        return replace(result, detector_id=number if persistent else -1, guessed=number in self._guessed)
-
     def _numbered(self, view: Sequence[Sight]) -> dict[int, Sight]:
         """Return the sights by person number, which lasts. People of new numbers are added."""
+        for sight in view:
+            self._give_up_number(sight)
         pairs = {s.seen.number: s for s in view if s.seen.number in self._present or self._is_trackable(s.seen)}
         for number, sight in pairs.items():
             if number not in self._present:
                 self._add(number, sight.stamp_ns, pairs)
         return pairs
 
-    def _track(self, image: PeopleImage, frame_id: str, pairs: dict[int, list[Sight]]) -> list[FrameResult]:
+    def _give_up_number(self, sight: Sight) -> None:
+        """Remove a person of the number of a sight if the number is not the detector's, and the person is elsewhere."""
+        number = sight.seen.number
+        if number not in self._made:
+            return
+        self._made.remove(number)
+        row = list(self._present).index(number)
+        if self._distances(sight.stamp_ns, [sight])[row, 0] > NEAR:
+            self._remove(number)
+            self._locked = None if self._locked == number else self._locked
+
+    def _track(
+        self, image: PeopleImage, frame_id: str, pairs: dict[int, list[Sight]], persistent: bool
+    ) -> list[FrameResult]:
         stamp_ns = self._newest_ns
         lost = {number for number, person in self._present.items() if person.status_at(stamp_ns) is Status.LOST}
         results, found = [], 0
@@ -220,7 +241,7 @@ class MultiPersonTracker:
         for number, person in list(self._present.items()):
             seen = pairs.get(number) if number not in lost or found < MOST_REINITIALISED else None
             try:
-                results += self._results_of(number, image, frame_id, seen)
+                results += self._results_of(number, image, frame_id, seen, number if persistent else -1)
             except Exception as error:  # the others are tracked all the same
                 errors.append(error)
             found += seen is not None and number in lost and person.status is Status.TRACKING
@@ -229,7 +250,7 @@ class MultiPersonTracker:
         return results
 
     def _results_of(
-        self, number: int, image: PeopleImage, frame_id: str, seen: Sequence[Sight] | None
+        self, number: int, image: PeopleImage, frame_id: str, seen: Sequence[Sight] | None, detector_id: int
     ) -> list[FrameResult]:
         """The accepted results of one person; rejections are counted. seen: None for a person not in the images."""
         person = self._present[number]
@@ -238,7 +259,8 @@ class MultiPersonTracker:
             return person.mark_absent(nothing) if image.camera.known else []
         placed = {sight.camera.name: sight for sight in seen if sight.camera.known}
         self._sights.setdefault(number, {}).update(placed)
-        answers = person.track(seen, frame_id, name(number))
+        guessed = number in self._guessed
+        answers = person.track(seen, frame_id, name(number), detector_id=detector_id, guessed=guessed)
         refused = [result for result in answers if not result.accepted]
         for result in refused if placed else ():
             late = result.rejection == Rejection.LATE.value
@@ -256,18 +278,19 @@ class MultiPersonTracker:
         numbers = list(self._present)
         limits = [match_radius(self._present[n].unseen_s(stamp_ns)) for n in numbers]
         costs = self._distances(stamp_ns, usable)
-        if len(self._cameras) > 1:
+        if self._several_cameras:
             self._compare_views(image, usable, costs, sights)
         matched = assign(costs, limits)
         pairs = {numbers[row]: usable[column] for row, column in matched}
         self._guessed |= {n for n in pairs if GUESS_AFTER_S < self._present[n].unseen_s(stamp_ns) < math.inf}
         known, taken = [row for row, _ in matched], {column for _, column in matched}
         strangers = [d for i, d in enumerate(usable) if i not in taken and np.all(costs[known, i] > SAME_BODY)]
-        if len(self._cameras) > 1:
+        if self._several_cameras:
             strangers = [s for s in strangers if not self._is_near_anybody(s, sights)]
         for stranger in self._confirmed(image.camera.name, _without_duplicates(strangers)):
             number = self._next
             if self._add(number, stamp_ns, {**sights, **pairs}):
+                self._made.add(number)
                 pairs[number] = stranger
         return pairs
 
@@ -336,7 +359,7 @@ class MultiPersonTracker:
         """Assign a tracker to a new person. Return False, and count it, if none is free.
 
         The new tracker adopts the direction of gravity from the others. If a tracker has this person's skeleton, it is
-        that one.
+        that one; else one that has nobody's, if there is one.
         """
         if not self._idle:
             kept = {*pairs, self._locked}
@@ -345,7 +368,9 @@ class MultiPersonTracker:
                 self._counts["people beyond max_people"] += 1
                 return False
             self._remove(max(away)[1])
-        newcomer = next((person for person in self._idle if person.number == number), self._idle[-1])
+        own = [person for person in self._idle if person.number == number]
+        nobodys = [person for person in self._idle if person.number is None]
+        newcomer = (self._idle[-1:] + nobodys + own)[-1]
         for known in self._idle, self._present.values():  # present people override those who left
             newcomer.tracker.adopt_vertical(person.tracker for person in known)
         self._idle.remove(newcomer)
@@ -356,9 +381,11 @@ class MultiPersonTracker:
 
     def _remove(self, number: int) -> None:
         person = self._present.pop(number)
+        self._left += person.flush()
         person.reset(same_camera=True)
         self._idle.append(person)
         self._guessed.discard(number)
+        self._made.discard(number)
         self._newest.pop(number, None)
         self._sights.pop(number, None)
         self._counts["people left"] += 1

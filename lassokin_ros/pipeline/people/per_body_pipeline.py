@@ -112,12 +112,12 @@ class PerBodyPipeline(Pipeline):
         if pipeline is None:
             return []
         pipeline.enabled = self.enabled
-        frames = pipeline.frames(message, arrival_ns)
+        frames = pipeline.frames(message, arrival_ns, self.first.name)
         self.answered = self.answered or pipeline.answered
         mine, theirs = self.first, pipeline.first
         mine.nobody_in_view, mine.unused_confidence = theirs.nobody_in_view, theirs.unused_confidence
         mine.stamp_rate, mine.own_depth, mine.landmark_ids = theirs.stamp_rate, theirs.own_depth, theirs.landmark_ids
-        return [replace(frame, person=person) for frame in frames]
+        return [replace(frame, person=person, label=person) for frame in frames]
 
     def reset(self) -> None:
         """Forget the state of all people. The list of people, the camera and the counts stay."""

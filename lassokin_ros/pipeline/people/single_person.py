@@ -23,10 +23,10 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.choice import (
     CONFIDENT,
     GUESS_AFTER_S,
-    SCORES,
     NoPersonError,
     nobody_to_lock,
     number_named,
+    preferred,
 )
 from lassokin_ros.pipeline.people.cross_view import same_person
 from lassokin_ros.pipeline.people.image_tracks import RIVAL, ImageTrack, ImageTracks
@@ -53,12 +53,12 @@ class SinglePersonTracker:
         self._count = person.tracker.kinematics.landmark_count
         self._follow, self._lock_first = follow, lock
         self._number_of_person = 0
+        self._left: list[FrameResult] = []  # results of the person before, which waited for smoothing_lag
         self._forget_identity()
 
     def _forget_identity(self) -> None:
         self._locked, self._guessed, self._lock_next = False, False, self._lock_first
         self._views: dict[str, _View] = {}
-        self._newest: _View | None = None  # of the last image
         self._left_ns: int | None = None  # last sight of a person without a number, after whom there was a new id
 
     @property
@@ -90,11 +90,15 @@ class SinglePersonTracker:
 
     def flush(self) -> list[FrameResult]:
         """See PeopleTracker.flush."""
-        return self._person.flush()
+        left, self._left = self._left, []
+        return left + self._person.flush()
 
     def reset(self) -> None:
-        """Forget the person. The next message chooses a person anew."""
+        """Forget the person. The next message chooses a person anew, under a new id."""
+        if self._person.seen_ns is not None:
+            self._number_of_person = max(self._number_of_person, 1) + 1
         self._person.reset()
+        self._left.clear()
         self._forget_identity()
 
     def tune(self, follow: str, lock: bool) -> None:
@@ -105,9 +109,9 @@ class SinglePersonTracker:
 
     def lock(self) -> str:
         """See PeopleTracker.lock."""
-        view = self._newest or _View()
+        view = self._view_to_lock()
         candidates = [t for t in view.tracks.seen_at(view.seen_ns) if self._is_trackable(t.detection)]
-        tracked = self._person.status is Status.TRACKING and self._person.seen_ns == view.seen_ns
+        tracked = self._person.status is Status.TRACKING and self._person.unseen_s(view.seen_ns) <= GUESS_AFTER_S
         if not (tracked and (self._follow == CONFIDENT or not candidates)):
             chosen = self._best(candidates, view.persistent)
             if chosen is None:
@@ -118,12 +122,18 @@ class SinglePersonTracker:
         self._guessed = False
         return self._id
 
+    def _view_to_lock(self) -> _View:
+        """Return the view with the newest sight of the followed person, else that of the newest image."""
+        newest = max(self._views.values(), key=lambda view: view.seen_ns, default=_View())
+        shown = [view for view in self._views.values() if newest.seen_ns - view.shown_ns <= GUESS_AFTER_S * 1e9]
+        return max(shown, key=lambda view: view.shown_ns, default=newest)
+
     def _lock_followed(self, view: _View) -> None:
         """Lock the followed person. One without a number is known by place from now on."""
         self._locked, self._lock_next = True, False
         if view.followed is None and view.unnumbered is not None:
             view.tracks.clear()
-            view.tracks.update(view.seen_ns, [view.unnumbered], False, math.inf)
+            view.tracks.update(view.unnumbered_ns, [view.unnumbered], False, math.inf)
             view.followed = view.tracks.tracks[0]
 
     def release(self) -> None:
@@ -132,39 +142,42 @@ class SinglePersonTracker:
 
     def update(self, images: Sequence[PeopleImage], frame_id: str, forget_after: float) -> list[FrameResult]:
         """Track the followed person; see PeopleTracker.update. A refused message gives a result with the reason."""
-        found = [self._select(image, forget_after) for image in images]
-        sights = [Sight(image.stamp_ns, one, image.lens, image.camera) for image, one in zip(images, found)]
-        if len(sights) > 1:
-            sights = [sight for sight in sights if _has_points(sight.seen)] or sights
-        number = found[0].number if images[0].persistent else -1
+        found = [(image, self._select(image, forget_after)) for image in images]
+        if len(found) > 1:
+            found = [(image, one) for image, one in found if self._is_followed(image, one)] or found
+        sights = [Sight(image.stamp_ns, one, image.lens, image.camera) for image, one in found]
+        number = sights[0].seen.number if found[0][0].persistent else -1
         results = self._person.track(sights, frame_id, label=self._id, detector_id=number, guessed=self._guessed)
         rejected = results and not results[-1].accepted
         if rejected and (absence := self._absence(images[0], forget_after)):
             results[-1] = replace(results[-1], rejection=PERSON_ABSENT, detail=absence)
-        if self._lock_next and self.tracked_at(max(image.stamp_ns for image in images)):
-            self._lock_followed(self._views[images[0].camera.name])
-        return results
+        if self._lock_next and any(self.tracked_at(image.stamp_ns) for image in images):
+            self._lock_followed(self._view_to_lock())
+        left, self._left = self._left, []
+        return left + results
 
     def _select(self, image: PeopleImage, forget_after: float) -> Detection:
         """Return the detection of the followed person; an empty detection if the person is not in the message."""
         keypoints, stamp_ns = image.keypoints, image.stamp_ns
         if image.camera.name not in self._views:
             self._views[image.camera.name] = _View()
-        view = self._newest = self._views[image.camera.name]
+        view = self._views[image.camera.name]
         view.seen_ns, view.persistent = stamp_ns, image.persistent
         view.lens, view.camera = image.lens, image.camera
         patience = max(forget_after, self._person.tracker.config.lost_after)
-        view.unnumbered = None
         if keypoints.persons is None:
-            view.unnumbered = detection(keypoints, None, self._count, image.lens)
+            one = detection(keypoints, None, self._count, image.lens)
+            if self._is_trackable(one):
+                view.unnumbered, view.unnumbered_ns = one, stamp_ns
             if not self._locked:
                 view.followed = None
-                self._count_absence(view.unnumbered, stamp_ns, patience)
-                return view.unnumbered
-            people = [view.unnumbered]
+                self._count_absence(one, stamp_ns, patience)
+                return one
+            people = [one]
         elif len(keypoints.persons) == 0:
             return detection(keypoints, None, self._count, image.lens)
         else:
+            view.unnumbered = None
             people = detections_by_person(keypoints, self._count, image.lens)
         self._update_tracks(people, image, view, patience)
         followed = view.followed
@@ -178,6 +191,12 @@ class SinglePersonTracker:
         if followed is None:
             return self._nobody(people)
         return followed.detection if followed.seen_ns == stamp_ns else self._nobody(())
+
+    def _is_followed(self, image: PeopleImage, one: Detection) -> bool:
+        """Return True if a detection in an image shows the followed person, and no bystander."""
+        view = self._views[image.camera.name]
+        shown = view.unnumbered if view.followed is None else view.followed.detection
+        return one is shown and _has_points(one)
 
     def _count_absence(self, one: Detection, stamp_ns: int, patience: float) -> None:
         """Note that somebody without a number comes after an absence: it may be another person, so the id is new."""
@@ -234,10 +253,10 @@ class SinglePersonTracker:
     def _choose_anew(self, view: _View) -> ImageTrack | None:
         """Follow the best person in the image. Return the track, None if nobody can be tracked."""
         tracks = [t for t in view.tracks.seen_at(view.seen_ns) if self._is_trackable(t.detection)]
-        best = self._best(tracks, view.persistent)
-        if best is not None and best is not view.followed:
-            self._begin(best, view)
-        return best
+        chosen = self._best(tracks, view.persistent)
+        if chosen is not None and chosen is not view.followed:
+            self._begin(chosen, view)
+        return chosen
 
     def _begin(self, track: ImageTrack | None, view: _View) -> None:
         """Follow another person, under a new id. The images of other cameras will show who it is there."""
@@ -245,6 +264,7 @@ class SinglePersonTracker:
             other.followed = None
         view.followed, self._guessed = track, False
         if self._person.seen_ns is not None:
+            self._left += self._person.flush()
             self._person.reset(same_camera=True)
             self._number_of_person = max(self._number_of_person, 1) + 1
 
@@ -254,14 +274,14 @@ class SinglePersonTracker:
         if number is not None:
             lasting = tracks if persistent else ()
             return next((track for track in lasting if track.detection.number == number), None)
-        score = SCORES[self._follow]
-        return max(tracks, key=lambda track: score(track.detection), default=None)
+        return tracks[preferred(self._follow, [track.detection for track in tracks])] if tracks else None
 
     def _nobody(self, people: Sequence[Detection]) -> Detection:
         """Return the detection with the most points of those who cannot be tracked, so that the reason is reported."""
-        empty = Detection(np.full((self._count, 2), np.nan), np.zeros(self._count))
         untrackable = [one for one in people if not self._is_trackable(one)]
-        return max(untrackable, key=SCORES[CONFIDENT], default=empty)
+        if untrackable:
+            return untrackable[preferred(CONFIDENT, untrackable)]
+        return Detection(np.full((self._count, 2), np.nan), np.zeros(self._count))
 
     def _absence(self, image: PeopleImage, forget_after: float) -> str:
         """Return the explanation for a message that shows other people only; empty if that is not the case.
@@ -297,10 +317,17 @@ class _View:
     def __init__(self) -> None:
         self.tracks = ImageTracks()
         self.followed: ImageTrack | None = None
-        self.unnumbered: Detection | None = None  # of the last image, if its message has no person numbers
-        self.seen_ns, self.persistent = 0, False
+        self.unnumbered: Detection | None = None  # the last one who could be tracked, if messages have no numbers
+        self.seen_ns, self.unnumbered_ns, self.persistent = 0, 0, False
         self.lens: Lens | None = None
         self.camera = HERE
+
+    @property
+    def shown_ns(self) -> float:
+        """Stamp of the newest image that shows the followed person, ns; -inf if there is none."""
+        if self.followed is not None:
+            return self.followed.seen_ns
+        return -math.inf if self.unnumbered is None else self.unnumbered_ns
 
     def sight(self, seen: Detection) -> Sight:
         """Return a detection as one of the last image."""

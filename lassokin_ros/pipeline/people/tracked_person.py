@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -12,8 +12,6 @@ import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.doubt.live import LiveDoubts
-from lassokin_ros.core.doubt.signs import Signs, signs_of
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
@@ -21,6 +19,8 @@ from lassokin_ros.core.observation import HERE, CameraPose, Observation, Status
 from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.record import record
 from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.doubt.live import LiveDoubts
+from lassokin_ros.doubt.signs import Signs, signs_of
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.repeats import Repeats
@@ -109,7 +109,7 @@ class TrackedPerson:
     def track(self, sights: Sequence[Sight], frame_id: str, person: str = "", **identity: Any) -> list[FrameResult]:
         """Track the detections of this person in the images of one instant, one of each camera.
 
-        frame_id: of the results. identity: further fields of the results that are returned now. Returns the results to
+        frame_id: of the results. identity: further fields of the result of these detections. Returns the results to
         publish now. If the detections are refused, the last result gives the reason. Without `smoothing_lag` there is
         one result, that of these detections.
         """
@@ -123,6 +123,7 @@ class TrackedPerson:
             stamp_ns,
             frame_id,
             person=person,
+            **identity,
             detected=first.seen.pixels,
             points=first.seen.points,
             lens=first.lens,
@@ -142,8 +143,8 @@ class TrackedPerson:
             if frozen_s:
                 self.status = Status.SEARCHING if self.seen_ns is None else Status.LOST
                 reason, detail = FROZEN, frozen_text(frozen_s, self.tracker.config)
-            due = self._due(self.tracker.published, stamp_ns, identity)
-            return [*due, frame(estimate, reason, detail, **identity)]
+            due = self._due(self.tracker.published, stamp_ns)
+            return [*due, frame(estimate=estimate, rejection=reason, detail=detail)]
         self._update_motion(stamp_ns, estimate)
         tracker, velocity = self.tracker, self._velocity.copy()
         made = partial(frame, velocity=velocity, measure=tracker.uncertainty, observe=tracker.observed)
@@ -155,7 +156,7 @@ class TrackedPerson:
             camera=camera,
         )
         self._waiting.append((stamp_ns, estimate.stamp, partial(self._watched, made, signs)))
-        return self._due(self.tracker.published, stamp_ns, identity)
+        return self._due(self.tracker.published, stamp_ns)
 
     def _watched(
         self, made: Callable[..., FrameResult], signs: Callable[..., Signs], estimate: Estimate, **others: Any
@@ -202,13 +203,10 @@ class TrackedPerson:
 
     def flush(self) -> list[FrameResult]:
         """Return the results that wait for `smoothing_lag`. No detection follows."""
-        return self._due(self.tracker.flush(), self.seen_ns or 0, {})
+        return self._due(self.tracker.flush(), self.seen_ns or 0)
 
-    def _due(self, estimates: Sequence[Estimate], now_ns: int, identity: Mapping[str, Any]) -> list[FrameResult]:
-        """Return the held results of these estimates, with joint states. The tracker returns them in the same order.
-
-        identity: see `track`.
-        """
+    def _due(self, estimates: Sequence[Estimate], now_ns: int) -> list[FrameResult]:
+        """Return the held results of these estimates, with joint states. The tracker returns them in the same order."""
         frames = []
         for estimate in estimates:
             assert estimate.state is not None and estimate.pose is not None
@@ -223,7 +221,7 @@ class TrackedPerson:
             self._last = moment, estimate.pose.positions
             states = partial(self._joint_states.read, moment, before)
             held_s = (now_ns - stamp_ns) * 1e-9
-            frames.append(frame(estimate, joint_states=states, earlier=earlier, held_s=held_s, **identity))
+            frames.append(frame(estimate, joint_states=states, earlier=earlier, held_s=held_s))
         return frames
 
     def _update_motion(self, stamp_ns: int, estimate: Estimate) -> None:
@@ -232,8 +230,7 @@ class TrackedPerson:
         place = estimate.state.translation
         if estimate.initialised or self._place is None or self.seen_ns is None:
             self._velocity[:] = 0.0
-        else:
-            seconds = (stamp_ns - self.seen_ns) * 1e-9
+        elif (seconds := (stamp_ns - self.seen_ns) * 1e-9) > 0:  # 0: another camera's image of the same stamp
             share = 1 - math.exp(-seconds / VELOCITY_MEMORY_S)
             self._velocity += share * ((place - self._place) / seconds - self._velocity)
         self._place, self._landmarks, self.seen_ns = place, estimate.pose.landmarks, stamp_ns

@@ -14,8 +14,8 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lassokin_ros.core.body.joint_angles import JointAngleReader
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.pipeline.people.joint_angles import JointAngleReader
 from lassokin_ros.replay.exports.sampling import uniform
 from lassokin_ros.replay.motion import Motion
 

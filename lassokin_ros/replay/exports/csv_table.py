@@ -9,7 +9,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lassokin_ros.core.evidence.foot_contact import ANKLES
+from lassokin_ros.core.body.roles import ANKLES
 from lassokin_ros.replay.exports.named_angles import named_angles
 from lassokin_ros.replay.motion import Motion
 

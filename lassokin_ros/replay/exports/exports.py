@@ -82,7 +82,7 @@ class Exports:
     def __init__(self, wanted: Sequence[Path], recorder: MotionRecorder, several: bool, replace: bool) -> None:
         """several: True if several people may be tracked. Raises ExportError for paths that cannot be written."""
         self._targets = list(dict.fromkeys(map(target_of, wanted)))
-        self._recorder, self._replace = recorder, replace
+        self._recorder, self._several, self._replace = recorder, several, replace
         for target in self._targets:
             if target.suffix == ".c3d":
                 import_ezc3d()
@@ -93,7 +93,7 @@ class Exports:
                         refuse_existing(path, replace, ExportError)
 
     def write(self, output: Path, files: AtomicFiles) -> list[Path]:
-        """Write all files and return their paths.
+        """Write all files and return their paths. With several people, those of others of an earlier run are removed.
 
         output: the folder for targets without a folder; the others are written as part of `files`. Raises ExportError,
         and the error of `files`.
@@ -102,9 +102,20 @@ class Exports:
         paths: list[Path] = []
         with AtomicFiles(self._replace, ExportError) as inside:
             for target in self._targets:
+                whole = inside if target.folder is None else files
                 for path, fill in _jobs(target, output, motions):
-                    (inside if target.folder is None else files).write(path, fill)
+                    whole.write(path, fill)
                     paths.append(path)
+                if (
+                    motions
+                    and self._several
+                    and self._replace
+                    and target.suffix in PERSONS
+                    and target.folder is not None
+                ):
+                    for old in files_of_people(target.folder, target.stem, target.suffix):
+                        if old not in paths:
+                            whole.remove(old)
         return paths
 
 

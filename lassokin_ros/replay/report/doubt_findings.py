@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lassokin_ros.core.doubt.unseen_limbs import LIMBS
+from lassokin_ros.doubt.unseen_limbs import LIMBS
 from lassokin_ros.replay.report.facts import Facts
 from lassokin_ros.replay.report.finding import DOUBT, MOST_LISTED, NOTE, Finding
 from lassokin_ros.replay.report.log import PersonRow

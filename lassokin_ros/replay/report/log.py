@@ -9,8 +9,8 @@ import numpy as np
 
 from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.rotations import logarithm
-from lassokin_ros.core.doubt.doubt import Doubt
 from lassokin_ros.core.estimate import Estimate
+from lassokin_ros.doubt.doubt import Doubt
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 
 STAMP_REASONS = ("old_stamp", "stamp_jump", "bad_stamp")

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lassokin_ros.core.doubt.doubt import reasons
-from lassokin_ros.core.doubt.spans import marked_spans
+from lassokin_ros.doubt.doubt import reasons
+from lassokin_ros.doubt.monitor import AROUND_S
 from lassokin_ros.replay.report.absences import usual_period
 from lassokin_ros.replay.report.log import PersonRow
 
@@ -45,6 +45,23 @@ def wrong_spans(rows: Sequence[PersonRow]) -> list[WrongSpan]:
         WrongSpan(start, end, tuple(reasons(doubt for time, doubt in found if start <= time <= end)), certain)
         for start, end, certain in _joined([*signs, *weak], 1.5 * usual_period(np.array(times)))
     ]
+
+
+def marked_spans(
+    stamps: Sequence[float], marked: Sequence[bool], around: float = AROUND_S
+) -> list[tuple[float, float]]:
+    """Return the spans (start, end) in s, apart and in order, that lie around marked frames.
+
+    stamps: s, increasing. They do not exceed the first and the last stamp.
+    """
+    spans: list[tuple[float, float]] = []
+    for stamp in (stamp for stamp, mark in zip(stamps, marked, strict=True) if mark):
+        start, end = max(stamp - around, stamps[0]), min(stamp + around, stamps[-1])
+        if spans and start <= spans[-1][1]:
+            spans[-1] = spans[-1][0], end
+        else:
+            spans.append((start, end))
+    return spans
 
 
 def _joined(spans: list[tuple[float, float, bool]], apart: float) -> Iterator[tuple[float, float, bool]]:

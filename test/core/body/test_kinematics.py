@@ -2,15 +2,16 @@
 
 import numpy as np
 import pytest
-from cases import body, central_difference, random_body, random_state, relative_error
+from cases import body, central_difference, image_rows, posed, prior_rows, random_body, random_state, relative_error
 
+from benchmarks.methods.rows import linearise
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, to_quaternion
 from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.image.projection import project, projection_jacobian
-from lassokin_ros.core.image.stacked_model import linearise, stacked_matrices
+from lassokin_ros.core.image.stacked_model import stacked_matrices
 
 
 def bodies():
@@ -57,14 +58,12 @@ def test_pose_is_the_product_of_transforms(case):
 def test_a_batch_equals_single_poses(case):
     kinematics, states = case
     batch = BodyState(np.stack([s.rotations for s in states]), np.stack([s.translation for s in states]))
-    together, P = kinematics.pose(batch), projection_jacobian(kinematics.pose(batch).landmarks)
-    rows = P.reshape(len(states), -1, 3)
-    L, image = kinematics.jacobian(together), kinematics.image_jacobian(together, rows)
+    together = kinematics.pose(batch)
+    L = kinematics.jacobian(together)
     for i, state in enumerate(states):
         alone = kinematics.pose(state)
         assert np.allclose(together.landmarks[i], alone.landmarks, rtol=0, atol=1e-13)
         assert np.allclose(L[i], kinematics.jacobian(alone), rtol=0, atol=1e-12)
-        assert np.allclose(image[i], kinematics.image_jacobian(alone, rows[i]), rtol=1e-12, atol=1e-11)
 
 
 def test_jacobian_agrees_with_finite_differences(case):
@@ -79,24 +78,23 @@ def test_jacobian_agrees_with_finite_differences(case):
         assert relative_error(L, central_difference(landmarks, n)) < 1e-8
 
 
-def test_image_jacobian_agrees_with_finite_differences(case):
+def test_the_stacked_model_is_the_derivative_of_the_image(case):
+    """(12): P L by the increment, P Gamma by the translation."""
     kinematics, states = case
     n, count = 3 * kinematics.joint_count, kinematics.landmark_count
     for state in states:
         far = BodyState(state.rotations, state.translation + [0, 0, 12])  # random trees are several metres across
-        pose = kinematics.pose(far)
-        model = linearise(kinematics, pose, np.zeros((count, 2)), np.ones(count))
+        P, Gamma, L = stacked_matrices(kinematics, kinematics.pose(far))
+        assert P.shape == (2 * count, 3 * count)
 
         def image(step, state=far):
             return project(kinematics.pose(state.retract(step[:n], step[n:])).landmarks)
 
         expected = central_difference(image, n + 3)
-        assert relative_error(model.A, expected[:, :n]) < 1e-8
-        assert relative_error(model.B, expected[:, n:]) < 1e-8
-        assert np.allclose(model.residual, -project(pose.landmarks).reshape(-1), rtol=0, atol=0)
+        assert relative_error(P @ L, expected[:, :n]) < 1e-8 and relative_error(P @ Gamma, expected[:, n:]) < 1e-8
 
 
-def test_linearise_equals_the_stacked_model(case):
+def test_the_rows_of_other_methods_are_those_of_the_stacked_model(case):
     kinematics, states = case
     random = np.random.default_rng(5)
     for state in states:
@@ -104,13 +102,8 @@ def test_linearise_equals_the_stacked_model(case):
         weights = np.where(random.random(kinematics.landmark_count) < 0.3, 0.0, random.uniform(1, 500))
         points = random.normal(size=(kinematics.landmark_count, 2))
         model = linearise(kinematics, pose, points, weights)
-        P, Gamma, L = stacked_matrices(kinematics, pose)
-        W = np.repeat(weights, 2)[:, None]
-        scale = max(1.0, weights.max())
-        assert P.shape == (2 * kinematics.landmark_count, 3 * kinematics.landmark_count)
-        assert np.abs(model.A - W * (P @ L)).max() < 1e-12 * scale
-        assert np.abs(model.B - W * (P @ Gamma)).max() < 1e-12 * scale
-        assert np.abs(model.residual - W[:, 0] * (points - project(pose.landmarks)).reshape(-1)).max() < 1e-12 * scale
+        for found, expected in zip((model.A, model.B, model.residual), image_rows(kinematics, pose, points, weights)):
+            assert np.abs(found - expected).max() < 1e-12 * max(1.0, weights.max())
         assert not model.A[np.repeat(weights, 2) == 0].any()
 
 
@@ -167,7 +160,7 @@ def test_other_offsets_are_another_skeleton(case):
     reshaped = Kinematics(kinematics.skeleton, kinematics.layout)
     reshaped.set_skeleton(skeleton)
     assert reshaped.skeleton is skeleton
-    for pose in (kinematics.pose(states[0], skeleton.offsets), reshaped.pose(states[0])):
+    for pose in (posed(kinematics, states[0], skeleton.offsets), reshaped.pose(states[0])):
         assert np.allclose(pose.positions, expected.positions, rtol=0, atol=1e-13)
         assert np.allclose(pose.landmarks, expected.landmarks, rtol=0, atol=1e-13)
 
@@ -262,13 +255,13 @@ def test_prior_rows_agree_with_finite_differences():
     rows = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
     for seed in range(5):
         state = random_state(np.random.default_rng(seed), kinematics)
-        A, z = rows.rows(state.rotations)
+        A, z = prior_rows(rows, state.rotations)
 
         def residual(omega, state=state):
-            return -rows.residual(state.retract(omega, np.zeros(3)).rotations)
+            return -rows.posture(state.retract(omega, np.zeros(3)).rotations).residual
 
         assert relative_error(A, central_difference(residual, 72)) < 1e-7
-        assert np.array_equal(z, rows.residual(state.rotations))
+        assert np.array_equal(z, rows.posture(state.rotations).residual)
     assert rows.count == len(rows.W) == 3 * len(rows.joints)
 
 
@@ -289,7 +282,7 @@ def test_prior_rows_measure_the_mahalanobis_distance():
     chosen = (3 * rows.joints[:, None] + np.arange(3)).reshape(-1)
     difference = (vectors - prior.mean).reshape(-1)[chosen]
     expected = difference @ np.linalg.solve(prior.covariance[np.ix_(chosen, chosen)], difference)
-    residual = rows.residual(exponential(vectors))
+    residual = rows.posture(exponential(vectors)).residual
     assert residual @ residual == pytest.approx(expected, rel=1e-9)
 
 
@@ -298,9 +291,9 @@ def test_live_rows_equal_the_rows_of_live_degrees_of_freedom():
     rows = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
     live = np.flatnonzero(kinematics.live)
     vectors = np.random.default_rng(22).normal(size=(3, kinematics.joint_count, 3))
-    A, z = rows.rows(exponential(vectors))
+    A, z = prior_rows(rows, exponential(vectors))
     posture = rows.posture(exponential(vectors))
     columns = rows.live_columns(posture)
     assert np.array_equal(z, posture.residual)
-    assert np.array_equal(np.swapaxes(columns, -1, -2), A[..., live[rows.first :]])
+    assert np.allclose(np.swapaxes(columns, -1, -2), A[..., live[rows.first :]], rtol=0, atol=1e-12)
     assert not A[..., live[: rows.first]].any()

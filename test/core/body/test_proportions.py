@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import body, central_difference, random_state, relative_error
+from cases import body, central_difference, posed, random_state, relative_error
 
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
@@ -66,9 +66,9 @@ def test_the_joints_jacobian_is_the_derivative_of_their_centres(all_lengths):
     kinematics = body("smpl24")
     state = random_state(np.random.default_rng(4), kinematics)
     expected = central_difference(
-        lambda lengths: kinematics.pose(state, all_lengths.offsets(lengths)).positions, all_lengths.count
+        lambda lengths: posed(kinematics, state, all_lengths.offsets(lengths)).positions, all_lengths.count
     )
-    actual = all_lengths.joint_jacobian(kinematics.pose(state))
+    actual = all_lengths.motion(kinematics.pose(state), np.zeros(13)).joints
     assert actual.shape == (24, 3, 13)
     assert relative_error(actual.reshape(-1, 13), expected) < 1e-8
 
@@ -102,8 +102,11 @@ def test_another_given_body_has_lengths_of_its_own(all_lengths):
     assert np.array_equal(proportions.stature_shares, all_lengths.stature_shares)
     state = random_state(np.random.default_rng(5), kinematics)
     kinematics.set_skeleton(taller)
-    expected = central_difference(lambda log: kinematics.pose(state, proportions.offsets(log)).positions, 13)
-    assert relative_error(proportions.joint_jacobian(kinematics.pose(state)).reshape(-1, 13), expected) < 1e-8
-    moved = proportions.motion(kinematics.pose(state, proportions.offsets(lengths)), lengths)
-    expected = central_difference(lambda log: kinematics.pose(state, proportions.offsets(lengths + log)).landmarks, 13)
+    expected = central_difference(lambda log: posed(kinematics, state, proportions.offsets(log)).positions, 13)
+    actual = proportions.motion(kinematics.pose(state), np.zeros(13)).joints
+    assert relative_error(actual.reshape(-1, 13), expected) < 1e-8
+    moved = proportions.motion(posed(kinematics, state, proportions.offsets(lengths)), lengths)
+    expected = central_difference(
+        lambda log: posed(kinematics, state, proportions.offsets(lengths + log)).landmarks, 13
+    )
     assert relative_error(moved.landmarks.reshape(-1, 13), expected) < 1e-8

@@ -11,6 +11,7 @@ from lassokin_ros.core.body.symmetry import (
     asymmetry,
     limb_groups,
     other_side,
+    partners,
     symmetric_skeleton,
     symmetrised,
 )
@@ -42,6 +43,10 @@ def creature(**lengths):
 )
 def test_the_other_side_of_a_name_is_found(name, other):
     assert other_side(name) == other
+
+
+def test_partners_are_the_other_side():
+    assert partners(NAMES).tolist() == [0, 2, 1, 4, 3, 5, 7, 6, 8]
 
 
 def test_both_limbs_of_a_pair_form_a_group_and_the_trunk_does_not():

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from cases import body, random_state
+from cases import body, random_body, random_state
 
 from lassokin_ros.core.body.kinematics import BodyState
-from lassokin_ros.core.evidence.foot_contact import ANKLES, DEVIATION, SCALE, FootContact
+from lassokin_ros.core.body.roles import ANKLES
+from lassokin_ros.core.evidence.foot_contact import DEVIATION, SCALE, FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import FrameData
@@ -72,5 +73,7 @@ def test_several_states_at_once_give_the_same_as_each_alone(scene):
         assert costs[number] == pytest.approx(float(model.foot_contact.cost(model.evaluate(one), frame)))
 
 
-def test_a_skeleton_without_ankles_does_not_fit():
-    assert not FootContact.fits(("pelvis", "left_ankle")) and FootContact.fits(("pelvis", *ANKLES))
+def test_a_skeleton_without_ankles_has_no_rows_of_feet():
+    other = random_body(np.random.default_rng(0))
+    model = FrameModel(other, PoseDistribution.load(other.skeleton))
+    assert model.foot_contact is None and model.floor is None

@@ -4,7 +4,7 @@ from copy import copy
 
 import numpy as np
 import pytest
-from cases import body, random_state
+from cases import body, image_rows, prior_rows, random_state
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import right_jacobian
@@ -14,7 +14,6 @@ from lassokin_ros.core.evidence.upright import upright_rows
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import capped_weights, huber_weights
-from lassokin_ros.core.image.stacked_model import linearise
 
 STATES = 3
 UP = np.array([0.1, -0.9, 0.2]) / np.linalg.norm([0.1, -0.9, 0.2])
@@ -43,14 +42,14 @@ def rows_of_the_parts(rows, state, points, weights, robust):
     """(J, z) of each piece of evidence alone: columns of all degrees of freedom, then the translation."""
     pose = rows.kinematics.pose(state)
     size = np.linalg.norm(points - project(pose.landmarks), axis=-1) * weights
-    image = linearise(rows.kinematics, pose, points, weights * np.sqrt(robust(size)))
-    prior_A, prior_z = rows.prior.rows(state.rotations)
+    image_A, image_B, image_z = image_rows(rows.kinematics, pose, points, weights * np.sqrt(robust(size)))
+    prior_A, prior_z = prior_rows(rows.prior, state.rotations)
     upright_A, upright_z = upright_rows(state.rotations[0], UP)
     upright_A = np.hstack([upright_A, np.zeros((3, prior_A.shape[1] - 3))])
     columns, balance_z = all_of(rows.balance).rows(pose, UP, pose.orientations)
-    A = np.vstack([image.A, prior_A, upright_A, columns.T])
-    B = np.vstack([image.B, np.zeros((len(A) - len(image.B), 3))])
-    return np.hstack([A, B]), np.concatenate([image.residual, prior_z, upright_z, balance_z])
+    A = np.vstack([image_A, prior_A, upright_A, columns.T])
+    B = np.vstack([image_B, np.zeros((len(A) - len(image_B), 3))])
+    return np.hstack([A, B]), np.concatenate([image_z, prior_z, upright_z, balance_z])
 
 
 def all_of(balance):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import body, central_difference, random_state, relative_error, scaled_forearms
+from cases import body, central_difference, posed, random_state, relative_error, scaled_forearms
 from sequences import CONFIG, FOCAL, RATE, WITHOUT_NETWORK, aligned_error, observations
 
 from lassokin_ros.core.body.kinematics import BodyState
@@ -50,7 +50,7 @@ def test_length_rows_are_the_derivatives_of_all_errors(scene):
     about = model.evaluate(state)
     rows = model.linearise(about, frame, huber_weights)
     C = model.length_rows(rows, about, frame, proportions.motion(about.pose, np.zeros(proportions.count)))
-    given = frame.joint_depths.with_weight(WEIGHT_WITH_DEPTH)
+    given = replace(frame.joint_depths, whitening=WEIGHT_WITH_DEPTH * frame.joint_depths.whitening)
     weight = np.sqrt((TAIL + 1) / (TAIL + learned._whitened(learned._points(about.pose), given) ** 2))
     errors = {
         model.image: (lambda pose: project(pose.landmarks).ravel(), 300.0),
@@ -59,7 +59,7 @@ def test_length_rows_are_the_derivatives_of_all_errors(scene):
     }
     for piece, (value, factor) in errors.items():
         expected = central_difference(
-            lambda d, value=value: value(model.kinematics.pose(state, proportions.offsets(d))), proportions.count
+            lambda d, value=value: value(posed(model.kinematics, state, proportions.offsets(d))), proportions.count
         )
         actual = C[rows.rows[piece.name]]
         if factor is None:

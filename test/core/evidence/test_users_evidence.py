@@ -160,6 +160,7 @@ def test_faulty_length_rows_are_left_out_of_the_calibration():
         ([with_method(count=2.0)], "has count 2.0"),
         ([Range(), Range()], "two pieces of evidence are named 'range'"),
         ([with_method(name="image")], "two pieces of evidence are named 'image'"),
+        ([with_method(name="image 2")], "evidence is named 'image 2', as that of a further camera"),
     ],
 )
 def test_a_wrong_name_or_number_of_rows_raises(wrong, said):

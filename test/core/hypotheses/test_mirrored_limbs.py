@@ -8,10 +8,12 @@ from sequences import WITHOUT_NETWORK, observations
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.roles import LIMBS
-from lassokin_ros.core.body.rotations import least_turn
+from lassokin_ros.core.body.rotations import exponential, least_turn
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.mirrored_limbs import BONES, MirroredLimbs
+from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.observation import HERE, CameraPose
 from lassokin_ros.core.tracker import Tracker
 
 CASES = [(limb, turn) for limb in range(len(LIMBS)) for turn in range(len(BONES))]
@@ -21,12 +23,16 @@ def evaluated(kinematics, state):
     return FrameModel(kinematics, PoseDistribution.load(kinematics.skeleton)).evaluate(state)
 
 
-def mirrored(kinematics, tracked, turn):
+def seen_from(camera):
+    return FrameData(np.zeros((17, 2)), np.zeros(17), camera=camera)
+
+
+def mirrored(kinematics, tracked, turn, camera=HERE):
     """The states proposed in the turn-th call, one per limb."""
     limbs = MirroredLimbs(kinematics)
     for _ in range(turn):
-        limbs.propose(tracked)
-    return limbs.propose(tracked)
+        limbs.propose(tracked, seen_from(camera))
+    return limbs.propose(tracked, seen_from(camera))
 
 
 @pytest.mark.parametrize("limb, turn", CASES)
@@ -56,6 +62,21 @@ def test_each_mirrored_bone_changes_its_sign_along_the_line_of_sight(limb, turn)
     assert np.abs(products - np.eye(3)).max() < 1e-12 and np.linalg.det(after.rotations).min() > 0
 
 
+def test_in_a_fixed_frame_the_line_of_sight_begins_at_the_camera():
+    """The mirrored limbs of a body and a camera that are moved together are those of the body before, moved."""
+    kinematics = body()
+    before = random_state(np.random.default_rng(5), kinematics)
+    turn, place = exponential(np.array([0.3, -1.0, 0.2])), np.array([2.0, -1.0, 4.0])
+    rotations = before.rotations.copy()
+    rotations[0] = turn @ rotations[0]
+    moved = BodyState(rotations, turn @ before.translation + place)
+    camera = CameraPose("side", turn.T, -turn.T @ place)
+    for number in range(len(BONES)):
+        here = mirrored(kinematics, evaluated(kinematics, before), number)
+        there = mirrored(kinematics, evaluated(kinematics, moved), number, camera)
+        assert np.allclose(there.rotations[:, 1:], here.rotations[:, 1:], atol=1e-9)
+
+
 def test_mirroring_twice_restores_the_joints():
     kinematics = body()
     tracked = evaluated(kinematics, random_state(np.random.default_rng(3), kinematics))
@@ -71,7 +92,7 @@ def test_both_bones_the_outer_and_the_inner_one_come_in_turn():
     kinematics = body()
     tracked = evaluated(kinematics, random_state(np.random.default_rng(4), kinematics))
     limbs = MirroredLimbs(kinematics)
-    proposed = [limbs.propose(tracked).rotations for _ in range(2 * len(BONES))]
+    proposed = [limbs.propose(tracked, seen_from(HERE)).rotations for _ in range(2 * len(BONES))]
     assert set(BONES) == {(True, True), (True, False), (False, True)}
     for turn in range(len(BONES)):
         assert np.array_equal(proposed[turn], proposed[turn + len(BONES)])
@@ -97,7 +118,7 @@ def test_a_bone_along_the_line_of_sight_is_reversed():
 def test_a_skeleton_without_limbs_has_no_proposals():
     kinematics = random_body(np.random.default_rng(0))
     state = BodyState(np.tile(np.eye(3), (kinematics.joint_count, 1, 1)), np.array([0.0, 0.0, 3.0]))
-    assert MirroredLimbs(kinematics).propose(evaluated(kinematics, state)) is None
+    assert MirroredLimbs(kinematics).propose(evaluated(kinematics, state), seen_from(HERE)) is None
 
 
 def test_a_limb_that_moves_no_landmark_is_not_mirrored():

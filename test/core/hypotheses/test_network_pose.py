@@ -29,7 +29,7 @@ def positions_of(pose):
 
 def distance(positions, pose, kinematics=KINEMATICS):
     """The distance of a pose from positions that a network gives."""
-    return NetworkPose(SimpleNamespace(network_places=lambda: places_of(positions)), kinematics, MEAN).distance(pose)
+    return NetworkPose(lambda: places_of(positions), kinematics, MEAN).distance(pose)
 
 
 def places_of(positions):
@@ -77,18 +77,18 @@ def test_the_distance_is_the_mean_of_the_joints_with_the_hips_aligned():
 
 @pytest.mark.parametrize("apart, proposed", [(0.9 * SAME_POSE, False), (1.1 * SAME_POSE, True)])
 def test_a_pose_is_proposed_if_it_is_far_from_the_tracked_one(apart, proposed):
-    pose, network = pose_of(2), SimpleNamespace()
+    pose = pose_of(2)
     positions = positions_of(pose)
     positions["head"] = positions["head"] + [0.0, 0.0, apart * len(positions)]
-    network.network_places = lambda: places_of(positions)
-    found = NetworkPose(network, KINEMATICS, MEAN).propose(SimpleNamespace(pose=pose))
+    network_pose = NetworkPose(lambda: places_of(positions), KINEMATICS, MEAN)
+    found = network_pose.propose(SimpleNamespace(pose=pose), None)
     assert (found is not None) == proposed
     assert not proposed or (found.rotations.shape == (1, 24, 3, 3) and found.translation.shape == (1, 3))
 
 
 def test_without_an_estimate_there_is_no_pose():
-    network_pose = NetworkPose(SimpleNamespace(network_places=lambda: None), KINEMATICS, MEAN)
-    assert network_pose.state() is None and network_pose.propose(SimpleNamespace(pose=pose_of(0))) is None
+    network_pose = NetworkPose(lambda: None, KINEMATICS, MEAN)
+    assert network_pose.state() is None and network_pose.propose(SimpleNamespace(pose=pose_of(0)), None) is None
 
 
 def test_the_networks_pose_is_near_the_person():

@@ -5,11 +5,11 @@ import pytest
 from sequences import CONFIG, observations
 
 from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.hypotheses.initialisation import NEAR
 from lassokin_ros.core.hypotheses.other_pose import (
     BALANCE_MARGIN,
     COST_MARGIN,
     DIFFERENT_POSE,
-    FACTORS,
     PERIOD_S,
     OtherPose,
 )
@@ -42,7 +42,7 @@ class Scene:
         )
 
     def other_pose(self, nothing=False):
-        def propose(tracked):
+        def propose(tracked, frame):
             self.proposals += 1
             return None if nothing else BodyState(self.right.state.rotations[None], np.zeros((1, 3)))
 
@@ -73,8 +73,8 @@ def tracked_since(other, step=1 / 60):
 def test_the_iterations_are_spread_over_frames_and_the_fit_replaces_a_wrong_state(scene, rate, expected):
     other, step = scene.other_pose(), 1 / rate
     answers = scene.found(tracked_since(other, step), scene.wrong, 1e6, step)
-    sizes = [min(count, len(FACTORS) - sum(expected[:i])) for i, count in enumerate(expected)]
-    assert scene.counts == sizes and len(answers) == len(sizes) and sum(scene.counts) == len(FACTORS)
+    sizes = [min(count, len(NEAR) - sum(expected[:i])) for i, count in enumerate(expected)]
+    assert scene.counts == sizes and len(answers) == len(sizes) and sum(scene.counts) == len(NEAR)
     fitted = scene.model.evaluate(answers[-1]).pose.positions
     right, wrong = scene.right.pose.positions, scene.wrong.pose.positions
     apart = [np.linalg.norm((p - p[0]) - (right - right[0]), axis=1).mean() for p in (fitted, wrong)]
@@ -97,7 +97,7 @@ def test_a_fit_that_is_not_better_by_the_margin_replaces_nothing(scene):
 def test_a_fit_that_is_the_tracked_pose_replaces_nothing(scene):
     fitted = scene.found(scene.other_pose(), scene.wrong, 1e6)[-1]
     answers = scene.found(scene.other_pose(), scene.model.evaluate(fitted), 1e6)
-    assert not any(answers) and sum(scene.counts) > 2 * len(FACTORS)
+    assert not any(answers) and sum(scene.counts) > 2 * len(NEAR)
 
 
 def test_a_fit_that_is_far_less_balanced_replaces_nothing(scene, monkeypatch):
@@ -118,7 +118,7 @@ def test_a_fit_from_before_a_gap_is_dropped(scene):
     other = tracked_since(scene.other_pose())
     assert other.better_state(0.0, scene.frame, scene.wrong, 1e6) is None
     assert other.better_state(1.0, scene.frame, scene.wrong, 1e6) is not None
-    assert scene.counts == [1, len(FACTORS)] and scene.proposals == 2  # begun again, and ended in the same frame
+    assert scene.counts == [1, len(NEAR)] and scene.proposals == 2  # begun again, and ended in the same frame
     other.reset()
     assert other._fitted is None and other._begun_at == -np.inf
 

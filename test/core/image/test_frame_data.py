@@ -43,9 +43,3 @@ def test_depth_covers_a_frame_if_half_of_the_landmarks_have_one(measured, covers
     given = frame(depth=DEPTH, depth_weights=weights)
     assert given.depth_covers is covers and given.prior_weight(0.7) == (0.7 if covers else 1.0)
     assert not frame().depth_covers and frame().prior_weight(0.7) == 1.0
-
-
-def test_less_certain_joint_depths_have_a_smaller_whitening():
-    given = frame().joint_depths
-    less = given.with_weight(0.5)
-    assert np.array_equal(less.whitening, 0.5 * np.eye(2)) and less.depths is given.depths

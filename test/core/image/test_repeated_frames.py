@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import body
 from sequences import CONFIG, FOCAL, RATE, WITHOUT_NETWORK, frame, observations, same
 
+from lassokin_ros.core.image.measurement import MeasurementFilter
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.repeated_frames import RepeatedFrames
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.observation import Observation, Status
 from lassokin_ros.core.tracker import Tracker
 
 NOW = replace(CONFIG, smoothing=0.0)
@@ -28,13 +29,17 @@ def later(observation, seconds):
 
 
 def test_the_age_is_that_of_bitwise_equal_keypoints():
-    repeats = RepeatedFrames()
+    measurements = MeasurementFilter(body())
     points, confidence = np.full((2, 2), np.nan), np.ones(2)
-    ages = [repeats.age(stamp, points.copy(), confidence) for stamp in (1.0, 1.5, 3.0)]
+
+    def age(stamp, confidence):
+        return measurements._age(Observation(stamp, points.copy(), confidence, FOCAL))
+
+    ages = [age(stamp, confidence) for stamp in (1.0, 1.5, 3.0)]
     other = np.array([1.0, np.nextafter(1.0, 2.0)])
-    ages += [repeats.age(3.5, points, other), repeats.age(4.0, points, other)]
-    repeats.reset()
-    assert [*ages, repeats.age(5.0, points, other)] == [0.0, 0.5, 2.0, 0.0, 0.5, 0.0]
+    ages += [age(3.5, other), age(4.0, other)]
+    measurements.forget()
+    assert [*ages, age(5.0, other)] == [0.0, 0.5, 2.0, 0.0, 0.5, 0.0]
 
 
 @pytest.mark.parametrize("times", [2, 4])

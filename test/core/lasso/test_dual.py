@@ -12,7 +12,7 @@ from cases import Draw, Lassos
 
 from lassokin_ros.core.errors import SolverError
 from lassokin_ros.core.lasso import dual as module
-from lassokin_ros.core.lasso.dual import DualSolver, available_solvers
+from lassokin_ros.core.lasso.dual import DualSolver, Form, available_solvers, condensed, projected
 from lassokin_ros.core.lasso.problem import eliminate_translation
 from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver, _without_tiny_entries
 
@@ -42,15 +42,13 @@ def test_both_forms_give_omega_in_every_unit(name, unit):
     close = {"rtol": 0, "atol": 2e-3 * np.abs(omega).max()}
     assert np.allclose(by_form(solver, "condensed", scaled, penalty, None), omega, **close)
     for effort in (0, 1, 2):
-        assert np.allclose(solver._projected(scaled, penalty, effort, None), omega, **close)
+        assert np.allclose(solver.solve_form(projected(scaled, penalty), effort, None), omega, **close)
         assert np.allclose(solver.solve(scaled, penalty, effort), omega, **close)
 
 
 def by_form(solver, form, problem, alpha, start):
     """Omega by the condensed or the projected dual, in the first try."""
-    if form == "condensed":
-        return solver._condensed(*module._condensed_form(problem, alpha), problem, alpha, 0, start)
-    return solver._projected(problem, alpha, 0, start)
+    return solver.solve_form({"condensed": condensed, "projected": projected}[form](problem, alpha), 0, start)
 
 
 def kept_object(solver, form):
@@ -132,8 +130,7 @@ def test_after_a_reset_the_first_solve_has_a_new_object(form):
 
 def test_the_first_try_is_condensed_if_h_is_well_conditioned(monkeypatch):
     solver = DualSolver("proxqp")
-    monkeypatch.setattr(solver, "_condensed", lambda *_: "condensed")
-    monkeypatch.setattr(solver, "_projected", lambda *_: "projected")
+    monkeypatch.setattr(solver, "solve_form", lambda form, *_: form.name)
     tall, alpha, _ = posed()
     n = len(alpha)
     assert [solver.solve(tall, alpha, effort) for effort in (0, 1, 2)] == ["condensed", "projected", "projected"]
@@ -157,20 +154,24 @@ def test_the_inverse_is_refused_from_a_condition_of_1e10():
 def test_an_object_is_kept_per_size_and_form_and_made_anew_after_a_failure(monkeypatch):
     solver, (reduced, alpha, _) = DualSolver("proxqp"), posed()
     made, new = [], module._new_proxqp
-    monkeypatch.setattr(module, "_new_proxqp", lambda *key: made.append(key) or new(*key))
+    monkeypatch.setattr(module, "_new_proxqp", lambda *given: made.append(given) or new(*given))
     n = len(alpha)
+
+    def sizes(made):
+        return [(form.name, len(form.g), len(form.bound), effort) for form, effort in made]
+
     for _ in range(2):
         solver.solve(reduced, alpha, 0)
-    assert made == [("condensed", n, 0, 0)]  # no constraints but the box
+    assert sizes(made) == [("condensed", n, n, 0)]
     for effort in (1, 2):
         solver.solve(reduced, alpha, effort)
     m = len(reduced.z)
-    assert made[1:] == [("projected", m, n, 1), ("projected", m, n, 2)]
+    assert sizes(made[1:]) == [("projected", m, n, 1), ("projected", m, n, 2)]
     monkeypatch.setattr(module, "ITERATIONS", ((1, 1),) * 3)
     solver._objects.clear()
     for _ in range(2):
         solver.solve(reduced, alpha, 0)  # not solved within one iteration
-    assert made[3:] == [("condensed", n, 0, 0)] * 2
+    assert sizes(made[3:]) == [("condensed", n, n, 0)] * 2
 
 
 @pytest.mark.parametrize(
@@ -185,7 +186,9 @@ def test_an_object_is_kept_per_size_and_form_and_made_anew_after_a_failure(monke
 def test_the_settings_with_which_proxqp_is_reliable(form, effort, tolerance, gap, iterations, mu):
     """The docstring of `_new_proxqp` gives the reasons."""
     box = form == "condensed"
-    qp = module._new_proxqp(form, 5, 0 if box else 7, effort)
+    qp = module._new_proxqp(
+        Form(form, np.eye(5), np.ones(5), None if box else np.ones((7, 5)), np.ones(7), 1, None), effort
+    )
     settings = qp.settings
     assert (settings.eps_abs, settings.eps_rel) == (tolerance, tolerance)
     assert settings.check_duality_gap
@@ -222,7 +225,8 @@ def test_a_tracker_with_proxqp_loads_no_other_solver():
 @pytest.mark.parametrize("z", [None, np.array([1.0, np.nan, 0, 0])])
 def test_a_solver_without_an_answer_gives_zeros(z, monkeypatch):
     monkeypatch.setattr(qpsolvers, "solve_problem", lambda *_, **__: SimpleNamespace(z=z))
-    assert module._by_qpsolvers("daqp", np.eye(2), np.ones(2), None, np.ones(2)).tolist() == [0, 0]
+    form = Form("condensed", np.eye(2), np.ones(2), None, np.ones(2), np.ones(2), lambda omega: omega)
+    assert module._by_qpsolvers("daqp", form).tolist() == [0, 0]
 
 
 def test_an_answer_is_exact_if_the_active_set_finds_it(monkeypatch):
@@ -232,7 +236,7 @@ def test_an_answer_is_exact_if_the_active_set_finds_it(monkeypatch):
     assert found.exact and guessed.exact and (found.method, guessed.method) == ("proxqp", "proxqp")
     monkeypatch.setattr("lassokin_ros.core.lasso.solver.solve_active_set", lambda *_: None)
     assert not LassoSolver().solve(problem).exact
-    assert not LassoSolution(found.omega, found.x, found.alpha, found.certifier, "proxqp").exact
+    assert not LassoSolution(found.omega, found.x, found.alpha, problem, "proxqp").exact
 
 
 def test_tiny_entries_are_cut_where_that_fits_the_conditions_better():

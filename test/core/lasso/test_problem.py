@@ -17,17 +17,17 @@ def arrays(m=6, n=4):
     ("field", "shape"), [("B", (5, 3)), ("B", (6, 2)), ("z", (5,)), ("z", (6, 1)), ("alpha", (5,)), ("alpha", (3,))]
 )
 def test_every_shape_is_checked(field, shape):
-    Lasso(**arrays()).check()
+    Lasso(**arrays()).check_shapes()
     with pytest.raises(SolverError, match=rf"{field} \({', '.join(map(str, shape))}.*expected \(6, 4\), \(6, 3\)"):
-        Lasso(**{**arrays(), field: np.ones(shape)}).check()
+        Lasso(**{**arrays(), field: np.ones(shape)}).check_shapes()
 
 
 @pytest.mark.parametrize("alpha", [0.0, -1e-9])
 def test_one_alpha_that_is_not_positive_is_refused(alpha):
     bad = {**arrays(), "alpha": np.array([1.0, 1, alpha, 1])}
     with pytest.raises(SolverError, match=f"the smallest alpha is {alpha}; expected every alpha above 0"):
-        Lasso(**bad).check()
-    Lasso(**{**arrays(), "alpha": np.array([1.0, 1, 1e-9, 1])}).check()
+        Lasso(**bad).check_values()
+    Lasso(**{**arrays(), "alpha": np.array([1.0, 1, 1e-9, 1])}).check_values()
 
 
 @pytest.mark.parametrize("rank", [3, 2, 1, 0])
@@ -66,4 +66,4 @@ def test_values_that_overflow_are_refused_without_a_warning(value):
     if value == 1e200:
         given["alpha"] = np.full(4, 1e200)
     with pytest.raises(SolverError, match="not finite .or overflows"):
-        Lasso(**given).check()
+        Lasso(**given).check_values()

@@ -141,7 +141,7 @@ def test_the_tracker_learns_from_new_keypoints_and_forgets_when_reset():
     assert np.abs(learned - shipped).max() > 0.02
     prior, solved = tracker.frame_model.prior, tracker._solved
     assert np.allclose(prior.whitened_mean, prior.W @ learned)
-    assert np.allclose(solved.posture.residual, prior.residual(solved.state.rotations), atol=1e-9)
+    assert np.allclose(solved.posture.residual, prior.posture(solved.state.rotations).residual, atol=1e-9)
     last = sequence[-1]
     for number in range(1, 20):  # the same detections again are no new evidence
         again = Observation(last.stamp + number / RATE, last.points, last.confidence, last.focal)

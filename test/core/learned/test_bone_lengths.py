@@ -1,10 +1,11 @@
 """Calibration of proportions: the lengths' Jacobian, recovery of known lengths, and a right skeleton that is kept."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cases import FACING, body, central_difference, random_body, random_state, relative_error
+from cases import FACING, body, central_difference, posed, random_body, random_state, relative_error
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.proportions import Proportions
@@ -14,12 +15,12 @@ from lassokin_ros.core.body.symmetry import LARGEST_ASYMMETRY, asymmetry, symmet
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.frame_data import FrameData, JointDepths
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned import bone_lengths as calibration_module
-from lassokin_ros.core.learned.bone_lengths import Calibration
+from lassokin_ros.core.learned.bone_lengths import Calibration, Schedule
+from lassokin_ros.core.network.depth_network import DEPTHS
 from lassokin_ros.core.observation import Observation
-from lassokin_ros.core.schedule import Schedule
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 
@@ -52,11 +53,11 @@ def test_motion_by_lengths_is_the_derivative_of_landmarks_and_joints(layout):
     for _ in range(5):
         state = random_state(random, kinematics)
         lengths = random.normal(size=proportions.count) * 0.1
-        pose = kinematics.pose(state, proportions.offsets(lengths))
+        pose = posed(kinematics, state, proportions.offsets(lengths))
         motion_by_lengths = proportions.motion(pose, lengths)
         for points, actual in (("landmarks", motion_by_lengths.landmarks), ("positions", motion_by_lengths.joints)):
             expected = central_difference(
-                lambda d, points=points: getattr(kinematics.pose(state, proportions.offsets(lengths + d)), points),
+                lambda d, points=points: getattr(posed(kinematics, state, proportions.offsets(lengths + d)), points),
                 proportions.count,
             )
             assert relative_error(actual.reshape(-1, proportions.count), expected) < 1e-8
@@ -278,3 +279,20 @@ def test_a_new_size_keeps_the_log_lengths_and_the_images_of_kept_frames():
     assert calibration.skeleton.height == pytest.approx(ratio * skeleton.height)
     assert np.allclose(calibration.skeleton.offsets, ratio * skeleton.offsets, rtol=1e-12, atol=0)
     assert np.allclose(images(), before, rtol=0, atol=1e-12)
+
+
+def test_a_new_size_keeps_the_misfit_of_the_networks_depths_in_kept_frames():
+    right, random = body(), np.random.default_rng(0)
+    _, calibration, _ = recovered(right, PoseDistribution.load(right.skeleton), 0)
+    model = calibration._frame_model
+    for frame in calibration._frames:
+        depths = JointDepths(np.array([0.0, 0.0, 1.0]), 0.2 * random.normal(size=DEPTHS), 10 * np.eye(DEPTHS))
+        frame.data = replace(frame.data, joint_depths=depths)
+
+    def costs():
+        model.kinematics.set_skeleton(calibration.skeleton)
+        return [model.learned_depth.cost(model.evaluate(frame.state), frame.data) for frame in calibration._frames]
+
+    before = costs()
+    calibration.resize(0.7)
+    assert np.min(before) > 1.0 and np.allclose(costs(), before, rtol=1e-9)

@@ -134,6 +134,20 @@ def test_the_tracker_goes_on_with_the_placed_camera(scene, setting):
     assert degrees < 3.0 and metres < 0.3
 
 
+def test_the_misfit_does_not_depend_on_what_stands_for_points_that_are_not_seen(scene):
+    """The person is off the centre of the side camera's image, and 8 of 17 landmarks are seen."""
+    _, truth, side = scene
+    turn, seen = Rotation.from_euler("y", 25, degrees=True).as_matrix(), np.arange(17) < 8
+    aside, random = CameraPose("side", turn @ side.rotation, turn @ side.translation), np.random.default_rng(0)
+    a, b = (project(camera.into_camera(truth.landmarks)) for camera in (FRONT, aside))
+    b = b + 3.0 / FOCAL * random.normal(size=b.shape)
+    weights = np.tile(np.where(seen, FOCAL / 3.0, 0.0), (len(a), 1))
+    pose = np.tile(aside.rotation, (len(a), 1, 1)), np.tile(aside.translation, (len(a), 1))
+    expected = learner(scene)._misfit(a, b, weights, *pose)
+    shown = (np.where(seen[:, None], points, 0.0) for points in (a, b))
+    assert 0 < expected < 0.05 and learner(scene)._misfit(*shown, weights, *pose) == pytest.approx(expected)
+
+
 def test_a_few_wrong_points_hardly_move_the_pose(scene):
     """One landmark is 60 px off in the side camera, in every fourth frame."""
     _, truth, side = scene

@@ -71,11 +71,8 @@ def test_a_frame_without_depth_passes_unchanged():
     assert noisy().update(without, 0.0) is without
 
 
-def test_reset_forgets_and_another_size_does_not():
+def test_reset_forgets():
     noise = noisy()
-    before = noise.factor
-    noise.resize(1.3)
-    assert noise.factor == before
     noise.reset()
     assert noise.factor == 1.0 and noise._known == INITIAL_WEIGHT
     noise.update(measured(2.0, np.full(17, 3.0)), 0.0)

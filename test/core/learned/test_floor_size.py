@@ -7,7 +7,8 @@ import pytest
 from cases import body
 from sequences import CONFIG, FOCAL, RATE
 
-from lassokin_ros.core.evidence.floor import ANKLE_HEIGHT, ANKLES, DEVIATION
+from lassokin_ros.core.body.roles import ANKLES
+from lassokin_ros.core.evidence.floor import ANKLE_HEIGHT, DEVIATION
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.floor_size import floor_size
 from lassokin_ros.core.learned.height import LARGEST_FLOOR_DEVIATION

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from sequences import CONFIG, observations
 
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.learned.size_check import FEWEST
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
@@ -69,5 +70,14 @@ def test_lengths_are_those_of_limbs_and_trunk_without_implausible_ones():
     places[names.index("left_wrist")] += 1.0
     usable[names.index("right_shoulder")] = False
     assert len(check.lengths(places, usable)[0]) == len(measured) - 3  # a forearm, an upper arm and a side
-    check.resize(0.8)
+    check.use(tracker.skeleton.scaled(0.8))
     assert check.lengths(places, np.ones(len(names), dtype=bool))[1].max() == pytest.approx(0.8 * given.max())
+
+
+def test_a_skeleton_in_metres_keeps_its_lengths_at_another_height():
+    metric = replace(Skeleton.load("anthropometric", 1.75), metric=True)
+    tracker = Tracker(replace(CONFIG, height=1.75), metric)
+    check, usable = tracker.learned.size_check, np.ones(len(tracker.layout.names), dtype=bool)
+    places = tracker.kinematics.pose(motion(tracker.skeleton, np.zeros(1))).landmarks[0]
+    tracker.tune(replace(CONFIG, height=1.5))
+    assert np.allclose(check.ratios(places, usable), 1.0, atol=0.01)

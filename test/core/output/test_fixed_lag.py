@@ -9,7 +9,7 @@ from sequences import CONFIG, RATE, observations, published_by, same
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.estimate import Estimate
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.observation import CameraPose, Status
 from lassokin_ros.core.output.fixed_lag import FixedLag
 from lassokin_ros.core.output.output_filter import (
     DEPTH_RATIO,
@@ -43,7 +43,7 @@ def textbook(values, steps, times):
     return means[:, 0]
 
 
-def lagging(values, steps, offsets=None, speeds=None):
+def lagging(values, steps, vectors=None, speeds=None):
     """A FixedLag with waiting frames: the body is moved by values (f, 3), m; the angles are constant.
 
     speeds: (f,) m/s.
@@ -59,7 +59,7 @@ def lagging(values, steps, offsets=None, speeds=None):
         state = BodyState(rotations, np.array(place))
         steady = published_by(output_filter, state, kinematics.pose(state), none, place - last, step, speed, TIME)
         estimate = Estimate(stamp, Status.TRACKING, None, steady, solved=state)
-        own = kinematics.skeleton.offsets if offsets is None else offsets
+        own = kinematics.vectors if vectors is None else vectors
         lag.add(estimate, output_filter.forward, own, lambda pose: float(pose.positions[0, 0]))
         last = place
     return lag
@@ -99,7 +99,7 @@ def test_a_frame_without_new_keypoints_does_not_change_earlier_frames():
             output_filter, state, kinematics.pose(state), step, np.zeros(3), 1 / RATE, TYPICAL_SPEED, TIME
         )
         estimate = Estimate(frame / RATE, Status.TRACKING, None, steady, solved=state)
-        lag.add(estimate, output_filter.forward, kinematics.skeleton.offsets, lambda pose: 0.0)
+        lag.add(estimate, output_filter.forward, kinematics.vectors, lambda pose: 0.0)
     settled = [waiting.estimate for waiting in lag._waiting][30:]
     assert len(settled) == 10
     for smooth, before in zip(lag.flush()[30:], settled, strict=True):
@@ -116,17 +116,18 @@ def test_a_body_that_jumps_in_depth_is_not_smoothed_through_the_camera():
             assert abs(estimate.state.translation[2] - solved) <= (LARGEST_DEPTH_OFFSET + 1e-9) * solved
 
 
-def test_pose_and_reprojection_are_of_the_smoothed_state_and_the_frames_own_skeleton():
+def test_pose_and_reprojection_are_of_the_smoothed_state_and_the_frames_own_body():
     random = np.random.default_rng(1)
     values = 0.01 * random.normal(size=(5, 3)) + [0.0, 0.0, 3.0]
-    offsets = 1.1 * body().skeleton.offsets
-    due = lagging(values, np.full(5, 0.02), offsets).due(0.1, 0.02)
+    taller = body(height=1.9)
+    due = lagging(values, np.full(5, 0.02), taller.vectors).due(0.1, 0.02)
     assert len(due) > 0
     for estimate in due:
         assert np.allclose(estimate.pose.positions[0], estimate.state.translation)
         assert estimate.reprojection_px == estimate.pose.positions[0, 0]
-        bones = estimate.pose.positions[1:] - estimate.pose.positions[body().skeleton.parents[1:]]
-        assert np.allclose(np.linalg.norm(bones, axis=1), np.linalg.norm(offsets[1:], axis=1))
+        expected = taller.pose(estimate.state)
+        assert np.allclose(estimate.pose.positions, expected.positions, rtol=0, atol=1e-12)
+        assert np.allclose(estimate.pose.landmarks, expected.landmarks, rtol=0, atol=1e-12)
 
 
 def test_without_a_lag_the_answer_is_published_unchanged():
@@ -198,6 +199,19 @@ def test_smoothing_stops_at_an_initialisation():
         assert a.stamp == b.stamp and same(a.state, b.state)
 
 
+def test_what_is_published_does_not_depend_on_the_origin_of_the_skeletons_frame():
+    """Here it is at the person, so that the distance from the origin is small and that from the camera is not."""
+    up = np.array([0.0, -1.0, 0.0])
+    own, other = (Tracker(replace(LAGGED, smoothing=0.1), up=up) for _ in range(2))
+    place = observations(own, 0.1)[0][0][0]
+    moved = CameraPose("moved", np.eye(3), place)
+    for _, observation in observations(own, 2.0):
+        own.track(replace(observation, camera=CameraPose("own")))
+        other.track(replace(observation, camera=moved))
+        for a, b in zip(own.published, other.published, strict=True):
+            assert np.abs(a.pose.positions - b.pose.positions - place).max() < 1e-4
+
+
 def test_reset_drops_waiting_frames():
     tracker = Tracker(LAGGED)
     for _, observation in observations(tracker, 0.5):
@@ -245,7 +259,7 @@ def test_waiting_frames_are_not_changed_by_a_replaced_state():
         pose = kinematics.pose(solved)
         steady = published_by(output_filter, solved, pose, none, np.zeros(3), 1 / RATE, TYPICAL_SPEED, TIME)
         estimate = Estimate(frame / RATE, Status.TRACKING, None, steady, solved=solved)
-        lag.add(estimate, output_filter.forward, kinematics.skeleton.offsets, lambda pose: 0.0)
+        lag.add(estimate, output_filter.forward, kinematics.vectors, lambda pose: 0.0)
     published = lag.flush()
     away = [np.abs(e.state.rotations - e.solved.rotations).max() for e in published]
     assert max(away) < 1e-9

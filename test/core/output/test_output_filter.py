@@ -1,6 +1,7 @@
 """The output filter: steady motion is unchanged, jitter is removed, and the tracking is not affected."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from sequences import CONFIG, RATE, observations, published_by
 
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState
+from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.output.output_filter import (
     DEPTH_RATIO,
     LARGEST_DEPTH_OFFSET,
@@ -184,3 +186,25 @@ def test_a_body_that_jumps_in_depth_is_not_published_through_the_camera():
     assert ratios[5] == 1.0
     gentle = [turned(still, np.array([0.0, 0.0, 3.0 - 0.02 * i])) for i in range(20)]
     assert followed(gentle, time=0.06)[-1].translation[2] != gentle[-1].translation[2]  # the motion that continues
+
+
+def test_only_the_distance_from_the_camera_limits_the_offset_in_depth():
+    """The published motion does not depend on where the origin of the skeleton's frame is."""
+    depths = 3.0 + 0.1 * np.sin(np.arange(40) * 40 / RATE)
+    still = np.zeros((JOINTS, 3))
+
+    def published(origin):
+        """(f, 3) m from the camera. origin: (3,) m, of the skeleton's frame, from the camera."""
+        output_filter, found, last = OutputFilter(JOINTS), [], None
+        for depth in depths:
+            state = turned(still, np.array([0.0, 0.0, depth]) - origin)
+            step = SimpleNamespace(omega=np.zeros(3 * JOINTS), x=state.translation - (last or state).translation)
+            solved = EvaluatedState(state, posed(state), None)
+            moved = output_filter.filtered(solved, step, STEP, TYPICAL_SPEED, 0.1, -origin)
+            found.append(moved.translation + origin)
+            last = state
+        return np.array(found)
+
+    far, near = published(np.array([0.3, -0.2, -1.0])), published(np.array([0.0, 0.0, 3.0]))
+    assert np.abs(far - [0.0, 0.0, 1.0] * depths[:, None]).max() > 0.03  # the filter has an effect
+    assert np.allclose(near, far, rtol=0, atol=1e-9)

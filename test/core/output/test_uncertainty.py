@@ -9,13 +9,15 @@ from cases import body, central_difference, random_state, relative_error
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import exponential, logarithm
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.foot_contact import FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.learned_depth import DEPTH_ROWS, WEIGHT
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
-from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.learned.model_error import LEAST_ERROR
+from lassokin_ros.core.observation import Observation, Status
 from lassokin_ros.core.output import uncertainty
 from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.uncertainty import (
@@ -28,9 +30,11 @@ from lassokin_ros.core.output.uncertainty import (
     PLACE_DEVIATION,
     ROTATION_FACTOR,
     SCALE_DEVIATION,
+    SMALLEST_BIAS,
     STILL_DEVIATION,
-    PositionJacobian,
     UncertaintyModel,
+    moved_joints,
+    position_jacobian,
 )
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
@@ -38,9 +42,9 @@ from lassokin_ros.demo.synthetic import motion
 FOCAL, RATE = 1000.0, 30.0
 
 
-def followed(hidden=(), noise_px=2.0, seconds=1.0):
+def followed(hidden=(), noise_px=2.0, seconds=1.0, **settings):
     """(tracker, last estimate) after the synthetic motion, with some landmarks always hidden."""
-    tracker = Tracker(TrackerConfig(noise_px=noise_px))
+    tracker = Tracker(TrackerConfig(noise_px=noise_px, **settings))
     times = np.arange(round(seconds * RATE)) / RATE
     points = project(tracker.kinematics.pose(motion(tracker.skeleton, times)).landmarks)
     points = points + np.random.default_rng(0).normal(size=points.shape) * noise_px / FOCAL
@@ -49,6 +53,17 @@ def followed(hidden=(), noise_px=2.0, seconds=1.0):
     for t, p in zip(times, points):
         estimate = tracker.track(Observation(t, p, confidence, FOCAL))
     return tracker, estimate
+
+
+def jacobian(kinematics, pose, columns):
+    """(n, 3, k) of the joint centres relative to the pelvis by degrees of freedom (k,)."""
+    return position_jacobian(pose, columns, moved_joints(kinematics.skeleton, columns))
+
+
+def estimate_of(problem, pose, **more):
+    """An estimate of one camera that sees all landmarks, with large errors: its rows keep their weight."""
+    visible = np.ones(len(pose.landmarks), dtype=bool)
+    return Estimate(0.0, Status.TRACKING, pose=pose, problem=problem, visible=visible, keypoint_error_ratio=1e3, **more)
 
 
 def test_jacobian_is_the_derivative_of_the_joints_about_the_root():
@@ -61,10 +76,9 @@ def test_jacobian_is_the_derivative_of_the_joints_about_the_root():
         return positions - positions[0]
 
     expected, pose = central_difference(relative, 72), kinematics.pose(state)
-    jacobian = PositionJacobian(kinematics, np.arange(72), np.ones(72)).at(pose)
-    assert relative_error(jacobian.reshape(72, 72), expected) < 1e-8
+    assert relative_error(jacobian(kinematics, pose, np.arange(72)).reshape(72, 72), expected) < 1e-8
     some, factors = random.permutation(72)[:50], random.uniform(1, 2, 50)
-    chosen = PositionJacobian(kinematics, some, factors).at(pose)
+    chosen = position_jacobian(pose, some, moved_joints(kinematics.skeleton, some) * factors)
     assert relative_error(chosen.reshape(72, 50), expected[:, some] * factors) < 1e-8
 
 
@@ -85,20 +99,22 @@ def test_covariances_are_those_of_the_joints_jacobian(seen):
     kinematics = body()
     prior = PoseDistribution.load(kinematics.skeleton)
     live = np.isin(np.arange(72), random.permutation(72)[:seen])
-    kinematics.__dict__["live"] = live
+    kinematics.__dict__["live"], kinematics.live_index = live, np.flatnonzero(live)
     problem = Lasso(random.normal(size=(100, seen)), random.normal(size=(100, 3)), np.zeros(100), np.ones(seen))
     before = problem.reduced.H.copy()
     pose = kinematics.pose(random_state(random, kinematics))
     observed = ObservedJoints(kinematics.skeleton, kinematics.layout.joints)
     model = UncertaintyModel(FrameModel(kinematics, prior), prior, Proportions(kinematics), observed)
-    found, _, _ = model.covariance(pose, problem, np.full(24, FACTOR), 0.0)
+    found = model.evaluate(estimate_of(problem, pose)).covariance
     assert np.array_equal(problem.reduced.H, before)
     variance = np.diag(np.diagonal(prior.covariance).astype(float))
     variance[np.ix_(live, live)] = np.linalg.inv(problem.reduced.H + WEAKEST * np.eye(seen))
-    J = PositionJacobian(kinematics, np.arange(72), np.ones(72)).at(pose)
+    J = jacobian(kinematics, pose, np.arange(72))
     expected = J @ variance @ J.swapaxes(1, 2)
     size = np.trace(expected, axis1=1, axis2=2) / LARGEST_DEVIATION**2
-    assert np.allclose(found, expected * (FACTOR**2 / (1 + size))[:, None, None], rtol=1e-7, atol=1e-15)
+    ends = [name.endswith(("hand", "foot")) for name in kinematics.skeleton.joint_names]  # below the last keypoint
+    factor = FACTOR * np.where(ends, FACTOR_BELOW_LAST_KEYPOINT, 1.0)
+    assert np.allclose(found, expected * (factor**2 / (1 + size))[:, None, None], rtol=1e-7, atol=1e-15)
 
 
 def test_uncertain_lengths_affect_the_joints_below_them():
@@ -111,7 +127,8 @@ def test_uncertain_lengths_affect_the_joints_below_them():
     problem = Lasso(random.normal(size=(count + 9, count)), np.eye(count + 9, 3), np.zeros(count + 9), np.ones(count))
     deviation = np.zeros(proportions.count)
     deviation[proportions.names.index("thigh")] = 0.05
-    without, more = (exact.covariance(pose, problem, np.full(24, FACTOR), d)[0] for d in (0.0, deviation))
+    estimates = (estimate_of(problem, pose, length_deviation=d) for d in (0.0, deviation))
+    without, more = (exact.evaluate(estimate).covariance for estimate in estimates)
     before, after = (np.trace(c, axis1=1, axis2=2) for c in (without, more))
     added = np.sqrt((after - before).clip(0))
     assert np.allclose(more[1:], without[1:] * (after / np.maximum(before, 1e-12))[1:, None, None], rtol=1e-9)
@@ -212,7 +229,7 @@ def numeric_absolute(tracker, estimate):
     information = model.T @ model
     information[np.arange(len(live)), np.arange(len(live))] += WEAKEST
     covariance = np.linalg.inv(information)
-    J = PositionJacobian(tracker.kinematics, live, np.ones(len(live))).at(pose)
+    J = jacobian(tracker.kinematics, pose, live)
     positions = np.concatenate([J, np.tile(np.eye(3), (len(J), 1, 1))], axis=2)
     turn = np.zeros((3, len(covariance)))
     turn[:, :3] = pose.orientations[0]
@@ -222,8 +239,7 @@ def numeric_absolute(tracker, estimate):
 
 def test_absolute_covariances_are_those_of_increment_and_translation():
     tracker, estimate = followed()
-    _, _, place = tracker._uncertainty.covariance(estimate.pose, estimate.problem, np.full(24, FACTOR), 0.0)
-    found = place()
+    found = tracker.uncertainty(estimate_of(estimate.problem, estimate.pose)).absolute
     joints, pelvis = numeric_absolute(tracker, estimate)
     place = estimate.pose.positions[0]
     size = SCALE_DEVIATION**2 * np.outer(place, place) + PLACE_DEVIATION**2 * np.eye(3)
@@ -296,14 +312,15 @@ def test_depths_of_half_of_the_landmarks_make_the_joints_certain():
     assert all_landmarks < 0.7 * few
 
 
-def information_of(estimate):
+def information_of(estimate, share=1.0):
     """(live, live): information of the increment, with the translation eliminated, without the anchors of the feet, and
-    with the network's own deviations.
+    with the network's own deviations. share: factor on the rows of the image.
     """
     A, B = estimate.problem.A.copy(), estimate.problem.B.copy()
     for rows in (A, B):
         rows[estimate.rows.get(FootContact.name, slice(0))] = 0.0
         rows[estimate.rows[DEPTH_ROWS]] /= WEIGHT
+        rows[estimate.rows["image"]] *= share
     projected = A - B @ np.linalg.solve(B.T @ B, B.T @ A)
     return projected.T @ projected + WEAKEST * np.eye(A.shape[1])
 
@@ -324,12 +341,23 @@ def test_the_deviation_of_a_rotation_is_that_of_its_marginal():
     assert found.shape == (24,) and np.allclose(found[known], expected[known], rtol=1e-6)
 
 
+def test_rows_of_the_image_are_weaker_also_if_others_hold_the_translation():
+    """Those of a floor do."""
+    tracker, estimate = followed(noise_px=1.0, camera_height=1.0)
+    assert estimate.problem.B[estimate.rows["feet on the floor"]].any()
+    share = estimate.keypoint_error_ratio * LEAST_ERROR / SMALLEST_BIAS
+    assert share < 1
+    variance = np.diagonal(np.linalg.inv(information_of(estimate, share)))[:3].sum()
+    size = ROTATION_FACTOR**2 * variance
+    found = tracker.uncertainty(estimate).rotation_deviation[0]
+    assert found == pytest.approx(np.sqrt(size / (1 + size / LARGEST_ROTATION**2)), rel=1e-9)
+
+
 def test_the_deviation_of_a_rotation_is_the_size_of_random_errors():
     """Without factors: increments drawn from the posterior turn each joint by its deviation, root mean square."""
     tracker, estimate = followed()
-    deviation = tracker._uncertainty.rotation_deviation(
-        np.linalg.cholesky(information_of(estimate)), np.zeros(24, bool)
-    )
+    exact = replace(estimate, keypoint_error_ratio=100.0)  # the keypoints' error is not below its lower limit
+    deviation = tracker.uncertainty(exact).rotation_deviation
     random, live, prior = np.random.default_rng(0), tracker.kinematics.live, PoseDistribution.load(tracker.skeleton)
     covariance = np.linalg.inv(information_of(estimate))
     omega = random.normal(size=(4000, 72)) * np.sqrt(np.diagonal(prior.covariance))

@@ -97,6 +97,23 @@ def test_yolo_messages_may_be_empty_or_have_the_id_zero():
     assert reason_of(lambda: decode(YOLO, message)) == "unknown_id"
 
 
+def test_yolos_depths_of_zero_are_not_measured():
+    message = yolo_detections(
+        BACKEND, START_NS, FRAME, [(XY[:17], SCORES[:17]), (XY[:17] + 100, SCORES[:17])], ["1", "2"]
+    )
+    for detection, depths in zip(message.detections, (np.zeros(17), np.r_[3.0, -1.0, np.nan, np.full(14, 2.5)])):
+        detection.keypoints3d.frame_id = FRAME
+        for number, depth in enumerate(depths.tolist(), 1):
+            point = BACKEND.make("yolo_msgs/msg/KeyPoint3D")
+            point.id, point.point.z = number, depth
+            detection.keypoints3d.data.append(point)
+    keypoints = decode(YOLO, message)
+    assert np.isnan(keypoints.depth_as_landmarks(17, 1)).all()
+    assert np.array_equal(
+        keypoints.depth_as_landmarks(17, 2), np.r_[3.0, np.nan, np.nan, np.full(14, 2.5)], equal_nan=True
+    )
+
+
 def test_zed_objects_give_people_with_keypoints():
     found = XY.copy()
     found[5], found[6], found[7] = np.nan, -1, 0

@@ -1,6 +1,7 @@
 """Every field that the output messages' builders set, against values worked out by hand."""
 
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -301,6 +302,13 @@ def test_people_as_a_cloud(backend):
     assert cloud[0].tolist() == (3, 4, 5, 23, 24, 25, *PERSON_COVARIANCE, 0.75, 0.25, 7, 1, 12, 1, 1)
     assert cloud[1].tolist()[12:] == (0, 0, PEOPLE[1].number, 0, -1, 0, 0)
     assert len(points(builder.fill(STAMP, FRAME, []), people.POINT)) == 0
+
+
+@pytest.mark.parametrize(("number", "in_field"), [(2**31 - 1, 2**31 - 1), (2**31, -1), (10**17, -1)])
+def test_a_detectors_number_that_has_no_room_in_the_cloud_is_none(backend, number, in_field):
+    builder = people.people_builder(backend, people.CLOUD_TYPE)
+    message = builder.fill(STAMP, FRAME, [replace(PEOPLE[0], detector_id=number)])
+    assert points(message, people.POINT)["detector_id"].tolist() == [in_field]
 
 
 def test_inputs(backend):

@@ -7,8 +7,8 @@ import pytest
 
 pytest.importorskip("rclpy", reason="the ROS client library is not installed")
 
-from live import NodeProcess, Peer  # noqa: E402
-from messages import camera_info, pixels_of_motion  # noqa: E402
+from live import NodeProcess, Peer, node_in_this_process  # noqa: E402
+from messages import camera_info, cloud, pixels_of_motion  # noqa: E402
 
 from lassokin_ros.node.inputs.camera_publishers import LEFTOVER_S, CameraPublishers  # noqa: E402
 from msg_adapters.backends import RclpyBackend  # noqa: E402
@@ -24,6 +24,11 @@ def watch(*names):
 
 def test_one_publisher_is_no_warning():
     assert watch("driver")[0].check(100.0, True) == watch()[0].check(100.0, True) == ""
+    watched, found = watch("driver")
+    assert watched.count == 0 and watched.check(0.0, False) == "" and watched.count == 1
+    found.append(found[0])
+    watched.check(0.0, False)
+    assert watched.count == 2
 
 
 def test_two_publishers_of_different_cameras_are_named_at_once():
@@ -45,7 +50,9 @@ def test_two_publishers_of_one_camera_are_named_after_a_while():
 
 
 def test_a_list_of_many_is_cut():
-    text = watch(*"abcdef")[0].check(0.0, True)
+    watched, _ = watch(*"abcdef")
+    text = watched.check(0.0, True)
+    assert watched.count == 6
     assert "6 publishers: /robot/a, /robot/b, /robot/c, /robot/d, ...;" in text
 
 
@@ -67,3 +74,23 @@ def test_two_cameras_on_one_topic_of_a_real_node():
         else:
             raise AssertionError([s.message for s in said][-3:])
         assert said[-1].level == bytes([WARN]) or said[-1].level == WARN
+
+
+def test_the_zoom_to_and_fro_of_a_real_nodes_camera_is_followed():
+    """It publishes camera_info at each change only: the node knows that it is one camera."""
+    backend, pixels = RclpyBackend(), pixels_of_motion(60, 30.0)
+    with node_in_this_process("/zoom") as (node, serve), Peer("/zoom", outputs=False) as peer:
+        camera = node._pipeline.camera
+
+        def focal():
+            serve()
+            return None if camera.view is None else camera.view.intrinsics.K[0, 0]
+
+        peer.spin_until(lambda: serve() or peer.camera.get_subscription_count() and camera.publishers == 1)
+        for change in range(9):
+            expected = (600.0, 1200.0)[change % 2]
+            peer.send_camera(focal=expected)
+            peer.spin_until(lambda: focal() == expected, 20.0, f"the change to {expected}")
+            for index in range(2):
+                node.work_on(cloud(backend, peer.start_ns + (2 * change + index) * 33_333_333, pixels[index]))
+        assert camera.warning == "" and node._pipeline.counts["accepted"] > 10

@@ -386,6 +386,18 @@ def test_keypoints_without_a_stamp_are_reported_once(monkeypatch, capfd):
     assert capfd.readouterr().err.count("without a stamp") == 1
 
 
+def test_another_fault_with_the_same_reason_is_logged(capfd):
+    with node_in_this_process("/two_faults") as (node, _):
+        node._inputs.camera_info.take(camera_info(BACKEND))
+        for index in range(20):
+            message = cloud(BACKEND, time.time_ns(), PIXELS[0])
+            message.fields[3 if index < 10 else 2].datatype = 7 if index < 10 else 5
+            node.work_on(message)
+        assert node._pipeline.counts["rejected: wrong_datatype"] == 20
+    said = capfd.readouterr().err
+    assert said.count("field 'id' has datatype") == 1 and said.count("field 'confidence' has datatype") == 1
+
+
 def test_a_node_of_the_same_name_is_reported_after_a_while(monkeypatch):
     """Not at once: the graph contains the publishers of a killed node for some seconds."""
     monkeypatch.setattr("lassokin_ros.node.node.LEFTOVER_S", 2.0)

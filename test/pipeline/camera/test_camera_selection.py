@@ -8,7 +8,7 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.pipeline.camera.camera_selection import STEADY  # noqa: E402
+from lassokin_ros.pipeline.camera.camera_selection import LASTING, STEADY  # noqa: E402
 from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -77,7 +77,7 @@ def test_two_cameras_with_one_frame_are_named_and_the_first_one_stays(pipeline):
         depths.append(frame.estimate.state.translation[2])
     assert np.ptp(depths[10:]) < 0.3 and pipeline.camera.is_shared
     assert "camera_info of two cameras with the frame_id" in pipeline.camera.warning
-    assert "used is the first one, with fx = 600 px" in pipeline.camera.warning
+    assert "used is the one with fx = 600 px" in pipeline.camera.warning
     for _ in range(STEADY + 2):  # the first one ends
         pipeline.set_camera(camera_info(BACKEND, 400.0))
     assert not pipeline.camera.is_shared and pipeline.camera.warning == ""
@@ -95,6 +95,78 @@ def test_a_zoom_is_no_second_camera(pipeline):
     for step in range(40):
         assert pipeline.set_camera(camera_info(BACKEND, 600.0 + 5.0 * step)) is None
         assert pipeline.camera.warning == "" and pipeline.camera.view.intrinsics.K[0, 0] == 600.0 + 5.0 * step
+
+
+def images(pipeline, count, start=0):
+    """Process images; return the focal lengths with which they were used."""
+    sent = [cloud(BACKEND, 10**9 + (start + i) * 33_333_333, PIXELS[i % 30]) for i in range(count)]
+    return [pipeline.process(message, 0).lens.K[0, 0] for message in sent]
+
+
+@pytest.mark.parametrize("publishers", [0, 1, 2], ids=["unknown", "one publisher", "a relay, too"])
+@pytest.mark.parametrize("latched", [True, False])
+def test_a_zoom_to_and_fro_is_followed_at_each_change(pipeline, latched, publishers):
+    pipeline.camera.publishers = publishers
+    for cycle in range(8):
+        focal = (600.0, 1200.0)[cycle % 2]
+        for i in range(40):
+            if i == 0 or not latched:
+                pipeline.set_camera(camera_info(BACKEND, focal))
+            assert images(pipeline, 1, 40 * cycle + i) == [focal]
+        assert pipeline.camera.warning == "" and not pipeline.camera.is_shared
+
+
+def test_the_zoom_of_a_slow_detectors_only_camera_is_followed(pipeline):
+    """Between two changes are two images."""
+    pipeline.camera.publishers = 1
+    for cycle in range(8):
+        pipeline.set_camera(camera_info(BACKEND, (600.0, 1200.0)[cycle % 2]))
+        assert images(pipeline, 2, 2 * cycle) == 2 * [(600.0, 1200.0)[cycle % 2]]
+    assert pipeline.camera.warning == ""
+
+
+@pytest.mark.parametrize("publishers", [0, 1, 2])
+def test_latched_camera_info_is_not_ignored_for_good(pipeline, publishers):
+    """Published once at each change, and the changes follow each other faster than the images."""
+    pipeline.camera.publishers = publishers
+    for change in range(8):
+        pipeline.set_camera(camera_info(BACKEND, (600.0, 1200.0)[change % 2]))
+    assert pipeline.camera.is_shared and pipeline.camera.view.intrinsics.K[0, 0] == 600.0
+    used = images(pipeline, STEADY)
+    assert used[:LASTING] == LASTING * [600.0] and used[LASTING + 1 :] == (STEADY - LASTING - 1) * [1200.0]
+    assert pipeline.camera.warning == "" and not pipeline.camera.is_shared
+
+
+def test_an_ignored_camera_that_cannot_be_used_is_refused_later(pipeline):
+    for change in range(8):
+        pipeline.set_camera(camera_info(BACKEND, (600.0, 1200.0)[change % 2]))
+    pipeline.set_camera(camera_info(BACKEND, 0.0))
+    assert images(pipeline, LASTING + 5) == (LASTING + 5) * [600.0]
+    assert "not calibrated" in pipeline.camera_fault
+
+
+@pytest.mark.parametrize("publishers, noticed", [(0, False), (1, False), (2, True)])
+def test_two_slow_publishers_are_noticed_by_their_number(pipeline, publishers, noticed):
+    """Each publishes once in 20 images, which one camera that zooms could do, too."""
+    pipeline.camera.publishers = publishers
+    used = []
+    for turn in range(16):
+        pipeline.set_camera(camera_info(BACKEND, (600.0, 400.0)[turn % 2]))
+        used += images(pipeline, 10, 10 * turn)
+    assert pipeline.camera.is_shared is noticed
+    assert set(used[80:]) == ({600.0} if noticed else {600.0, 400.0})
+
+
+def test_the_zoom_of_one_of_several_cameras_is_followed(pipeline):
+    """They are told apart by their frame_id."""
+    pipeline.camera.publishers = 2
+    for cycle in range(8):
+        focal = (600.0, 1200.0)[cycle % 2]
+        for i in range(40):
+            pipeline.set_camera(camera_info(BACKEND, 500.0, "other"))
+            pipeline.set_camera(camera_info(BACKEND, focal))
+            assert images(pipeline, 1, 40 * cycle + i) == [focal]
+    assert "several cameras on one topic" in pipeline.camera.warning
 
 
 def test_a_leading_slash_makes_no_other_camera(pipeline):

@@ -12,6 +12,7 @@ from messages import camera_info, cloud, rosbags_backend
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.outputs.camera_markers import CameraMarkers
+from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, save_cameras
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT
 from lassokin_ros.pipeline.pipeline import Pipeline
@@ -152,6 +153,33 @@ def test_a_mirrored_person_shows_that_cameras_at_equal_distances_are_exchanged(a
     exchanged = Rig(LEFT, other).send(0.0, 2.0, instead={"left": "right", "right": "left"})
     assert "the person whom 'left' and 'right' see is mirrored" in exchanged.said(2.0)
     assert "mirrored" not in Rig(LEFT, other).send(0.0, 2.0).said(2.0)
+
+
+EXCHANGED = {"instead": {"left": "right", "right": "left"}}
+NOT_SAVED = {
+    "inverse transform": ((LEFT, RIGHT), {}, {"right": inverse(RIGHT)}, "do not fit .*, but the inverse transform"),
+    "another pose": ((LEFT, RIGHT), {}, {"right": turned(RIGHT, 40)}, "keypoints of 'left' and 'right' do not fit"),
+    "exchanged images": ((LEFT, RIGHT), EXCHANGED, {}, "'left' and 'right' see is mirrored"),
+    "one of three": ((LEFT, RIGHT, BACK), {}, {"right": inverse(RIGHT)}, "camera 'right' is not used"),
+}
+
+
+@pytest.mark.parametrize("fault", NOT_SAVED)
+def test_poses_that_are_known_to_be_wrong_are_not_saved(fault, tmp_path):
+    eyes, how, poses, words = NOT_SAVED[fault]
+    rig, path = Rig(*eyes, poses=poses).send(0.0, 4.0, **how), tmp_path / "cameras.sh"
+    path.write_text("the last good one")
+    with pytest.raises(CamerasFileError, match=f"nothing is written, because .*{words}.* Correct that"):
+        save_cameras(rig.pipeline, path)
+    assert path.read_text() == "the last good one"
+
+
+def test_poses_are_saved_when_the_fault_is_mended(tmp_path):
+    rig = Rig(LEFT, RIGHT, BACK).send(0.0, 2.5, instead={"right": "back"})
+    with pytest.raises(CamerasFileError, match="camera 'right' is not used"):
+        save_cameras(rig.pipeline, tmp_path / "cameras.sh")
+    rig.send(2.5, 6.0)
+    assert len(save_cameras(rig.pipeline, tmp_path / "cameras.sh").read_text().splitlines()) == 3
 
 
 def test_cameras_that_alternate_are_no_turn_of_the_person():

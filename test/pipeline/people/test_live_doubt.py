@@ -8,7 +8,7 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 from messages import camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.core.doubt.doubt import REASONS, Event  # noqa: E402
+from lassokin_ros.doubt.doubt import REASONS, Event  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402

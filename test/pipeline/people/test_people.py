@@ -19,6 +19,7 @@ from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.detections import MOST_PEOPLE  # noqa: E402
+from lassokin_ros.pipeline.outputs.people_messages import id_of  # noqa: E402
 from lassokin_ros.pipeline.people.multi_person import MOST_REINITIALISED  # noqa: E402
 from lassokin_ros.pipeline.people.presence import Presence  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
@@ -369,6 +370,35 @@ def test_a_person_who_cannot_be_tracked_does_not_block_others(hidden):
         people = [nobody, (xy[i], np.where(seen, 0.5, 0.0))]
         frame = pipeline.process(crowd(BACKEND, stamp(i), people), 0)
         assert frame.accepted, (frame.rejection, frame.detail)
+
+
+def test_numbers_of_ten_digits_are_those_of_people():
+    """Some trackers count from the time of the day."""
+    here, there = walk(2, -0.8, 3.5, 0.0, 1)[1], walk(2, 0.8, 3.5, 0.0, 2)[1]
+    pipeline = pipeline_for(max_people=2, follow="p1500000000", lock=True)
+    for i in range(2):
+        found = feed(pipeline, i, [here[i], there[i]], [1_500_000_000, 4])
+    assert {person: frame.detector_id for person, frame in found.items()} == {"p4": 4, "p1500000000": 1_500_000_000}
+    assert pipeline.locked == "p1500000000"
+
+
+@pytest.mark.parametrize("max_people", [1, 3])
+def test_with_a_lag_each_result_is_published_with_the_identity_of_its_message(max_people):
+    """Also those that wait when the person is forgotten in a pause, when a bag loops, and at the end."""
+    xy, confidence = walk(10, 0.0, 3.5, 0.0, 1)[1], np.full(17, 0.9)
+    pipeline = Pipeline(TrackerConfig(smoothing_lag=0.1), NodeSettings(max_people=max_people, forget_after=0.3))
+    assert pipeline.set_camera(camera_info(BACKEND)) is None
+    found = []
+    for number, first in ((4, 100), (9, 150), (5, 105)):  # after a pause another person, then a loop
+        for i in range(10):
+            found += pipeline.frames(crowd(BACKEND, stamp(first + i), [(xy[i], confidence)], [number]), 0)
+    found += pipeline.flush()
+    assert all(frame.accepted for frame in found) and len(found) == 30
+    ids = ["p1", "p2", "p3"] if max_people == 1 else ["p4", "p9", "p5"]
+    for k, (number, first) in enumerate(((4, 100), (9, 150), (5, 105))):
+        part = found[10 * k : 10 * k + 10]
+        assert [frame.stamp_ns for frame in part] == [stamp(first + i) for i in range(10)]
+        assert {(id_of(frame), frame.detector_id) for frame in part} == {(ids[k], number)}
 
 
 @pytest.mark.skipif(not (DETECTIONS / "openpose_balancing.npz").is_file(), reason="no real detections (LASSOKIN_DATA)")

@@ -3,6 +3,7 @@
 The live tests need hri_msgs and tf2_msgs, which are not on PyPI; they run if these are installed or were built.
 """
 
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
@@ -18,6 +19,7 @@ from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import Status
 from lassokin_ros.demo.synthetic import motion
 from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.people_messages import id_of
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -76,6 +78,18 @@ def test_each_body_is_tracked_separately_with_the_same_stamps(pipeline):
         assert left.estimate.initialised is right.estimate.initialised is (i == 0)
     assert pipeline.counts["received"] == pipeline.counts["accepted"] == 40 and pipeline.counts["resets"] == 0
     assert set(pipeline.calibrations()) == {"abc", "xyz"} and pipeline.status.value == "tracking"
+
+
+def test_each_body_has_the_detectors_id_in_the_messages_about_all_people(pipeline):
+    pipeline.keep(["abc", "xyz"])
+    assert [id_of(feed(pipeline, person, 0)[0]) for person in ("abc", "xyz")] == ["abc", "xyz"]
+
+
+def test_bodies_of_a_camera_with_a_name():
+    pipeline = PerBodyPipeline(TRACKER, replace(CONFIG, cameras=("left",)))
+    pipeline.set_camera(camera_info(rosbags_backend()), "left")
+    pipeline.keep(["abc"])
+    assert feed(pipeline, "abc", 0)[0].accepted
 
 
 def test_listed_bodies_appear_and_leave(pipeline):

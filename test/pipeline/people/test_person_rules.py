@@ -33,7 +33,7 @@ class Pretended:
         self.verticals, self.resets, self.absences = [], [], 0
         kinematics = SimpleNamespace(landmark_count=4)
         self.tracker = SimpleNamespace(kinematics=kinematics, config=CONFIG, adopt_vertical=self._adopt)
-        self.refuses = False
+        self.refuses = self.holds = False
         self.number = None
         self.reset()
         self.resets.clear()
@@ -67,7 +67,7 @@ class Pretended:
         return self.points
 
     def flush(self):
-        return [FrameResult(1, "held")]
+        return [FrameResult(1, "camera", person="held")] if self.holds else []
 
 
 class Room:
@@ -112,7 +112,6 @@ def test_each_number_of_a_detector_is_a_person_at_once(room):
     assert not room.tracker.tracked_at(SECOND + 1)
     assert room.see(1, (5, 0), (0, 0), numbers=[7, 2]) == ["p2", "p7"]  # wherever they are
     assert room.counts == {"people come": 2}
-    assert len(room.tracker.flush()) == 2
 
 
 def test_a_person_gets_the_tracker_with_the_own_body(room):
@@ -122,6 +121,14 @@ def test_a_person_gets_the_tracker_with_the_own_body(room):
     room.see(10, (0, 0), numbers=[2], forget_after=0.1)  # 7 leaves and comes back
     room.see(20, (0, 0), (5, 0), numbers=[2, 7])
     assert room.tracker.tracked["p7"] is room.people[1]
+
+
+def test_a_stranger_gets_no_body_of_somebody_who_left(room):
+    room.people[0].number = 2
+    room.see(0, (0, 0), numbers=[2])
+    room.see(10, (0, 0), numbers=[7], forget_after=0.1)  # 2 has left, and this tracker is the last idle one
+    room.see(11, (0, 0), (5, 0), numbers=[7, 2])
+    assert room.tracker.tracked["p2"] is room.people[0] is not room.tracker.tracked["p7"]
 
 
 def test_a_new_number_needs_landmarks_and_a_known_one_does_not(room):
@@ -205,6 +212,19 @@ def test_a_person_absent_for_half_a_second_can_be_replaced(away, room_made):
     assert room.counts["people left"] == room_made
 
 
+def test_what_waits_is_published_when_the_person_is_removed_or_no_message_follows(room):
+    room.see(0, (0, 0), (5, 0), numbers=[1, 2])
+    for person in room.people:
+        person.holds = True
+    room.see(10, (5, 0), numbers=[2], forget_after=1.0)
+    assert room.see(20, (5, 0), numbers=[2], forget_after=1.0) == ["held", "p2"]
+    assert room.see(21, (5, 0), numbers=[2]) == ["p2"]
+    assert [result.person for result in room.tracker.flush()] == ["held"]
+    room.see(60, numbers=[], forget_after=1.0)
+    room.tracker.reset()
+    assert room.tracker.flush() == [] and room.tracker.ids == []
+
+
 def test_the_person_absent_for_the_longest_time_is_replaced():
     room = Room(2)
     room.see(0, (0, 0), numbers=[1])
@@ -223,6 +243,20 @@ def test_numbers_are_not_reused(room):
     for index in range(5, 8):
         room.see(index, (0, 0))
     assert room.tracker.ids == ["p9"]
+
+
+@pytest.mark.parametrize(("x", "same"), [(5.1, True), (9.0, False)])
+def test_a_number_made_by_the_node_is_given_up_if_the_detector_gives_it_to_another_person(room, x, same):
+    room.see(0, (0, 0), numbers=[5])
+    for index in range(1, 4):
+        room.see(index, (0, 0), (5, 0))
+    room.tracker.tune("p6", False)
+    assert room.tracker.lock() == "p6" and room.tracker.ids == ["p5", "p6"]
+    stranger = room.tracker.tracked["p6"]
+    assert room.see(4, (0, 0), (x, 0), numbers=[5, 6]) == ["p5", "p6"]
+    assert (len(stranger.resets), room.tracker.locked) == ((0, "p6") if same else (1, None))
+    assert room.see(5, (0, 0), (9, 9), numbers=[5, 6]) == ["p5", "p6"]  # from then on it is the detector's
+    assert len(stranger.resets) == (0 if same else 1)
 
 
 def test_a_reset_forgets_unconfirmed_people(room):
@@ -272,6 +306,15 @@ def test_one_of_several_people_is_locked(room):
     assert room.tracker.presence_at(SECOND + 32 * PERIOD, 3.0, 0.4) == Presence(Status.TRACKING, ["p7", "p9"])
     room.tracker.release()
     assert room.tracker.locked is None
+
+
+def test_a_person_missed_for_a_moment_can_be_locked(room):
+    room.tracker.tune("centre", False)
+    room.see(0, (0, 0), (5, 0), numbers=[7, 9])
+    room.see(5, (5, 0), numbers=[9])
+    assert room.tracker.lock() == "p7"
+    room.see(6, (5, 0), numbers=[9])
+    assert room.tracker.lock() == "p9"
 
 
 def test_a_locked_person_keeps_the_tracker_while_others_come():
@@ -429,7 +472,6 @@ def test_the_presence_of_one_person_follows_the_clock(followed):
     assert followed.tracker.presence_at(2 * SECOND + PERIOD, 0.1) == Presence(Status.LOST)
     followed.tracker.reset()
     assert followed.tracker.presence_at(2 * SECOND, 0.1) == Presence(Status.SEARCHING)
-    assert followed.tracker.flush()[0].frame_id == "held"
 
 
 @pytest.mark.parametrize("by_call", [True, False])
@@ -452,6 +494,20 @@ def test_a_person_without_a_number_is_locked_by_place(followed, by_call):
     assert followed.tracker.lock() == "p2"
     assert followed.see(602, (0, 5.0, 0.9), numbered=False) == 5.0
     assert followed.see(603, (0, 0.0, 0.9), numbered=False) == "person_absent"
+
+
+@pytest.mark.parametrize("numbered", [True, False])
+def test_a_followed_person_missed_for_a_moment_can_be_locked(followed, numbered):
+    assert followed.see(0, (4, 0.0, 0.9), numbered=numbered) == 0.0
+    for index in (3, 6):
+        followed.see(index, numbered=numbered)
+        if index == 6:
+            with pytest.raises(NoPersonError, match="shows nobody"):
+                followed.tracker.lock()
+    followed.see(7, (4, 0.1, 0.9), numbered=numbered)
+    followed.see(12, numbered=numbered)
+    assert followed.tracker.lock() == "p1"
+    assert followed.see(13, (4, 0.1, 0.9), numbered=numbered) == 0.1 and followed.label == "p1"
 
 
 def test_somebody_without_a_number_has_a_new_id_after_an_absence(followed):

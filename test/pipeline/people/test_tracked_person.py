@@ -51,6 +51,14 @@ def test_velocity_is_averaged(person):
     assert not person._velocity.any()
 
 
+def test_two_results_of_one_stamp_keep_the_velocity(person):
+    """Another camera's image of the stamp came later, and is of use."""
+    move(person, (1.0, 0.0), (1.1, 0.2))
+    velocity = person._velocity.copy()
+    person._update_motion(round(1.1 * SECOND), at([0.21, 0.0, 0.1]))
+    assert person._velocity.tolist() == velocity.tolist() and person._place.tolist() == [0.21, 0.0, 0.1]
+
+
 def test_landmarks_are_predicted_to_move_sideways_for_a_while(person):
     move(person, (1.0, 0.0), (11.0, 1.0))  # so long that the velocity is 0.1 m/s
     place = [1.0, 0.0, 0.5]

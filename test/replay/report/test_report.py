@@ -16,8 +16,8 @@ pytest.importorskip("plotly", reason="the report is drawn with plotly")
 from recordings import START_NS, read, synthetic_pixels, webcam_info, write_messages, write_recording  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
-from lassokin_ros.core.doubt.failure_model import FailureModel  # noqa: E402
 from lassokin_ros.core.observation import Rejection  # noqa: E402
+from lassokin_ros.doubt.failure_model import FailureModel  # noqa: E402
 from lassokin_ros.replay.bags import typestore  # noqa: E402
 from lassokin_ros.replay.report import page_json as data  # noqa: E402
 from lassokin_ros.replay.report.rejection_advice import REASONS  # noqa: E402

@@ -18,10 +18,18 @@ class CamerasFileError(LassokinError):
 
 
 def camera_commands(pipeline: Pipeline) -> list[str]:
-    """Return one command for each camera whose pose was learned. Raises CamerasFileError if none was."""
+    """Return one command for each camera whose pose was learned.
+
+    Raises CamerasFileError if none was, or if the keypoints show that a camera is wrong.
+    """
     places, extrinsics = pipeline.places, pipeline.extrinsics
     if places is None or not pipeline.config.several_cameras:
         raise CamerasFileError("there is one camera, or none with a pose; expected several (parameter cameras)")
+    if wrong := _wrong_cameras(pipeline):
+        raise CamerasFileError(
+            f"nothing is written, because {'; '.join(wrong)}. Correct that, reset the tracker, and save when a person "
+            "has been seen for some seconds"
+        )
     commands = []
     for name, camera in pipeline.cameras.items():
         given = places.newest.get(name)
@@ -42,6 +50,14 @@ def camera_commands(pipeline: Pipeline) -> list[str]:
             "extrinsics check or learn"
         )
     return commands
+
+
+def _wrong_cameras(pipeline: Pipeline) -> list[str]:
+    """Return what is wrong with cameras beyond an error that is learned, in words."""
+    extrinsics = pipeline.extrinsics
+    poses = [] if extrinsics is None else [extrinsics.wrong.get(name, "") for name in pipeline.cameras]
+    wrong = [*pipeline.agreement.left_out.values(), *filter(None, poses)]
+    return wrong or list(pipeline.agreement.undecided())
 
 
 def save_cameras(pipeline: Pipeline, path: Path) -> Path:

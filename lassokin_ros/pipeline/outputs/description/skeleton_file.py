@@ -13,8 +13,8 @@ from lassokin_ros.common.atomic_files import AtomicFiles, files_of_people, refus
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError, SkeletonError
 from lassokin_ros.core.learned.bone_lengths import Calibration
-from lassokin_ros.core.yaml_files import SUFFIXES
 from lassokin_ros.pipeline.outputs.status.calibration_status import length_changes
+from lassokin_ros.pipeline.settings import SKELETON_SUFFIXES
 
 LEAST_MOTION = 1.0
 """s of motion that calibration must have used before its skeleton is saved."""
@@ -25,8 +25,9 @@ def check_skeleton_file(path: Path, several: bool, replace: bool) -> None:
 
     several: one file per person, with the id in the name; replace: an existing file may be replaced.
     """
-    if path.suffix.lower() not in SUFFIXES:
-        raise SkeletonError(f"'{path}' is no name for a skeleton; expected one that ends in {' or '.join(SUFFIXES)}")
+    if path.suffix.lower() not in SKELETON_SUFFIXES:
+        ends = " or ".join(SKELETON_SUFFIXES)
+        raise SkeletonError(f"'{path}' is no name for a skeleton; expected one that ends in {ends}")
     path = Path(os.path.expanduser(path))
     if not path.parent.exists():  # the folder will be created
         return

@@ -16,12 +16,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from lassokin_ros.core.body.joint_angles import ROOT_JOINTS
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.pipeline.outputs import rep155
 from lassokin_ros.pipeline.outputs.description.motion_ranges import range_of
 from lassokin_ros.pipeline.outputs.naming import Naming
+from lassokin_ros.skeleton_readers.naming import ROOT_JOINTS
 
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 _TURNS = -200 * np.pi, 200 * np.pi  # rad: published angles are continuous and grow with each turn

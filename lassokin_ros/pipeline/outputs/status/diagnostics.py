@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from lassokin_ros.core.doubt.live import Judgement
 from lassokin_ros.core.learned.height import LARGEST_FLOOR_DEVIATION
 from lassokin_ros.core.observation import Rejection, Status
+from lassokin_ros.doubt.live import Judgement
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.camera_images import DEPTH_IN_MESSAGE, NOBODY, UNSCORED, UNUSED, CameraImages
 from lassokin_ros.pipeline.depth_check import MISFIT

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from lassokin_ros.core.doubt.live import Judgement
+from lassokin_ros.doubt.live import Judgement
 from lassokin_ros.pipeline.frame_result import FrameResult
 
 

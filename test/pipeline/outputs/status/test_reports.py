@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.doubt.doubt import Doubt
-from lassokin_ros.core.doubt.live import Judgement
 from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution
 from lassokin_ros.core.observation import Status
+from lassokin_ros.doubt.doubt import Doubt
+from lassokin_ros.doubt.live import Judgement
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.body_frames import BodyFrames, hip_joints
 from lassokin_ros.pipeline.outputs.frame_messages import principal_axes
@@ -141,7 +141,8 @@ def test_the_line_of_a_certificate(kkt1, level, words):
     B[[2, 3, 4], [0, 1, 2]] = 1
     problem = Lasso(A, B, np.array([3.0, 0.25, 0, 0, 0]), np.array([1.0, 1.0]))
     certificate = Certificate(kkt1, 2e-9, 3e-9, 4.5, 5e-9, 6e-9, 1)
-    solution = LassoSolution(np.array([2.0, 0]), np.zeros(3), problem.alpha, lambda: certificate, "proxqp")
+    solution = LassoSolution(np.array([2.0, 0]), np.zeros(3), problem.alpha, problem, "proxqp")
+    vars(solution)["certificate"] = certificate
     found = SimpleNamespace(problem=problem, solution=solution, reprojection_px=1.23456789, initialised=True)
     doubt = Doubt(reversed=True, probability=0.125, unseen=("left leg", "right leg"))
     judgement = Judgement(doubt, ("this", "that"), 0.75)

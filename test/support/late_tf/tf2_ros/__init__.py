@@ -1,6 +1,7 @@
 """The part of tf2_ros that the examples use, over geometry_msgs/TransformStamped on /late_tf.
 
-PyPI has no tf2_ros. As there, a transform is known from the first to the last stamp of those that were received.
+PyPI has no tf2_ros. As there, a transform is known from the first to the last stamp of those that were received. Only
+frames are known that one message connects, from child to parent.
 """
 
 import numpy as np

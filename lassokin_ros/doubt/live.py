@@ -1,6 +1,6 @@
 """The doubts about the results of one person, evaluated when one of them is read.
 
-Often nobody reads them but the diagnostics, once per second. Many frames in a row take a third of the time that they
+Often the diagnostics alone read them, once per second. Many frames in a row take a third of the time that they
 take one by one between the steps of the tracker, which fill the processor's caches.
 """
 
@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lassokin_ros.core.doubt.doubt import Doubt, reasons
-from lassokin_ros.core.doubt.monitor import DoubtMonitor
-from lassokin_ros.core.doubt.signs import Signs
+from lassokin_ros.doubt.doubt import Doubt, reasons
+from lassokin_ros.doubt.monitor import DoubtMonitor
+from lassokin_ros.doubt.signs import Signs
 
 MOST_WAITING = 30
 """Frames after which they are evaluated, so that their number is bounded."""

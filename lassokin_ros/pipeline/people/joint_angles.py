@@ -16,8 +16,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-ROOT_JOINTS = ("root_x", "root_y", "root_z")
-"""Names of the three prismatic joints for the translation of the pelvis, m."""
 LOCK = 1e-9
 """Cosine of the middle angle below which the first angle is lost in rounding errors."""
 
@@ -45,12 +43,6 @@ class JointAngleReader:
     def reset(self) -> None:
         """Forget the last result. The next result is the solution nearest to zero."""
         self._last = np.zeros((3, self._signs.shape[1]))
-        self._locked = np.zeros(self._signs.shape[1], dtype=bool)
-
-    @property
-    def locked(self) -> np.ndarray:
-        """(n,) bool: joints that were at gimbal lock in the last call."""
-        return self._locked
 
     def read(self, rotations: np.ndarray) -> np.ndarray:
         """Angles (n, 3) rad of rotations (n, 3, 3). The columns are x, y and z, independent of the order.
@@ -61,22 +53,22 @@ class JointAngleReader:
         entries = rotations.take(self._places) * self._signs
         angles = np.empty((3, entries.shape[1]))
         first, middle, last = angles
-        self._locked = np.hypot(entries[3], entries[0]) < LOCK
+        locked = np.hypot(entries[3], entries[0]) < LOCK
         np.arctan2(entries[3], entries[0], out=first)
-        np.copyto(first, self._last[0], where=self._locked)
+        np.copyto(first, self._last[0], where=locked)
         # Remove the first rotation; this leaves rows j and k of Rj(middle) Rk(last). Both angles are then well
         # conditioned: near lock, the last angle compensates the rounding error of the first one.
         below = np.cos(first) * entries[:3] + np.sin(first) * entries[3:6]
         np.arctan2(entries[6], below[0], out=middle)
         np.arctan2(below[1], below[2], out=last)
-        self._last = self._nearest(angles)
+        self._last = self._nearest(angles, locked)
         return self._last.take(self._to_xyz)
 
-    def _nearest(self, angles: np.ndarray) -> np.ndarray:
-        """The solution (3, n), unwrapped, that is nearer to the last result; at gimbal lock the given one."""
+    def _nearest(self, angles: np.ndarray, locked: np.ndarray) -> np.ndarray:
+        """The solution (3, n), unwrapped, that is nearer to the last result; the given one of the `locked` (n,)."""
         step = np.array([angles, angles * _OTHER_WAY + np.pi])
         step -= self._last
         step -= _TURN * np.rint(step / _TURN)
         distance = np.add.reduce(step * step, axis=1)
-        second = (distance[1] < distance[0]) & ~self._locked
+        second = (distance[1] < distance[0]) & ~locked
         return self._last + np.where(second, step[1], step[0])

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from lassokin_ros.core.doubt.recent import Recent
+from lassokin_ros.doubt.recent import Recent
 
 OFFSET = -2.83
 BY_PRIOR, PRIOR_MEAN, PRIOR_SPREAD, PRIOR_S = 0.40, 1.895, 0.61, 0.5

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lassokin_ros.core.doubt.unseen_limbs import LIMBS, UNSEEN_S, UnseenLimbs
+from lassokin_ros.doubt.unseen_limbs import LIMBS, UNSEEN_S, UnseenLimbs
 
 JOINTS = ("pelvis", *(joint for chain in LIMBS.values() for joint in chain))
 

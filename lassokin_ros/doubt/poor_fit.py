@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lassokin_ros.core.doubt.recent import Recent
+from lassokin_ros.doubt.recent import Recent
 
 COST = 10.0
 """Cost per measurement above which a pose explains nothing. The largest of good recordings is 6.6."""

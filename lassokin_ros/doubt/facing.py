@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
-from lassokin_ros.core.doubt.recent import Recent
-
 TURN_DEG, TURN_S = 90.0, 0.15
 """A turn by more than 90 degrees within 0.15 s is none of a person: it occurred in 0 of 127 recordings and clips, and
-after 21 of 24 exchanges of the sides and all of 16 changes of person."""
+after 21 of 24 exchanges of the sides and all of 16 changes of person. Below 6.7 Hz no turn is reported."""
 _TURNED = math.cos(math.radians(TURN_DEG))
 MERGED_S = 0.3
 """s: turns that follow each other within this time are one turn."""
@@ -20,16 +17,11 @@ Vector = tuple[float, float, float]
 """Three numbers: arithmetic on so few takes a third of the time of numpy's."""
 
 
-def facing(positions: np.ndarray, names: Sequence[str]) -> Vector:
+def facing_of(corners: np.ndarray) -> Vector:
     """Return the unit vector to the person's front, NaN for a degenerate trunk.
 
-    positions: (n, 3) m, joints; names: their names, with hips and shoulders.
+    corners: (4, 3) m, positions of the `CORNERS`.
     """
-    return facing_of(positions[[list(names).index(name) for name in CORNERS]])
-
-
-def facing_of(corners: np.ndarray) -> Vector:
-    """Return the same; corners: (4, 3) m, positions of the `CORNERS`."""
     axes = corners.T.tolist()
     a, b, c = (hip - right_hip + shoulder - right_shoulder for hip, right_hip, shoulder, right_shoulder in axes)
     d, e, f = (shoulder + right_shoulder - hip - right_hip for hip, right_hip, shoulder, right_shoulder in axes)
@@ -42,27 +34,9 @@ def _dot(one: Vector, other: Vector) -> float:
     return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
 
 
-class FastTurn:
-    """Reports turns of the facing that are too fast for a person."""
-
-    def __init__(self) -> None:
-        self._recent: Recent[Vector] = Recent(TURN_S)
-
-    def reset(self) -> None:
-        """Forget the earlier frames."""
-        self._recent.clear()
-
-    def update(self, stamp: float, front: Vector) -> Vector | None:
-        """Return the facing before a turn that ends in this frame, None without one.
-
-        stamp: s. front: unit vector.
-        """
-        before = next((old for old in self._recent.values if _dot(old, front) < _TURNED), None)
-        self._recent.add(stamp, front)
-        if before is not None:
-            self._recent.clear()  # the turn is reported once
-            self._recent.add(stamp, front)
-        return before
+def is_fast_turn(before: Vector, front: Vector) -> bool:
+    """Return whether two facings differ by more than a person turns in `TURN_S`."""
+    return _dot(before, front) < _TURNED
 
 
 class LastingReversal:
@@ -81,7 +55,10 @@ class LastingReversal:
         self._turn: tuple[float, Vector] | None = None
 
     def update(self, stamp: float, front: Vector, turned_from: Vector | None) -> bool:
-        """Return whether the person is reversed. turned_from: the answer of `FastTurn.update` for this frame."""
+        """Return whether the person is reversed.
+
+        turned_from: the facing before a fast turn that ends in this frame, None without one.
+        """
         if turned_from is not None:
             start = turned_from if self._turn is None else self._turn[1]
             self._turn = stamp, start

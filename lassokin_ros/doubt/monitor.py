@@ -7,22 +7,22 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from lassokin_ros.core.doubt.doubt import Doubt, Event
-from lassokin_ros.core.doubt.facing import CORNERS, FastTurn, LastingReversal, facing_of
-from lassokin_ros.core.doubt.failure_model import FailureModel
-from lassokin_ros.core.doubt.keypoint_motion import MotionMeter
-from lassokin_ros.core.doubt.pelvis_jump import PelvisJump
-from lassokin_ros.core.doubt.person_change import is_person_change
-from lassokin_ros.core.doubt.poor_fit import ReprojectionRun, is_costly
-from lassokin_ros.core.doubt.recent import Recent
-from lassokin_ros.core.doubt.side_exchange import LEAST_MOTION, SideExchange
-from lassokin_ros.core.doubt.signs import Signs
-from lassokin_ros.core.doubt.spans import AROUND_S
-from lassokin_ros.core.doubt.unseen_limbs import UnseenLimbs
+from lassokin_ros.doubt.doubt import Doubt, Event
+from lassokin_ros.doubt.facing import CORNERS, TURN_S, LastingReversal, facing_of, is_fast_turn
+from lassokin_ros.doubt.failure_model import FailureModel
+from lassokin_ros.doubt.keypoint_motion import MotionMeter
+from lassokin_ros.doubt.pelvis_jump import JUMP_S, is_jump
+from lassokin_ros.doubt.person_change import is_person_change
+from lassokin_ros.doubt.poor_fit import ReprojectionRun, is_costly
+from lassokin_ros.doubt.recent import Change, Recent
+from lassokin_ros.doubt.side_exchange import LEAST_MOTION, SideExchange
+from lassokin_ros.doubt.signs import Signs
+from lassokin_ros.doubt.unseen_limbs import UnseenLimbs
 
 FORGET_S = 1.0
 """s without a pose after which the earlier frames are forgotten."""
-
+AROUND_S = 0.25
+"""s: a sign marks the frames up to this much earlier and later."""
 
 EXCHANGES = {"body": Event.SIDES_EXCHANGED, "legs": Event.LEGS_EXCHANGED, "arms": Event.ARMS_EXCHANGED}
 
@@ -44,8 +44,8 @@ class DoubtMonitor:
         self._corners = [list(joints).index(name) for name in CORNERS] if set(CORNERS) <= set(joints) else []
         self._motions: dict[str, MotionMeter] = {}  # by camera
         self._exchange = SideExchange(landmarks)
-        self._turn, self._reversal = FastTurn(), LastingReversal()
-        self._jumps: dict[str, PelvisJump] = {}  # by camera
+        self._turn, self._reversal = Change(TURN_S, is_fast_turn), LastingReversal()
+        self._jumps: dict[str, Change[float]] = {}  # by camera
         self._run, self._model, self._limbs = ReprojectionRun(), FailureModel(), UnseenLimbs(joints)
         self._marks: Recent[Doubt] = Recent(AROUND_S)  # the marked ones
         self.reset()
@@ -101,7 +101,7 @@ class DoubtMonitor:
 
     def _of_pose(self, signs: Signs) -> list[Event]:
         if signs.camera not in self._jumps:
-            self._jumps[signs.camera] = PelvisJump()
+            self._jumps[signs.camera] = Change(JUMP_S, is_jump)
         jumps = self._jumps[signs.camera].update(signs.stamp, float(signs.positions[0, 2])) is not None
         lasting = self._run.update(signs.stamp, signs.reprojection)
         poor = lasting or is_costly(signs.cost, signs.prior_cost)

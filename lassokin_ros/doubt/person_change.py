@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lassokin_ros.core.doubt.keypoint_motion import KeypointMotion
+from lassokin_ros.doubt.keypoint_motion import KeypointMotion
 
 LEAST, PER_SECOND = 0.5, 15.0
 """Trunk lengths, and trunk lengths per second: the larger one is the median displacement of a person's keypoints that

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lassokin_ros.core.doubt.keypoint_motion import PAIRS, KeypointMotion
+from lassokin_ros.doubt.keypoint_motion import PAIRS, KeypointMotion
 
 LIMBS = {"body": PAIRS, "legs": PAIRS[3:], "arms": PAIRS[:3]}
 RATIO = {"body": 1.6, "legs": 1.5, "arms": 3.5}
@@ -25,7 +25,7 @@ class SideExchange:
     def __init__(self, names: Sequence[str]) -> None:
         """names: l landmarks in layout order."""
         place = {name: i for i, name in enumerate(names)}
-        pairs = [pair for pair in PAIRS if f"left_{pair}" in place]
+        pairs = [pair for pair in PAIRS if {f"left_{pair}", f"right_{pair}"} <= place.keys()]
         self._pairs = np.array(
             [[place[f"{side}_{pair}"] for side in ("left", "right")] for pair in pairs], int
         ).reshape(-1, 2)

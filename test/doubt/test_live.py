@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from lassokin_ros.core.doubt.doubt import reasons
-from lassokin_ros.core.doubt.live import MOST_WAITING, Judgement, LiveDoubts
-from lassokin_ros.core.doubt.monitor import DoubtMonitor
-from lassokin_ros.core.doubt.signs import Signs
+from lassokin_ros.doubt.doubt import reasons
+from lassokin_ros.doubt.live import MOST_WAITING, Judgement, LiveDoubts
+from lassokin_ros.doubt.monitor import DoubtMonitor
+from lassokin_ros.doubt.signs import Signs
 
 LANDMARKS = ("left_hip", "right_hip", "left_shoulder", "right_shoulder")
 JOINTS = (*LANDMARKS, "left_elbow", "left_wrist", "left_hand")

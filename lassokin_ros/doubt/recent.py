@@ -1,8 +1,9 @@
-"""The values of the last moments."""
+"""The values of the last moments, and changes among them."""
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from typing import Generic, TypeVar
 
 Value = TypeVar("Value")
@@ -43,3 +44,25 @@ class Recent(Generic[Value]):
     def span(self) -> float:
         """Time from the oldest value to the newest one, s."""
         return self._stamps[-1] - self._stamps[0] if self._stamps else 0.0
+
+
+class Change(Generic[Value]):
+    """Reports a value that differs from one of the last moments; once, because the later ones are compared with it."""
+
+    def __init__(self, seconds: float, differs: Callable[[Value, Value], bool]) -> None:
+        """differs: whether an earlier value and the present one are too different."""
+        self._recent: Recent[Value] = Recent(seconds)
+        self._differs = differs
+
+    def reset(self) -> None:
+        """Forget the earlier values."""
+        self._recent.clear()
+
+    def update(self, stamp: float, value: Value) -> Value | None:
+        """Return the earlier value from which this one differs, None without one. stamp: s."""
+        self._recent.forget_before(stamp)
+        before = next((old for old in self._recent.values if self._differs(old, value)), None)
+        if before is not None:
+            self._recent.clear()
+        self._recent.add(stamp, value)
+        return before

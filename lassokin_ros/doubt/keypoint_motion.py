@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from lassokin_ros.core.body.symmetry import partners
 from lassokin_ros.core.image.robust_loss import norm
 from lassokin_ros.core.record import record
 
@@ -15,15 +16,6 @@ PAIRS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 """Landmarks that exist on both sides."""
 LONGEST_S = 0.3
 """s: after a longer pause two frames are not compared."""
-
-
-def partners(names: Sequence[str]) -> np.ndarray:
-    """Return (l,) the index of each landmark's counterpart on the other side, its own without one."""
-    index = {name: i for i, name in enumerate(names)}
-    swap = {"left": "right", "right": "left"}
-    return np.array(
-        [index.get("_".join(swap.get(part, part) for part in name.split("_")), i) for i, name in enumerate(names)]
-    )
 
 
 @record

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from enum import Enum
 from typing import NamedTuple
 
-from lassokin_ros.core.doubt.failure_model import MARKED
+from lassokin_ros.doubt.failure_model import MARKED
 
 
 class Event(Enum):

@@ -1,0 +1,114 @@
+"""People in the images of several cameras: whose points are published, who is locked, and which numbers they have."""
+
+import numpy as np
+import pytest
+from camera_rig import MAP, eye, pixels, tf_of, truth_at
+from messages import camera_info, crowd, rosbags_backend
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.pipeline.detections import MOST_PEOPLE
+from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.settings import NodeSettings
+
+pytest.importorskip("rosbags")
+BACKEND, START_NS, PERIOD_NS = rosbags_backend(), 1_700_000_000_000_000_000, 33_333_333
+EYES = {"left": eye("left", 0), "right": eye("right", 90), "third": eye("third", -60)}
+
+
+class Rig:
+    """Sends images of cameras to a pipeline."""
+
+    def __init__(self, *names, **settings):
+        self.pipeline = Pipeline(TrackerConfig(), NodeSettings(cameras=names, fixed_frame=MAP, **settings))
+        self.random = np.random.default_rng(0)
+        for name in names:
+            assert self.pipeline.set_camera(camera_info(BACKEND, frame_id=EYES[name].frame), name) is None
+            self.pipeline.transforms.add(tf_of(BACKEND, EYES[name], START_NS, 0.0), static=True)
+
+    def pixels(self, name, index, shift=(0.0, 0.0, 0.0)):
+        """What a camera sees of the person, moved by (3,) m."""
+        seconds = index * PERIOD_NS * 1e-9
+        return pixels(EYES[name], seconds, truth_at([seconds], shift=shift).landmarks[0], self.random)
+
+    def send(self, name, index, people, later_ns=0, late_ns=0):
+        """Send an image with people, by number: pixels and confidences. Return the results."""
+        stamp_ns = START_NS + index * PERIOD_NS + later_ns
+        message = crowd(BACKEND, stamp_ns, list(people.values()), list(people), frame_id=EYES[name].frame)
+        return self.pipeline.frames(message, stamp_ns + late_ns, name)
+
+    def both(self, index, left, right):
+        """Send an image of each camera; the person's number there, None: not in view. Return the results."""
+        frames = []
+        for name, number in (("left", left), ("right", right)):
+            people = {} if number is None else {number: (self.pixels(name, index), np.full(17, 0.9))}
+            frames += self.send(name, index, people)
+        return frames
+
+
+def test_a_person_whom_only_the_second_camera_sees_has_its_number():
+    rig = Rig("left", "right")
+    for index in range(6):
+        frame = rig.both(index, None, 42)[-1]
+        assert (frame.accepted, frame.camera.name, frame.detector_id) == (True, "right", 42)
+
+
+def test_the_points_of_a_bystander_are_not_published_as_the_persons():
+    rig = Rig("left", "right")
+    few = np.where(np.arange(17) < 3, 0.9, 0.0)
+    for index in range(6):
+        bystander = {99: (rig.pixels("left", index, (1.0, 0.0, 0.0)), few)}
+        me = {42: (rig.pixels("right", index), np.full(17, 0.9))}
+        frames = rig.send("left", index, bystander) + rig.send("right", index, me)
+    (frame,) = frames
+    assert (frame.camera.name, frame.detector_id, frame.others) == ("right", 42, ())
+
+
+def test_an_image_with_the_stamp_of_an_earlier_result_does_not_spoil_the_velocity():
+    """The stamp of a result is the newest one of its images; that of the right camera was of no use."""
+    rig = Rig("left", "right", "third", camera_wait=0.01)
+    whole, faint, wait_ns = np.full(17, 0.9), np.full(17, 0.05), 20_000_000
+    for index in range(12):
+        frames = rig.send("left", index, {1: (rig.pixels("left", index), whole)})
+        if index == 8:
+            rig.send("right", index, {1: (rig.pixels("right", index), faint)}, 1_000_000)
+        late_ns = 30_000_000 if index == 8 else 0
+        rig.pipeline.due(START_NS + index * PERIOD_NS + wait_ns)
+        later_ns = 1_000_000 if index == 8 else 0
+        frames += rig.send("third", index, {1: (rig.pixels("third", index), whole)}, later_ns, late_ns)
+        frames += rig.pipeline.due(START_NS + index * PERIOD_NS + 2 * wait_ns + late_ns)
+        assert all(np.isfinite(frame.velocity).all() for frame in frames if frame.accepted)
+
+
+@pytest.mark.parametrize("max_people", [1, 3])
+@pytest.mark.parametrize("later_ns", [2_000_000, 16_000_000])
+@pytest.mark.parametrize("by_call", [True, False])
+def test_a_person_can_be_locked_while_another_camera_sees_nobody(max_people, later_ns, by_call):
+    rig = Rig("left", "right", max_people=max_people, lock=not by_call)
+    for index in range(6):
+        rig.send("left", index, {7: (rig.pixels("left", index), np.full(17, 0.9))})
+        rig.send("right", index, {}, later_ns)
+    rig.pipeline.due(START_NS + 10**9)
+    if by_call:
+        assert rig.pipeline.locked is None
+        rig.pipeline.lock(START_NS + 6 * PERIOD_NS)
+    assert rig.pipeline.locked in rig.pipeline.people.ids if max_people > 1 else rig.pipeline.locked == "p1"
+
+
+def test_too_many_people_in_one_image_are_refused_without_the_other_cameras():
+    rig = Rig("left", "right")
+    for index in range(6):
+        many = {number: (rig.pixels("right", index)[:5], np.full(5, 0.9)) for number in range(MOST_PEOPLE + 1)}
+        frames = rig.send("right", index, many)
+        assert [frame.rejection for frame in frames] == ["too_many_people"] and "'right'" in frames[0].detail
+        (frame,) = rig.send("left", index, {7: (rig.pixels("left", index), np.full(17, 0.9))})
+        assert frame.accepted
+
+
+def test_a_detectors_number_is_no_id_before_the_second_camera_sends():
+    rig = Rig("left", "right", max_people=3)
+    found = []
+    for index in range(8):
+        found += rig.send("left", index, {17: (rig.pixels("left", index), np.full(17, 0.9))})
+        if index > 5:
+            found += rig.send("right", index, {17: (rig.pixels("right", index), np.full(17, 0.9))})
+    assert {(frame.person, frame.detector_id) for frame in found if frame.accepted} == {("p1", -1)}
