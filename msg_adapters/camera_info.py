@@ -47,7 +47,7 @@ class Intrinsics:
 
     Attributes
     ----------
-    K: (3, 3) px, of the raw image.
+    K: (3, 3) px, of the raw image, or of the rectified one if that is decoded.
     D: distortion coefficients in the order of `model`; empty when there is no distortion.
     model: "plumb_bob", "rational_polynomial", "equidistant" or "" when there is no distortion.
     R: (3, 3), P: (3, 4) px, of the rectified image.
@@ -66,8 +66,11 @@ class Intrinsics:
     warning: str = ""
 
 
-def decode_camera_info(message: Any) -> Intrinsics:
+def decode_camera_info(message: Any, rectified: bool = False) -> Intrinsics:
     """Return the intrinsics of a CameraInfo message.
+
+    rectified: those of the rectified image: P in place of K, without distortion. K and D are then not used, unless P
+    has no focal length.
 
     Raises AdapterError with reason `camera_uncalibrated` (K is 0 or cannot belong to the image size),
     `camera_not_finite`, `camera_matrix` (no positive focal length, skew), or `camera_distortion` (unknown model, wrong
@@ -79,6 +82,9 @@ def decode_camera_info(message: Any) -> Intrinsics:
             "camera_distortion", f"{len(message.d)} coefficients D; expected at most {MOST_COEFFICIENTS}"
         )
     D = np.array(message.d, dtype=float)
+    if rectified:
+        D = D[:0]
+        K = P.reshape(3, 4)[:, :3].ravel() if P[0] else K
     if not all(np.isfinite(values).all() for values in (K, R, P, D)):
         raise AdapterError("camera_not_finite", "camera_info holds a value that is not finite")
     if K[0] == 0:
@@ -87,7 +93,7 @@ def decode_camera_info(message: Any) -> Intrinsics:
         raise AdapterError("camera_matrix", f"K is {K.tolist()}; expected focal lengths above 0, in px")
     if K[1] or K[3] or K[6] or K[7]:
         raise AdapterError("camera_matrix", f"K is {K.tolist()}; expected [fx 0 cx, 0 fy cy, 0 0 1], without skew")
-    model, D = _distortion(message.distortion_model[:LONGEST_NAME], D)
+    model, D = ("", D) if rectified else _distortion(message.distortion_model[:LONGEST_NAME], D)
     frame_id = frame_name(message.header)
     K, P = K.reshape(3, 3), P.reshape(3, 4)
     K[2] = 0, 0, 1

@@ -52,7 +52,11 @@ def decode_compressed_image(message: Any) -> np.ndarray:
     import cv2
 
     data = np.frombuffer(message.data, np.uint8)
-    pixels = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    how = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION  # camera_info is of the image as the sensor reads it
+    try:
+        pixels = cv2.imdecode(data, how) if len(data) else None
+    except cv2.error:  # too large
+        pixels = None
     if pixels is None:
         raise AdapterError("image_encoding", f"{len(data)} bytes of '{message.format[:32]}' are no image")
     return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB))

@@ -10,6 +10,7 @@ import numpy as np
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.learned.height import FEWEST
+from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
 from lassokin_ros.pipeline.depth_check import MISFIT, DepthCheck
@@ -76,10 +77,13 @@ class CameraImages:
         """Number of messages, and the arrival of the last one, ns."""
         self.residuals: deque[float] = deque(maxlen=RESIDUALS)
         """px: median distance of the person's landmarks from the keypoints of the last images, with several cameras."""
-        self.delay_s = 0.0
-        """s from stamp to arrival, averaged."""
+        self.delay_s: float | None = None
+        """s from stamp to arrival, averaged; None before the first stamp."""
         self.stamp_ns, self.frame_id = 0, ""
         """Of the last message, as far as they are known: ns, and the frame_id, or that of its camera_info."""
+        self.image_frame = ""
+        """frame_id of the last image that was not refused."""
+        self._unplaced = CameraPose(name)
         self._optical_frame: str | None = None  # frame_id of the camera_info of the last image
 
     def image(self, message: Any, arrival_ns: int) -> tuple[PeopleImage, bool]:
@@ -89,6 +93,8 @@ class CameraImages:
         """
         self.nobody_in_view = False
         self.received, self.arrival_ns = self.received + 1, arrival_ns
+        if self.name:
+            self.counts[self.key("received")] += 1
         self.stamp_ns, self.frame_id = arrival_ns, ""
         keypoints, view = self._decode(message)
         self.frame_id = keypoints.frame_id or view.intrinsics.frame_id
@@ -102,23 +108,32 @@ class CameraImages:
         stamp_ns = self.stamp_ns = keypoints.stamp_ns or self.stamps.estimate(arrival_ns)
         keypoints, sampled = self._with_depth(self.own_depth.checked(keypoints, stamp_ns), stamp_ns, view)
         lasting = self._has_persistent_numbers(keypoints)
-        image = PeopleImage(keypoints, stamp_ns, self.frame_id, view.lens, lasting, stamped, sampled=sampled)
+        image = PeopleImage(keypoints, stamp_ns, self.frame_id, view.lens, lasting, stamped, self._unplaced, sampled)
         if self.name:
             # Raises AdapterError here: the images of other cameras must not suffer from this one.
             detections_by_person(keypoints, len(self._layout.names), view.lens)
-        if stamped:
-            self.delay_s += DELAY_SHARE * ((arrival_ns - stamp_ns) * 1e-9 - self.delay_s)
         jumped = self._is_back_in_time(image, arrival_ns)
         if jumped:
             self._check_jump(image)
             self.stamps.seen(stamp_ns, True)
+            self.delay_s = None
+        if stamped:
+            delay_s = (arrival_ns - stamp_ns) * 1e-9
+            before_s = delay_s if self.delay_s is None else self.delay_s
+            self.delay_s = before_s + DELAY_SHARE * (delay_s - before_s)
+        self.image_frame = self.frame_id
         changed = self._optical_frame not in (None, view.intrinsics.frame_id)
         self._optical_frame = view.intrinsics.frame_id
         return image, jumped or changed
 
+    def key(self, count: str) -> str:
+        """Return the key of the count of this camera alone; count: the key of that of all cameras."""
+        return f"{count}: {self.name}" if self.name else count
+
     def reset(self) -> None:
         """Forget the stamps; everything that concerns the people was forgotten."""
         self.stamps.reset()
+        self.delay_s = None
         self._optical_frame = None
 
     def _decode(self, message: Any) -> tuple[Keypoints, View]:
@@ -150,7 +165,7 @@ class CameraImages:
             if self.unused_confidence == 0 and keypoints.unscored >= self.tracker_config.min_landmarks:
                 self.counts[UNSCORED] += 1
         if view.has_outside(keypoints.xy.compress(confident, axis=0)):
-            self.counts[OUTSIDE_IMAGE] += 1
+            self.counts.update({OUTSIDE_IMAGE, self.key(OUTSIDE_IMAGE)})
 
     def _with_depth(self, keypoints: Keypoints, stamp_ns: int, view: View) -> tuple[Keypoints, Keypoints | None]:
         """Return the keypoints with the depths that are used, and with those of a depth image, None without one.

@@ -52,6 +52,8 @@ class DepthImages:
         self._period_ns = LONGEST_PERIOD_NS
         self._newest: tuple[int, np.ndarray] | None = None  # stamp, ns, and content of the last image, repeated or not
         self._refused = False  # `fault` is that of a refused image
+        self.received = 0
+        """Number of images, usable or not."""
         self.fault = ""
         """Why depth images are not used, in words; empty if they are."""
         self.note = ""
@@ -83,6 +85,7 @@ class DepthImages:
 
         arrival_ns: ns, the stamp of an image that has none.
         """
+        self.received += 1
         self._counts[RECEIVED] += 1
         try:
             image = decode_compressed_depth(message) if hasattr(message, "format") else decode_depth_image(message)

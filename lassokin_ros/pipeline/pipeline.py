@@ -34,9 +34,6 @@ from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.image_sets import LATE, ImageSets, stamp_of_set
-from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
-from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
-from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
 from lassokin_ros.pipeline.people.choice import NoPersonError
@@ -126,24 +123,10 @@ class Pipeline:
         return self.first.mount
 
     @property
-    def stamp_rate(self) -> StampRate:
-        """The rates of the stamps and of the arrivals of the first camera."""
-        return self.first.stamp_rate
-
-    @property
-    def own_depth(self) -> OwnDepth:
-        """What is unusual about depths in the keypoint messages of the first camera."""
-        return self.first.own_depth
-
-    @property
-    def landmark_ids(self) -> LandmarkIds:
-        """Which landmarks have appeared in the messages of the first camera."""
-        return self.first.landmark_ids
-
-    @property
     def nobody_in_view(self) -> bool:
-        """True if the last message of each camera had no confident keypoint."""
-        return all(camera.nobody_in_view for camera in self.cameras.values())
+        """True if the last message of each camera that sends messages had no confident keypoint."""
+        sending = [one for one in self.cameras.values() if one.received or one.nobody_in_view]
+        return bool(sending) and all(one.nobody_in_view for one in sending)
 
     @property
     def unused_confidence(self) -> float:
@@ -326,6 +309,8 @@ class Pipeline:
         self.config = config
         for camera in self.cameras.values():
             camera.tracker_config, camera.config = tracker_config, config
+            if tracker_config.smoothing_lag > 0:
+                camera.depth_check.reset()  # it is not updated, see _check_depth
         self.people.tune(self.config.follow, self.config.lock)
         if resized:
             self.reset()
@@ -333,11 +318,11 @@ class Pipeline:
     def set_camera(self, message: Any, camera: str = "") -> str | None:
         """Apply a CameraInfo message. Return the key of the reason if it is refused; the last good camera then stays.
 
-        camera: name of the camera. A new resolution or lens of the same camera keeps the state. The frame of another
-        camera resets it.
+        camera: name of the camera, empty for the only one. A new resolution or lens of the same camera keeps the state.
+        The frame of another camera resets it.
         """
         try:
-            if self.cameras[camera].camera.update(message):
+            if self.cameras[camera or self.first.name].camera.update(message):
                 self.reset()
         except AdapterError as error:
             self.counts[f"rejected: {error.reason}"] += 1
@@ -355,16 +340,17 @@ class Pipeline:
     def frames(self, message: Any, arrival_ns: int, camera: str = "") -> list[FrameResult]:
         """Track all people in a keypoint message. Return one accepted result per person, none if nobody is present.
 
-        camera: name of the camera. A refused message gives one result with the reason; so does a message in which a
-        single followed person was not tracked. With `smoothing_lag`, the accepted results are those of earlier messages
-        that are due now. With several cameras, a message may wait for those of the others, see `due`.
+        camera: name of the camera, empty for the only one. A refused message gives one result with the reason; so does
+        a message in which a single followed person was not tracked. With `smoothing_lag`, the accepted results are
+        those of earlier messages that are due now. With several cameras, a message may wait for those of the others,
+        see `due`.
         """
         self.counts["received"] += 1
         self.silent = False
         if not self.enabled:
             self.counts["ignored while disabled"] += 1
             return []
-        frames = self._frames(message, arrival_ns, self.cameras[camera])
+        frames = self._frames(message, arrival_ns, self.cameras[camera or self.first.name])
         return frames if self._sets is not None else self._counted(frames)
 
     def due(self, now_ns: int) -> list[FrameResult]:
@@ -404,7 +390,6 @@ class Pipeline:
             return held + self._track([image], arrival_ns)
         camera.stamps.seen(image.stamp_ns, True)
         camera.stamps.follow(image.stamp_ns, arrival_ns, image.stamped)
-        image = replace(image, camera=CameraPose(camera.name))
         return held + self._track_sets(self._sets.add(camera.name, image, arrival_ns), arrival_ns)
 
     def _track_sets(self, sets: Sequence[Sequence[PeopleImage]], arrival_ns: int) -> list[FrameResult]:

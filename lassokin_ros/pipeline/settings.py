@@ -183,7 +183,7 @@ class NodeSettings:
     @property
     def root_frame(self) -> str:
         """The base link of robot_description before the first result."""
-        return self.fixed_frame or self.base_frame
+        return (self.fixed_frame or self.base_frame).lstrip("/")
 
     def depth_topic(self, camera: str) -> str:
         """Return the topic of the depth images of a camera; empty if there is none."""
@@ -274,6 +274,11 @@ class NodeSettings:
             raise ConfigurationError(
                 f"fixed_frame is '{self.fixed_frame}' and camera_mount_frame '{self.camera_mount_frame}'; expected one "
                 "of them: fixed_frame gives the vertical, too"
+            )
+        if self.several_cameras and self.camera_mount_frame:
+            raise ConfigurationError(
+                f"cameras are {', '.join(names)}, and camera_mount_frame is '{self.camera_mount_frame}'; expected "
+                "fixed_frame in its place: several cameras have the vertical from there"
             )
         if self.floor and not (self.fixed_frame or self.camera_mount_frame):
             raise ConfigurationError(

@@ -2,7 +2,8 @@
 
 A stamp that advances no more than the arrival clock is a pause, however long. A jump back to a time already processed
 is a bag loop or a seek and is accepted at once. Any other jump needs confirmation by the next message, so that one
-wrong stamp (in the future, or in 1970) has no effect.
+wrong stamp (in the future, or in 1970) has no effect. A wrong stamp can be so little ahead that it is accepted. The
+next ones then continue the stamp before it, which a loop or a seek does not: they are old until they have passed it.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ class StampWatch:
     _newest: int | None
     _jump: int | None
     _last: tuple[int, int]
+    _used: int | None
+    _before: int | None
     _reference: tuple[int, int] | None
     _period_ns: int | None
 
@@ -34,6 +37,7 @@ class StampWatch:
     def reset(self) -> None:
         """Forget all stamps. The next stamp is accepted, whatever it is."""
         self._oldest = self._newest = self._jump = None
+        self._used = self._before = None  # the last stamp that was not refused, and the one before it
         self._reference = self._period_ns = None
 
     def estimate(self, arrival_ns: int) -> int:
@@ -70,6 +74,7 @@ class StampWatch:
         """
         back = self._newest is not None and self._compare(stamp_ns, arrival_ns, self._newest, jump_back)
         self._last = stamp_ns, arrival_ns
+        self._before, self._used = self._used, stamp_ns
         return back
 
     def _compare(self, stamp_ns: int, arrival_ns: int, newest: int, jump_back: float) -> bool:
@@ -78,6 +83,11 @@ class StampWatch:
             raise AdapterError("old_stamp", "the stamp has not changed; the detector must copy the stamp of each image")
         if -jump_back <= ahead < 0:
             raise AdapterError("old_stamp", f"the stamp is {abs(ahead):.3f} s older than the newest one")
+        if self._before is not None and self._before < stamp_ns < newest:
+            self._before = stamp_ns
+            raise AdapterError(
+                "old_stamp", f"the stamp is {abs(ahead):.3f} s older than the newest one, which was ahead of its time"
+            )
         if ahead > 0 and self._is_continuous(stamp_ns, arrival_ns):
             self._jump = None
             return False

@@ -31,6 +31,9 @@ class PointCloud2Adapter:
         """See KeypointAdapter.decode."""
         stamp = header_stamp(message.header)
         check_count(message.width * message.height)
+        if message.width * message.height == 0 and not message.fields:  # a default message: nobody
+            none = np.empty(0, np.int64)
+            return Keypoints(stamp, frame_name(message.header), none, np.empty((0, 2)), np.empty(0), none)
         if len(message.fields) > MAX_FIELDS:
             raise AdapterError("wrong_fields", f"the cloud has {len(message.fields)} fields; expected x, y, ...")
         if message.point_step > MAX_POINT_STEP:

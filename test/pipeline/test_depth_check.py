@@ -116,3 +116,17 @@ def test_of_several_cameras_the_one_whose_depth_does_not_fit_is_named_and_its_de
     diagnostics.count_camera_info(0.9)
     message = diagnostics.line(1.0).message
     assert "camera 'right': the depth images do not show the person" in message and "camera 'left'" not in message
+
+
+def test_with_smoothing_nothing_is_left_out_because_nothing_is_compared(scene):
+    """`smoothing_lag` is set while the images are left out: they must not stay so for ever."""
+    pixels, images, _ = scene
+    pipeline = pipeline_with_depth()
+    assert play(pipeline, pixels, LIES["of another camera"](images))[-1]
+    pipeline.tune(TrackerConfig(smoothing_lag=0.1), pipeline.config)
+    left_out = pipeline.counts[MISFIT]
+    for i in range(FRAMES):
+        stamp_ns = START_NS + round((3 + TIMES[i]) * 1e9)
+        pipeline.depth.add(depth_message(BACKEND, stamp_ns, images[i]), stamp_ns)
+        found = pipeline.frames(cloud(BACKEND, stamp_ns, pixels[i]), stamp_ns)
+    assert pipeline.counts[MISFIT] == left_out and found[-1].estimate.depth_measured

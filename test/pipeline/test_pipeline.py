@@ -10,7 +10,7 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
 from cases import copied_body  # noqa: E402
 from depth_camera import depth_message  # noqa: E402
-from messages import FRAME, camera_info, cloud, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
+from messages import FRAME, camera_info, cloud, crowd, pixels_of_motion, raw_cloud, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.errors import ConfigurationError  # noqa: E402
@@ -83,6 +83,15 @@ def test_a_message_without_anybody(pipeline):
     assert pipeline.nobody_in_view
     pipeline.frames(message(2, stamp_ns=-(10**9) + 2 * 10**9), 5)  # whatever it is
     assert not pipeline.nobody_in_view
+
+
+@pytest.mark.parametrize("max_people", [1, 2])
+def test_a_default_cloud_shows_nobody(max_people):
+    pipeline = Pipeline(TrackerConfig(), NodeSettings(max_people=max_people))
+    pipeline.set_camera(camera_info(BACKEND))
+    empty = raw_cloud(BACKEND, START_NS + PERIOD_NS, b"", [], 0, 0)
+    assert [frame.rejection for frame in pipeline.frames(empty, 5)] == ["too_few_landmarks"] * (max_people == 1)
+    assert pipeline.nobody_in_view and pipeline.is_informed_at(5)
 
 
 def test_placeholders_and_points_outside_are_counted(pipeline):

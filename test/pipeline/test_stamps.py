@@ -59,6 +59,24 @@ def test_one_wrong_stamp_has_no_effect(time, away_s, tracked):
     assert time.refused == ["stamp_jump"] * 4 and time.forgotten == 0
 
 
+@pytest.mark.parametrize("hz", [10, 30])
+@pytest.mark.parametrize("ahead_s", [0.45, 0.7, 1.0, 1.3])
+def test_a_wrong_stamp_a_little_ahead_is_no_loop(ahead_s, hz):
+    """It may be accepted, as after a pause of a player. The next ones are old until they have passed it."""
+    time, used = Watched(), []
+    for i in range(4 * hz):
+        if time.take(START_S + i / hz + (ahead_s if i == hz else 0.0), i / hz):
+            used.append(i)
+    assert time.forgotten == 0 and set(time.refused) <= {"old_stamp"}
+    assert used[-1] == 4 * hz - 1 and len(used) >= 4 * hz - 1 - ahead_s * hz
+    assert time.take(START_S, 4.0) and time.forgotten == 1  # a loop is still one
+
+
+def test_a_seek_after_a_wrong_stamp_is_recognised(time):
+    assert time.take(START_S + 1.65, 1.0) and not time.take(START_S + 1 + 1 / 30, 1 + 1 / 30)
+    assert time.refused == ["old_stamp"] and time.take(START_S + 0.5, 1 + 2 / 30) and time.forgotten == 1
+
+
 @pytest.mark.parametrize("away_s", [-900.0, -60.0, 3600.0])
 def test_two_messages_in_a_row_confirm_a_new_time(time, away_s):
     assert not time.take(START_S + 1 + away_s, 1)

@@ -55,7 +55,7 @@ class CameraInputs:
         self._depth = None
         if images.depth is not None:
             depth = pipeline.config.depth_topic(images.name)
-            self._depth = DepthInput(node, depth, pipeline.config, images.depth, pipeline.counts, now)
+            self._depth = DepthInput(node, depth, pipeline.config, images.depth, now)
 
     def poll(self) -> None:
         """Process the messages received so far."""

@@ -22,7 +22,7 @@ from lassokin_ros.node.inputs.polled_subscription import ignore_events
 from lassokin_ros.node.log_throttle import LogThrottle
 from lassokin_ros.node.message_types import message_class
 from lassokin_ros.node.qos import overrides
-from lassokin_ros.pipeline.depth_images import RECEIVED, DepthImages
+from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.outputs.topics import depth_type
 from lassokin_ros.pipeline.settings import NodeSettings
 
@@ -38,11 +38,9 @@ did not come in time, and falls by 1, down to 0, for one whose image did."""
 class DepthInput:
     """The node's subscription to depth images; `hold` the processing of each keypoint message."""
 
-    def __init__(
-        self, node: Node, topic: str, config: NodeSettings, images: DepthImages, counts: Any, now: float
-    ) -> None:
-        """topic: name before remapping; config: of the node; counts: the Counter of `images`; now: s, steady clock."""
-        self._node, self._images, self._counts = node, images, counts
+    def __init__(self, node: Node, topic: str, config: NodeSettings, images: DepthImages, now: float) -> None:
+        """topic: name before remapping; config: of the node; now: s, steady clock."""
+        self._node, self._images = node, images
         self._warning = LogThrottle(node.get_logger().warning, time.monotonic)
         self._waiting: deque[tuple[int | None, Callable[[], None]]] = deque()
         self._came_at, self._failed = -float("inf"), 0
@@ -80,7 +78,7 @@ class DepthInput:
 
     def check(self, now: float) -> None:
         """Log what is missing; now: s, steady clock. Call it periodically."""
-        received = self._counts[RECEIVED] > 0
+        received = self._images.received > 0
         self._missing.check(now, received)
         if self._overrides is None:
             self._match_publishers()

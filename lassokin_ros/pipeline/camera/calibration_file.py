@@ -82,7 +82,7 @@ class Calibration:
         if self.P is not None:
             message.p = self.P.reshape(12)
         try:
-            Lens.from_intrinsics(decode_camera_info(message), rectified)
+            Lens.from_intrinsics(decode_camera_info(message, rectified), rectified)
         except AdapterError as error:
             raise CameraError(str(error)) from None
         return message

@@ -227,7 +227,7 @@ class Camera:
 
     def _decode(self, message: Any) -> View:
         try:
-            intrinsics = decode_camera_info(message)
+            intrinsics = decode_camera_info(message, self._rectified)
             lens = Lens.from_intrinsics(intrinsics, self._rectified)
         except AdapterError as error:
             self.fault = str(error)

@@ -24,6 +24,8 @@ LONGEST_STEP_NS, FASTEST_M_S, FASTEST_RAD_S = 250_000_000, 5.0, 5.0
 image; beyond, it is a jump, and the newest transform is used."""
 MOST_FRAMES, LONGEST_NAME, MOST_STAMPS = 2000, 256, 10_000
 """Limits of the memory: number of frames, characters of a name, transforms of a frame within `HISTORY_NS`."""
+SMALL_TURN_RAD = 1e-6
+"""rad: half of a turn below which orientations are interpolated linearly."""
 DEEPEST = 200
 """Frames in a chain. A longer one is a loop."""
 
@@ -204,7 +206,15 @@ def _product(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def _interpolated(before: Quaternion, after: Quaternion, share: float) -> Quaternion:
-    """Return the normalised mean of two near orientations; share: 0 to 1, the weight of `after`."""
-    sign = math.copysign(1.0, math.fsum(a * b for a, b in zip(before, after)))
-    x, y, z, w = ((1 - share) * a + share * sign * b for a, b in zip(before, after))
-    return (x, y, z, w) if math.fsum((x * x, y * y, z * z, w * w)) > 0.1 else before
+    """Return the orientation on the shortest turn from `before` to `after`, at constant speed, normalised.
+
+    share: of the turn; above 1, the turn is continued.
+    """
+    cosine = math.fsum(a * b for a, b in zip(before, after))
+    half, sign = math.acos(min(abs(cosine), 1.0)), math.copysign(1.0, cosine)
+    first, last = 1 - share, share
+    if half > SMALL_TURN_RAD:
+        first, last = math.sin(first * half) / math.sin(half), math.sin(last * half) / math.sin(half)
+    x, y, z, w = (first * a + last * sign * b for a, b in zip(before, after))
+    size = math.sqrt(math.fsum((x * x, y * y, z * z, w * w)))
+    return x / size, y / size, z / size, w / size

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from lassokin_ros.pipeline.camera.camera_mount import roll_and_pitch
 from lassokin_ros.pipeline.frame_result import FrameResult
 
 LONG_S = 10.0
@@ -22,10 +23,14 @@ class BodyDirection:
 
     def __init__(self) -> None:
         self._upright_at = math.inf
-        self._angle = 0.0
+        self._angle, self._fixed = 0.0, False
 
-    def update(self, frames: Iterable[FrameResult], roll: float, now: float) -> None:
-        """Use accepted frames. roll: rad, of the camera's mount; now: s, steady clock."""
+    def update(self, frames: Iterable[FrameResult], roll: float | None, now: float) -> None:
+        """Use accepted frames. now: s, steady clock.
+
+        roll: rad, of the camera's mount; None for frames with z up, whose camera poses give it.
+        """
+        self._fixed = roll is None
         angles = [angle for frame in frames if (angle := _angle(frame, roll)) is not None]
         self._angle = min(angles, default=0.0)
         if self._angle < SIDE or math.isinf(self._upright_at):
@@ -35,6 +40,12 @@ class BodyDirection:
         """Return what is unusual about the direction, empty if nothing is. now: s."""
         if now - self._upright_at <= LONG_S:
             return ""
+        if self._fixed:
+            way = "to the side" if self._angle < DOWN else "down"
+            return (
+                f"the body has pointed {way} for more than {LONG_S:g} s: the person lies, or the image is turned, or "
+                "the camera's pose in TF is not that of its optical frame"
+            )
         if self._angle < DOWN:
             return (
                 f"the body has pointed to the side in the image for more than {LONG_S:g} s (the depth network gets a "
@@ -51,7 +62,7 @@ class BodyDirection:
         return self._angle >= DOWN
 
 
-def _angle(frame: FrameResult, roll: float) -> float | None:
+def _angle(frame: FrameResult, roll: float | None) -> float | None:
     """Return the angle between the body and up in the image, rad; None without a body, or if it is foreshortened."""
     pose = None if frame.estimate is None else frame.estimate.pose
     if pose is None or frame.skeleton is None:
@@ -61,6 +72,8 @@ def _angle(frame: FrameResult, roll: float) -> float | None:
     if high is None or low is None:
         return None
     body = frame.camera.rotation @ (pose.positions[high] - pose.positions[low])
+    if roll is None:
+        roll, _ = roll_and_pitch(frame.camera.rotation.T)
     across = math.hypot(body[0], body[1])
     if across < 0.5 * np.linalg.norm(body):
         return None

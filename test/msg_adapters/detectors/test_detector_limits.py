@@ -89,9 +89,18 @@ def test_missing_fields_are_named_with_the_existing_ones():
     message = raw_cloud(BACKEND, STAMP, bytes(48), [("x", 0, 7), ("z" * 40, 4, 7)], 16, 3)
     text = refused(CLOUD, message, "wrong_fields")
     assert text == f"the cloud has no field y, confidence, id; its fields are: x, {'z' * 32}"
-    assert "its fields are: none" in refused(CLOUD, raw_cloud(BACKEND, STAMP, b"", [], 16, 0), "wrong_fields")
+    assert "its fields are: none" in refused(CLOUD, raw_cloud(BACKEND, STAMP, bytes(16), [], 16, 1), "wrong_fields")
     many = raw_cloud(BACKEND, STAMP, bytes(48), [(f"f{i}", 0, 7) for i in range(20)], 16, 3)
     assert refused(CLOUD, many, "wrong_fields").endswith("f14, f15")
+
+
+def test_a_default_cloud_is_nobody():
+    """Its fields are not set, as if it were a message without a person."""
+    message = raw_cloud(BACKEND, STAMP, b"", [], 0, 0, FRAME)
+    message.height = 0
+    found = decode(CLOUD, message)
+    assert (found.stamp_ns, found.frame_id, len(found.ids), len(found.persons)) == (STAMP, FRAME, 0, 0)
+    assert found.by_person(17)[1].shape == (0, 17, 2)
 
 
 def test_a_cloud_without_rows_or_columns_is_empty():

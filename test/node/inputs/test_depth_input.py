@@ -23,10 +23,8 @@ class Camera:
     """Depth images at 30 Hz and the keypoints of the same time, given to a DepthInput without DDS between them."""
 
     def __init__(self, node):
-        counts = Counter()
-        self.input = DepthInput(
-            node, "aligned", NodeSettings(depth="aligned"), DepthImages(counts), counts, time.monotonic()
-        )
+        settings = NodeSettings(depth="aligned")
+        self.input = DepthInput(node, "aligned", settings, DepthImages(Counter()), time.monotonic())
         self.number = 0
         self.image()
         self.image()  # from now on the period is known
@@ -71,3 +69,17 @@ def test_keypoints_wait_again_once_images_are_there_before_them(camera):
         camera.image()
         camera.input.hold(START_NS + camera.number * PERIOD_NS, lambda: None)
     assert camera.keypoints_waited(image_in_time=True)
+
+
+def test_a_silent_depth_camera_is_logged_while_another_one_sends(monkeypatch):
+    with Peer("/second") as peer:
+        counts, cameras = Counter(), []
+        for name in ("left", "right"):
+            images, settings = DepthImages(counts), NodeSettings(cameras=("left", "right"), depth="depth")
+            cameras.append(DepthInput(peer.node, f"{name}/depth", settings, images, 0.0))
+        cameras[0]._on_image(depth_message(BACKEND, START_NS, np.full((4, 4), 3.0)))
+        told = []
+        for camera in cameras:
+            monkeypatch.setattr(camera._missing, "check", lambda now, received: told.append(received))
+            camera.check(10.0)
+        assert told == [True, False]

@@ -79,6 +79,21 @@ def test_a_nodding_head_is_interpolated_at_the_time_of_the_image():
             transforms.pose(FRAME, BASE, SECOND + ms * 1_000_000, continued=False)[0]
 
 
+@pytest.mark.parametrize(
+    "rad_s, period_s, at_s", [(4.9, 0.1, 0.05), (4.9, 0.1, 0.25), (4.9, 0.01, 0.15), (1e-7, 0.1, 0.2)]
+)
+def test_a_camera_away_from_the_axis_moves_on_a_circle(rad_s, period_s, at_s):
+    """Between the transforms, and beyond the newest one."""
+    transforms, arm = Transforms(), np.array([1.0, 0.0, 1.2])
+    for seconds in (0.0, period_s):
+        link = BASE, "turret", rpy(0, 0, rad_s * seconds)
+        transforms.add(tf_message(BACKEND, SECOND + round(1e9 * seconds), link), static=False)
+    transforms.add(tf_message(BACKEND, 0, ("turret", "camera", rpy(0, 0), arm)), static=True)
+    rotation, centre = transforms.pose("camera", BASE, SECOND + round(1e9 * at_s))
+    assert np.allclose(rotation, rpy(0, 0, rad_s * at_s).as_matrix(), atol=1e-9)
+    assert np.allclose(centre, rotation @ arm, atol=1e-9)
+
+
 def test_time_that_starts_again():
     transforms = robot(0.2, 100 * SECOND)
     robot(0.4, SECOND, transforms)  # a bag in a loop

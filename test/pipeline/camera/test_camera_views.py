@@ -55,6 +55,33 @@ def test_a_rejected_camera_keeps_the_good_one_and_a_good_one_ends_the_fault(came
     assert camera.fault == "" and focal(camera.at(None)) == 700
 
 
+P = np.array([500.0, 0, 300, 0, 0, 500, 200, 0, 0, 0, 1, 0])
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        {"distortion_model": "double_sphere", "d": np.arange(1.0, 7.0)},
+        {"d": np.full(5, np.nan)},
+        {"k": np.zeros(9)},
+        {"k": np.array([1200.0, 0, 640, 0, 1200, 480, 0, 0, 1])},
+    ],
+    ids=["model", "coefficients", "no K", "K of another size"],
+)
+def test_of_a_rectified_image_only_p_counts(raw):
+    with pytest.raises(AdapterError):
+        Camera(False).update(info(p=P, **raw))
+    camera = Camera(True)
+    camera.update(info(p=P, **raw))
+    assert focal(camera.at(None)) == 500 and not camera.fault and not camera.warning
+
+
+def test_a_p_that_is_not_of_its_image_is_refused():
+    camera = Camera(True)
+    with pytest.raises(AdapterError, match="the principal point is outside of the image"):
+        camera.update(info(p=np.array([500.0, 0, 1280, 0, 0, 500, 200, 0, 0, 0, 1, 0])))
+
+
 def test_an_unusable_lens_is_refused_with_its_reason():
     camera = Camera(True)
     with pytest.raises(AdapterError, match="'rectified' needs a rectified camera's P") as error:

@@ -1,6 +1,8 @@
 """Several cameras, and a fixed frame: what the pipeline publishes for a person whose motion is known in the map."""
 
+import shlex
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -274,6 +276,7 @@ def test_two_cameras_measure_the_height(height):
         ({"cameras": ("a", 3)}, "a list of names"),
         ({"cameras": ("a", "b"), "depth": "/depth"}, "relative name"),
         ({"fixed_frame": "odom", "camera_mount_frame": "base"}, "expected one of them"),
+        ({"cameras": ("a", "b"), "camera_mount_frame": "base"}, "expected fixed_frame in its place"),
         ({"fixed_frame": "the map"}, "name of a TF frame"),
     ],
 )
@@ -399,10 +402,22 @@ def test_the_learned_poses_are_saved_as_static_transforms(tmp_path):
     truth = RIGHT.pose_at(0)
     assert np.linalg.norm(centre - truth.centre) < 0.1
     assert np.degrees((turn * Rotation.from_matrix(truth.rotation)).magnitude()) < 0.7
-    with pytest.raises(CamerasFileError, match="cannot be written"):
-        save_cameras(play.pipeline, path / "below_a_file")
+    for impossible in (path / "below_a_file", "~nobody_of_this_name/cameras.sh", "no\0name.sh"):
+        with pytest.raises(CamerasFileError, match="cannot be written"):
+            save_cameras(play.pipeline, Path(impossible))
     with pytest.raises(CamerasFileError, match="there is one camera"):
         save_cameras(Play([LEFT], NodeSettings()).pipeline, path)
+
+
+def test_saved_commands_hold_the_frames_of_the_images_as_they_are_written():
+    name = "right cam; touch x #"
+    poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
+    play = Play([LEFT, eye(name, 90)], TWO, poses=poses).run(6.0)
+    refused = keypoints(BACKEND, eye("refused", 90), START_NS, 5.8, play.truth(5.8).landmarks[0], play.random)
+    (frame,) = play.pipeline.frames(refused, START_NS + 6 * 10**9, "right")
+    assert not frame.accepted
+    (command,) = camera_commands(play.pipeline)
+    assert shlex.split(command)[-4:] == ["--frame-id", MAP, "--child-frame-id", f"{name}_optical"]
 
 
 def test_camera_timeout_is_how_long_a_silent_camera_counts():

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 from lassokin_ros.core.body.rotations import to_quaternion
-from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.errors import LassokinError, SkeletonError
+from lassokin_ros.pipeline.outputs.description.skeleton_file import write_text
 from lassokin_ros.pipeline.pipeline import Pipeline
 
 COMMAND = "ros2 run tf2_ros static_transform_publisher"
@@ -40,7 +42,7 @@ def camera_commands(pipeline: Pipeline) -> list[str]:
         qx, qy, qz, qw = to_quaternion(pose.rotation.T[None])[0].tolist()
         commands.append(
             f"{COMMAND} --x {x:.4f} --y {y:.4f} --z {z:.4f} --qx {qx:.6f} --qy {qy:.6f} --qz {qz:.6f} --qw {qw:.6f} "
-            f"--frame-id {places.base} --child-frame-id {camera.frame_id}"
+            f"--frame-id {shlex.quote(places.base)} --child-frame-id {shlex.quote(camera.image_frame)}"
         )
     if not commands:
         raise CamerasFileError(
@@ -61,10 +63,7 @@ def _wrong_cameras(pipeline: Pipeline) -> list[str]:
 def save_cameras(pipeline: Pipeline, path: Path) -> Path:
     """Write the commands, one in a line; run the file with bash. Raises CamerasFileError."""
     commands = camera_commands(pipeline)
-    path = path.expanduser()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("".join(f"{command} &\n" for command in commands) + "wait\n", encoding="utf-8")
-    except OSError as error:
-        raise CamerasFileError(f"'{path}' cannot be written: {error.strerror or error}") from None
-    return path
+        return write_text(path, "".join(f"{command} &\n" for command in commands) + "wait\n")
+    except SkeletonError as error:
+        raise CamerasFileError(str(error)) from None

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from lassokin_ros.pipeline.camera_images import CameraImages
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT
 from lassokin_ros.pipeline.pipeline import Pipeline
 
@@ -26,6 +27,7 @@ class CameraStatus:
         self._pipeline = pipeline
         self._received: Counter[str] = Counter()
         self._changed: dict[str, float] = {}  # s: when the number of messages was last seen to change
+        self._since: float | None = None  # s: the first call
         self._sending: list[str] = []  # cameras with messages in the last period
 
     def update(self, now: float, period: float) -> dict[str, str]:
@@ -33,6 +35,7 @@ class CameraStatus:
         if self._pipeline.places is None:
             return {}
         figures, self._sending = {}, []
+        self._since = now if self._since is None else self._since
         for name, camera in self._pipeline.cameras.items():
             recent = camera.received - self._received[name]
             self._received[name] = camera.received
@@ -74,7 +77,7 @@ class CameraStatus:
         for name, camera in pipeline.cameras.items():
             if camera.camera.view is None:
                 yield f"no camera_info of camera '{name}'"
-            elif now - self._changed.get(name, now) > SILENCE_S:
+            elif now - self._changed.get(name, self._since or now) > SILENCE_S:
                 yield f"no keypoints of camera '{name}' for more than {SILENCE_S:g} s"
         yield from self._clocks()
         yield from pipeline.agreement.left_out.values()
@@ -83,7 +86,8 @@ class CameraStatus:
 
     def _clocks(self) -> Iterator[str]:
         """Yield that the stamps of two cameras are of different clocks, or one of the detectors is slower."""
-        delays = {name: camera.delay_s for name, camera in self._pipeline.cameras.items() if name in self._sending}
+        cameras = ((name, self._pipeline.cameras[name]) for name in self._sending)
+        delays = {name: camera.delay_s for name, camera in cameras if camera.delay_s is not None}
         if len(delays) < 2:
             return
         first, last = min(delays, key=delays.__getitem__), max(delays, key=delays.__getitem__)
@@ -104,3 +108,9 @@ class CameraStatus:
         if places is None or not self._sending or any(name not in places.faults for name in self._sending):
             return ""
         return places.fault
+
+
+def of_each_camera(pipeline: Pipeline, words: Callable[[CameraImages], str]) -> str:
+    """Return the words about all cameras, with the name before those about one of several."""
+    found = ((name, words(camera)) for name, camera in pipeline.cameras.items())
+    return "; ".join(f"camera '{name}': {text}" if name else text for name, text in found if text)

@@ -15,7 +15,7 @@ from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.camera_images import DEPTH_IN_MESSAGE, NOBODY, UNSCORED, UNUSED, CameraImages
 from lassokin_ros.pipeline.depth_check import MISFIT
 from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
-from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
+from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.input_checks.body_direction import BodyDirection
@@ -23,7 +23,7 @@ from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures, height_figures
-from lassokin_ros.pipeline.outputs.status.camera_status import CameraStatus
+from lassokin_ros.pipeline.outputs.status.camera_status import CameraStatus, of_each_camera
 from lassokin_ros.pipeline.outputs.status.doubt_words import doubt_words, unseen_words
 from lassokin_ros.pipeline.outputs.status.input_concerns import input_concerns
 from lassokin_ros.pipeline.people.presence import Presence
@@ -87,6 +87,8 @@ class Diagnostics:
     def _begin(self, now: float) -> None:
         self._since = now
         self._counts = Counter(self._pipeline.counts)
+        depths = ((name, camera.depth) for name, camera in self._pipeline.cameras.items())
+        self._depth_images = Counter({name: depth.received for name, depth in depths if depth is not None})
         self._times_ms: list[float] = []
         self._delays: list[float] = []
         self._misfits: list[float] = []
@@ -145,7 +147,8 @@ class Diagnostics:
         recent = Counter(self._pipeline.counts)
         recent.subtract(self._counts)
         tracking = presence.status is Status.TRACKING
-        self._direction.update(self._newest if tracking else (), self._pipeline.camera_angles[0], now)
+        roll = None if self._pipeline.config.fixed_frame else self._pipeline.camera_angles[0]
+        self._direction.update(self._newest if tracking else (), roll, now)
         figures = self._cameras.update(now, period)
         level, message = self._level_and_text(now, recent, presence.status, concern)
         values = {**self._figures(now, period, recent, presence), **figures}
@@ -157,9 +160,8 @@ class Diagnostics:
         self.concerns, self.inputs = [], []
         if not pipeline.enabled:
             return OK, "disabled by ~/set_enabled"
-        if pipeline.camera_fault:
-            kept = "; the last good one is used" if pipeline.has_camera else ""
-            return ERROR, f"camera_info refused: {pipeline.camera_fault}{kept}"
+        if refused_camera := of_each_camera(pipeline, _camera_fault):
+            return ERROR, refused_camera
         if fault := self._cameras.fault:
             return ERROR, f"no images can be used: {fault}"
         if waiting := self._waiting_for(now):
@@ -170,11 +172,10 @@ class Diagnostics:
                 f"keypoints are frozen: the same ones for more than {FROZEN_S:g} s; check that "
                 "the camera's image changes and reaches the detector"
             )
-        warning = "" if pipeline.camera.view is None else pipeline.camera.warning
         self.inputs = list(input_concerns(pipeline, recent))
         unused, direction = _unused(recent), self._direction.words(now)
         possible = (
-            warning,
+            of_each_camera(pipeline, lambda camera: "" if camera.camera.view is None else camera.camera.warning),
             unused,
             self._outside_advice(recent),
             self._fit_advice(),
@@ -185,7 +186,7 @@ class Diagnostics:
             *self.inputs,
             direction if self._direction.is_down else "",
             self._stale_advice(),
-            self._identity_advice(),
+            self._identity_advice() if status is Status.TRACKING else "",
             *self._cameras.concerns(now),
             self._doubt_concern(),
             concern,
@@ -261,13 +262,18 @@ class Diagnostics:
 
     def _outside_advice(self, recent: Counter[str]) -> str:
         """Return advice if most keypoints of the period were outside the image; else empty."""
-        if (view := self._pipeline.camera.view) is None or 2 * recent[OUTSIDE_IMAGE] <= recent["received"]:
-            return ""
-        width, height = view.size
-        return (
-            f"keypoints lie outside the image of {width} x {height} px of camera_info: check that they are "
-            "pixels of the raw image at full resolution, and that camera_info is of their camera"
-        )
+
+        def words(camera: CameraImages) -> str:
+            outside, received = recent[camera.key(OUTSIDE_IMAGE)], recent[camera.key("received")]
+            if (view := camera.camera.view) is None or 2 * outside <= received:
+                return ""
+            width, height = view.size
+            return (
+                f"keypoints lie outside the image of {width} x {height} px of camera_info: check that they are "
+                "pixels of the raw image at full resolution, and that camera_info is of their camera"
+            )
+
+        return of_each_camera(self._pipeline, words)
 
     def _fit_advice(self) -> str:
         """Return advice if the keypoints of the period do not fit a body; else empty."""
@@ -300,11 +306,9 @@ class Diagnostics:
             )
         if pipeline.depth is None:
             return ""
-        if not recent[RECEIVED]:
-            return f"no depth images on {pipeline.config.depth}: tracking without measured depth"
-        if fault := "; ".join(filter(None, map(_depth_fault, pipeline.cameras.values()))):
+        if fault := of_each_camera(pipeline, self._depth_fault):
             return fault
-        if pipeline.depth.frozen:
+        if any(camera.depth is not None and camera.depth.frozen for camera in pipeline.cameras.values()):
             return ""  # see input_concerns
         if recent[UNMATCHED] > recent[MATCHED]:
             return (
@@ -317,6 +321,15 @@ class Diagnostics:
                 "or m (32FC1) and registered to the colour image, and that the person is within the camera's range"
             )
         return ""
+
+    def _depth_fault(self, camera: CameraImages) -> str:
+        """Return why the depth images of a camera are not used; empty if they are."""
+        if camera.depth is None:
+            return ""
+        if camera.depth.received == self._depth_images[camera.name]:
+            topic = self._pipeline.config.depth_topic(camera.name)
+            return f"no depth images on {topic}: tracking without measured depth"
+        return camera.depth.fault or camera.depth_check.fault
 
     def _height_concern(self) -> str:
         """Return why the person's height is probably wrong, as measured depth shows; empty if it is not."""
@@ -413,10 +426,12 @@ def _misfit(frame: FrameResult) -> float:
     return estimate.reprojection_px / frame.lens.focal * depth / frame.skeleton.height
 
 
-def _depth_fault(camera: CameraImages) -> str:
-    """Return why the depth images of a camera are not used, with its name if it is one of several; empty if not."""
-    fault = "" if camera.depth is None else camera.depth.fault or camera.depth_check.fault
-    return f"camera '{camera.name}': {fault}" if fault and camera.name else fault
+def _camera_fault(camera: CameraImages) -> str:
+    """Return why the last camera_info of a camera was refused; empty if it was not."""
+    if not camera.camera.fault:
+        return ""
+    kept = "" if camera.camera.view is None else "; the last good one is used"
+    return f"camera_info refused: {camera.camera.fault}{kept}"
 
 
 def _unused(recent: Counter[str]) -> str:

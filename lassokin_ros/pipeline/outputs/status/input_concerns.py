@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from lassokin_ros.pipeline.camera_images import UNSCORED
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
+from lassokin_ros.pipeline.outputs.status.camera_status import of_each_camera
 from lassokin_ros.pipeline.pipeline import Pipeline
 
 
@@ -15,12 +16,12 @@ def input_concerns(pipeline: Pipeline, recent: Counter[str]) -> Iterator[str]:
     yield from filter(
         None,
         (
-            pipeline.stamp_rate.warning,
+            of_each_camera(pipeline, lambda camera: camera.stamp_rate.warning),
             _other_camera(pipeline),
             _unscored(recent),
             _frozen_depth(pipeline),
-            pipeline.own_depth.warning,
-            pipeline.landmark_ids.warning,
+            of_each_camera(pipeline, lambda camera: camera.own_depth.warning),
+            of_each_camera(pipeline, lambda camera: camera.landmark_ids.warning),
         ),
     )
 

@@ -209,6 +209,13 @@ def test_the_urdf_from_the_settings():
     assert has_prefix(urdf_from_settings(TrackerConfig(), NodeSettings()), "tracker/")
 
 
+@pytest.mark.parametrize("setting", ["fixed_frame", "base_frame"])
+def test_a_frame_with_a_leading_slash_is_the_one_without(setting):
+    """As tf2 and the results have it."""
+    slashed, plain = (NodeSettings(**{setting: name}) for name in ("/odom", "odom"))
+    assert urdf_from_settings(TrackerConfig(), slashed) == urdf_from_settings(TrackerConfig(), plain)
+
+
 def test_the_list_of_people_is_text_or_rep155s_message():
     text = id_list(BACKEND, False)
     assert text(5, "camera", ["p1", "p2"]).data == "p1,p2" and text(5, "camera", []).data == ""

@@ -34,11 +34,21 @@ def pipeline():
         limitations="",
         learned=SimpleNamespace(size_check=SimpleNamespace(wrong=False, ratio=1.0)),
     )
+    only = SimpleNamespace(
+        name="",
+        key=lambda count: count,
+        camera=SimpleNamespace(view=view, warning="", fault="", intrinsics=None),
+        depth=None,
+        depth_check=SimpleNamespace(fault=""),
+        stamp_rate=SimpleNamespace(warning=""),
+        own_depth=SimpleNamespace(warning=""),
+        landmark_ids=SimpleNamespace(warning=""),
+    )
     return SimpleNamespace(
         enabled=True,
-        camera_fault="",
+        first=only,
         has_camera=True,
-        camera=SimpleNamespace(view=view, warning=""),
+        camera=only.camera,
         counts=Counter(received=100, accepted=100),
         status=Status.TRACKING,
         ids=None,
@@ -48,14 +58,11 @@ def pipeline():
         tracker=tracker,
         trackers={"": tracker},
         places=None,
-        cameras={},
+        cameras={"": only},
         nobody_in_view=False,
         unused_confidence=0.0,
         depth=None,
         image=None,
-        stamp_rate=SimpleNamespace(warning=""),
-        own_depth=SimpleNamespace(warning=""),
-        landmark_ids=SimpleNamespace(warning=""),
         camera_angles=(0.0, 0.0),
         mount=None,
         camera_height=None,
@@ -91,9 +98,8 @@ def frame(stamp_ns=SECOND, reprojection_px=2.0, depth=3.5, repeated=0.0, deviati
 
 def give_depth(pipeline, **settings):
     """Depth images of the only camera."""
-    pipeline.depth, pipeline.config = SimpleNamespace(fault="", frozen=False), NodeSettings(**settings)
-    check, lens = SimpleNamespace(fault=""), SimpleNamespace(view=None)
-    pipeline.cameras = {"": SimpleNamespace(name="", depth=pipeline.depth, depth_check=check, camera=lens)}
+    pipeline.depth, pipeline.config = SimpleNamespace(fault="", frozen=False, received=0), NodeSettings(**settings)
+    pipeline.first.depth = pipeline.depth
 
 
 def said(diagnostics, now=11.0, **more):
@@ -112,11 +118,11 @@ def test_what_prevents_tracking_comes_first(pipeline, diagnostics):
     assert said(diagnostics, 12.1) == (WARN, "no keypoints for more than 2 s")
     assert said(diagnostics, 12.1, concern="and more") == (WARN, "no keypoints for more than 2 s; and more")
     assert said(diagnostics, 12.0) == (OK, "tracking")
-    pipeline.camera_fault = "K is wrong"
+    pipeline.camera.fault = "K is wrong"
     assert said(diagnostics) == (ERROR, "camera_info refused: K is wrong; the last good one is used")
-    pipeline.has_camera = False
+    pipeline.has_camera, pipeline.camera.view = False, None
     assert said(diagnostics) == (ERROR, "camera_info refused: K is wrong")
-    pipeline.camera_fault = ""
+    pipeline.camera.fault = ""
     assert said(diagnostics) == (WARN, "waiting for camera_info")
     assert said(diagnostics, concern="and more") == (WARN, "waiting for camera_info; and more")
     pipeline.enabled = False
@@ -226,11 +232,14 @@ def test_people_may_come_and_leave_where_no_number_of_a_message_counts(pipeline,
 def test_depth(pipeline, diagnostics):
     give_depth(pipeline, depth="/depth")
     assert said(diagnostics) == (WARN, "tracking; no depth images on /depth: tracking without measured depth")
-    pipeline.counts.update({RECEIVED: 1, MATCHED: 5, UNMATCHED: 5})
+    pipeline.depth.received += 1
+    pipeline.counts.update({MATCHED: 5, UNMATCHED: 5})
     assert said(diagnostics) == (OK, "tracking")
-    pipeline.counts.update({RECEIVED: 1, MATCHED: 5, UNMATCHED: 6})
+    pipeline.depth.received += 1
+    pipeline.counts.update({MATCHED: 5, UNMATCHED: 6})
     assert "most keypoint messages had no depth image of their time" in said(diagnostics)[1]
-    pipeline.counts.update({RECEIVED: 1, MATCHED: 5, UNMATCHED: 6})
+    pipeline.depth.received += 1
+    pipeline.counts.update({MATCHED: 5, UNMATCHED: 6})
     pipeline.depth.fault = "depth is damaged"
     assert said(diagnostics) == (WARN, "tracking; depth is damaged")
 
@@ -240,10 +249,11 @@ def test_depth_images_without_depth_at_the_person(pipeline, diagnostics, used):
     give_depth(pipeline)
     for i in range(10):
         diagnostics.count_message([frame(measured=i < used)], SECOND, 10.5, 0.001)
-    pipeline.counts.update({RECEIVED: 10, MATCHED: 10})
+    pipeline.depth.received += 10
+    pipeline.counts.update({MATCHED: 10})
     level, message = said(diagnostics)
     assert (level, "no depth near the person" in message) == ((WARN, True) if used < 2 else (OK, False))
-    pipeline.counts.update({RECEIVED: 10})
+    pipeline.depth.received += 10
     assert said(diagnostics) == (OK, "tracking")  # the next period starts anew
 
 
