@@ -23,13 +23,13 @@ def nearest(person):
 
 
 class SafetyZone(Node):
-    """Publishes 20 times per second. A person who is lost may be anywhere, and silence is not safe."""
+    """Publishes 50 times per second. A person who is lost may be anywhere, and silence is not safe."""
 
     def __init__(self):
         super().__init__("safety_zone")
         self.people = PeopleWatch(self, frame=camera_frame(self))
         self.publisher = self.create_publisher(String, "zone", 10)
-        self.create_timer(0.05, lambda: self.publisher.publish(String(data=self.verdict())))
+        self.create_timer(0.02, lambda: self.publisher.publish(String(data=self.verdict())))
 
     def verdict(self):
         """Return safe only if the images of now show that everybody is outside, or that nobody is there."""
