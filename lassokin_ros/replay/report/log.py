@@ -104,10 +104,9 @@ class Jump:
 class ReplayLog:
     """The log. It grows by about 0.4 kB per message and person, and a temporary file by 4 kB.
 
-    people: rows by person id, "" in single-person mode. details: explanation of the first
-    rejected message, by reason. late: s, the largest delay of a frame behind later messages (`smoothing_lag`). cameras:
-    their names. level: (3, 3) from the frame of the skeleton to the axes of the page, those of a
-    camera; None if they are the same.
+    people: rows by person id, "" in single-person mode. details: explanation of the first rejected message, by reason.
+    cameras: their names. level: (3, 3) from the frame of the skeleton to the axes of the page, those of a camera; None
+    if they are the same.
     """
 
     messages: list[MessageRow] = field(default_factory=list)
@@ -115,7 +114,6 @@ class ReplayLog:
     details: dict[str, str] = field(default_factory=dict)
     jumps: list[Jump] = field(default_factory=list)
     first_stamp_ns: int | None = None
-    late: float = 0.0
     cameras: Sequence[str] = ("",)
     level: np.ndarray | None = None
     _last: tuple[float, int, int] | None = None
@@ -123,7 +121,10 @@ class ReplayLog:
     _images: dict[str, ImageOfPerson] = field(default_factory=dict)
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
-        """Add the frames of one keypoint message. time_ns: recording time. seconds: tracking time."""
+        """Add the frames of one keypoint message, in the order of `FramesInOrder`.
+
+        time_ns: recording time. seconds: tracking time.
+        """
         stamp_ns = frames[0].stamp_ns if frames else time_ns
         refused = next((f.rejection for f in frames if not f.accepted), None)
         time = self._clock(stamp_ns, time_ns, refused not in STAMP_REASONS)
@@ -141,13 +142,6 @@ class ReplayLog:
         views = [(now.get(name), self._images.get(name)) for name in self.cameras]
         return person_row(frame, time, self._spool, self.level, views)
 
-    def in_order(self) -> None:
-        """Sort the rows by time; with `smoothing_lag` they may arrive out of order."""
-        if self.late > 0:
-            self.messages.sort(key=lambda row: row.time)
-            for rows in self.people.values():
-                rows.sort(key=lambda row: row.time)
-
     def _clock(self, stamp_ns: int, time_ns: int, stamp_valid: bool) -> float:
         """Return the time on the page's axis, s: by stamps, and by recording time where the stamps jump.
 
@@ -160,8 +154,6 @@ class ReplayLog:
         step, recorded = (stamp_ns - last_stamp) * 1e-9, max((time_ns - last_time) * 1e-9, 0.0)
         if not stamp_valid:
             return time + recorded
-        if -self.late <= step < 0:
-            return time + step
         if step < 0 or step > recorded + LONGEST_AHEAD_S:
             self.jumps.append(Jump(time + recorded, step))
             step = recorded

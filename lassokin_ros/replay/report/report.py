@@ -33,7 +33,7 @@ class Report:
         self._skeleton = given or pipeline.tracker.skeleton  # before calibration
         level = pipeline.level if pipeline.config.fixed_frame else None
         names = tuple(pipeline.cameras)
-        self._log = ReplayLog(late=pipeline.tracker.config.smoothing_lag, cameras=names, level=level)
+        self._log = ReplayLog(cameras=names, level=level)
         self.images = {name: ReportImages() for name in names}
         """The images of each camera, each added with the stamp of its keypoint message."""
         self.remarks: list[str] = []
@@ -60,7 +60,6 @@ class Report:
         """
         title = title.encode(errors="backslashreplace").decode()  # file names may hold bytes that are not UTF-8
         pipeline = self._pipeline
-        self._log.in_order()
         views = [camera.camera.view for camera in pipeline.cameras.values()]
         size, *others = (view.size if view is not None and min(view.size) > 0 else None for view in views)
         tracker = pipeline.tracker
