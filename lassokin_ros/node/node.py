@@ -364,7 +364,8 @@ class TrackerNode(Node):
         return response
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
-        self.get_logger().info("the clock has jumped: the state is forgotten")
+        lock = ", and the lock has ended" if self._pipeline.locked is not None else ""
+        self.get_logger().info(f"the clock has jumped: the state is forgotten{lock}")
         self._as_of_ns = self._checked_ns = 0
         if self._pipeline.transforms is not None:
             self._pipeline.transforms.clear()

@@ -176,7 +176,7 @@ class Pipeline:
 
     @property
     def locked(self) -> str | None:
-        """Id of the locked person; None if nobody is locked."""
+        """Id of the locked person, or GONE; None if nobody is locked."""
         return self.people.locked
 
     def lock(self, now_ns: int) -> str:
@@ -270,26 +270,29 @@ class Pipeline:
         """What was wrong with the user's evidence that is left out, by name."""
         return {n: fault for one in self._trackable for n, fault in one.tracker.frame_model.faults.items()}
 
-    def reset(self) -> None:
-        """Forget all people, the stamps and the depth images. The camera and the counts stay."""
+    def reset(self, unlock: bool = True) -> None:
+        """Forget all people, the stamps and the depth images. The camera and the counts stay.
+
+        unlock: see PeopleTracker.reset.
+        """
         for camera in self.cameras.values():
             if camera.depth is not None:
                 camera.depth.reset()
             camera.depth_check.reset()
         if self.places is not None:
             self.places.faults.clear()
-        self.forget_people()
+        self.forget_people(unlock)
 
-    def forget_people(self) -> None:
-        """Forget all people and the stamps."""
-        self._forget_people()
+    def forget_people(self, unlock: bool = True) -> None:
+        """Forget all people and the stamps. unlock: see PeopleTracker.reset."""
+        self._forget_people(unlock)
         for camera in self.cameras.values():
             camera.reset()
 
-    def _forget_people(self) -> list[FrameResult]:
+    def _forget_people(self, unlock: bool) -> list[FrameResult]:
         """Forget all people. Return their results that waited for `smoothing_lag`."""
         held = self.people.flush()
-        self.people.reset()
+        self.people.reset(unlock)
         if self._sets is not None:
             self._sets.reset()
         self.agreement.reset()
@@ -313,7 +316,7 @@ class Pipeline:
                 camera.depth_check.reset()  # it is not updated, see _check_depth
         self.people.tune(self.config.follow, self.config.lock)
         if resized:
-            self.reset()
+            self.reset(unlock=False)
 
     def set_camera(self, message: Any, camera: str = "") -> str | None:
         """Apply a CameraInfo message. Return the key of the reason if it is refused; the last good camera then stays.
@@ -323,7 +326,7 @@ class Pipeline:
         """
         try:
             if self.cameras[camera or self.first.name].camera.update(message):
-                self.reset()
+                self.reset(unlock=False)
         except AdapterError as error:
             self.counts[f"rejected: {error.reason}"] += 1
             return error.reason
@@ -381,7 +384,7 @@ class Pipeline:
             detail = f"camera '{camera.name}': {error}" if camera.name else str(error)
             refused = [FrameResult(camera.stamp_ns, camera.frame_id, None, error.reason, detail)]
             return refused if self._sets is None else self._counted(refused)
-        held = self._forget_people() if changed else []
+        held = self._forget_people(unlock=False) if changed else []
         if changed:
             for other in self.cameras.values():
                 if other is not camera:

@@ -25,7 +25,7 @@ from lassokin_ros.pipeline.people.choice import (
 )
 from lassokin_ros.pipeline.people.cross_view import SAME_PERSON, cross_view_cost
 from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, is_trackable, match_radius
-from lassokin_ros.pipeline.people.people_tracker import PeopleImage
+from lassokin_ros.pipeline.people.people_tracker import GONE, PeopleImage
 from lassokin_ros.pipeline.people.presence import Presence, best, reported_status
 from lassokin_ros.pipeline.people.tracked_person import Detection, Sight, TrackedPerson
 
@@ -78,6 +78,7 @@ class MultiPersonTracker:
         """
         self._follow, self._lock_first, self._lock_next = follow, lock, lock
         self._locked: int | None = None
+        self._gone = False  # whether the locked person was forgotten
         self._guessed: set[int] = set()
         self._newest: dict[int, Detection] = {}  # the newest detection, by person
         self._newest_ns = 0
@@ -112,7 +113,7 @@ class MultiPersonTracker:
     @property
     def locked(self) -> str | None:
         """See PeopleTracker.locked."""
-        return None if self._locked is None else name(self._locked)
+        return GONE if self._gone else None if self._locked is None else name(self._locked)
 
     def tune(self, follow: str, lock: bool) -> None:
         """See PeopleTracker.tune."""
@@ -129,19 +130,19 @@ class MultiPersonTracker:
             number = list(there)[preferred(self._follow, list(there.values()))]
         if number is None or number not in there:
             raise NoPersonError(nobody_to_lock(self._follow, len(there)))
-        self._locked, self._lock_next = number, False
+        self._locked, self._gone, self._lock_next = number, False, False
         self._guessed.discard(number)
         return name(number)
 
     def release(self) -> None:
         """See PeopleTracker.release."""
-        self._locked, self._lock_next = None, False
+        self._locked, self._gone, self._lock_next = None, False, False
 
     def presence_at(self, stamp_ns: int, forget_after: float, stale_after: float = math.inf) -> Presence:
         """See PeopleTracker.presence_at."""
         there = {key: person for key, person in self.tracked.items() if person.unseen_s(stamp_ns) <= forget_after}
-        if self._locked is not None:
-            locked = there.get(name(self._locked))
+        if self.locked is not None:
+            locked = there.get(self.locked)
             status = Status.LOST if locked is None else reported_status(locked, stamp_ns, stale_after)
             return Presence(status, list(there))
         return Presence(best(reported_status(one, stamp_ns, stale_after) for one in there.values()), list(there))
@@ -162,15 +163,19 @@ class MultiPersonTracker:
             for number, newest in self._sights.items()
         }
 
-    def reset(self) -> None:
-        """Forget all people. Numbers are not reused, so that nobody inherits the id of another person."""
+    def reset(self, unlock: bool = True) -> None:
+        """Forget all people. Numbers are not reused, so that nobody inherits the id of another person.
+
+        unlock: see PeopleTracker.reset.
+        """
         for number in list(self._present):
             self._remove(number)
         for person in self._idle:
             person.reset()
         self._left.clear()
         self._candidates.clear()
-        self._locked, self._lock_next = None, self._lock_first
+        self._gone = self.locked is not None and not unlock
+        self._locked, self._lock_next = None, self._lock_first and not self._gone
 
     def update(self, images: Sequence[PeopleImage], frame_id: str, forget_after: float) -> list[FrameResult]:
         """Track the people of one image, or of one instant; see PeopleTracker.update. Returns accepted results only."""
@@ -221,15 +226,19 @@ class MultiPersonTracker:
         return pairs
 
     def _give_up_number(self, sight: Sight) -> None:
-        """Remove a person of the number of a sight if the number is not the detector's, and the person is elsewhere."""
+        """Remove a person of the number of a sight if the number is not the detector's, and the sight not the person.
+
+        It is the person if the last image showed the person there, too.
+        """
         number = sight.seen.number
         if number not in self._made:
             return
         self._made.remove(number)
-        row = list(self._present).index(number)
-        if self._distances(sight.stamp_ns, [sight])[row, 0] > NEAR:
+        row, gone = list(self._present).index(number), self._present[number].seen_ns != self._newest_ns
+        if gone or self._distances(sight.stamp_ns, [sight])[row, 0] > NEAR:
             self._remove(number)
-            self._locked = None if self._locked == number else self._locked
+            if self._locked == number:
+                self._locked, self._gone = None, True
 
     def _track(
         self, image: PeopleImage, frame_id: str, pairs: dict[int, list[Sight]], persistent: bool

@@ -34,6 +34,10 @@ class PeopleImage:
     sampled: Keypoints | None = None
 
 
+GONE = "gone"
+"""In place of the id of a locked person who was forgotten. Nobody is taken for that person until the lock ends."""
+
+
 class PeopleTracker(Protocol):
     """Assigns the detections of each image to tracked people. One implementation per number of people."""
 
@@ -54,7 +58,7 @@ class PeopleTracker(Protocol):
 
     @property
     def locked(self) -> str | None:
-        """Id of the locked person; None if nobody is locked."""
+        """Id of the locked person, or GONE; None if nobody is locked."""
         ...
 
     def presence_at(self, stamp_ns: int, forget_after: float, stale_after: float = math.inf) -> Presence:
@@ -79,8 +83,8 @@ class PeopleTracker(Protocol):
         """Return the results that wait for `smoothing_lag`. No message follows."""
         ...
 
-    def reset(self) -> None:
-        """Forget all people."""
+    def reset(self, unlock: bool = True) -> None:
+        """Forget all people. unlock: whether a lock ends too; otherwise it stays, on nobody (`GONE`)."""
         ...
 
     def tune(self, follow: str, lock: bool) -> None:

@@ -119,11 +119,11 @@ class PerBodyPipeline(Pipeline):
         mine.stamp_rate, mine.own_depth, mine.landmark_ids = theirs.stamp_rate, theirs.own_depth, theirs.landmark_ids
         return [replace(frame, person=person, label=person) for frame in frames]
 
-    def reset(self) -> None:
+    def reset(self, unlock: bool = True) -> None:
         """Forget the state of all people. The list of people, the camera and the counts stay."""
         with self._uncounted_resets():
             for pipeline in self._all:
-                pipeline.reset()
+                pipeline.reset(unlock)
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:

@@ -31,7 +31,7 @@ from lassokin_ros.pipeline.people.choice import (
 from lassokin_ros.pipeline.people.cross_view import same_person
 from lassokin_ros.pipeline.people.image_tracks import RIVAL, ImageTrack, ImageTracks
 from lassokin_ros.pipeline.people.matching import is_trackable
-from lassokin_ros.pipeline.people.people_tracker import PeopleImage
+from lassokin_ros.pipeline.people.people_tracker import GONE, PeopleImage
 from lassokin_ros.pipeline.people.presence import Presence, reported_status
 from lassokin_ros.pipeline.people.tracked_person import Detection, Sight, TrackedPerson
 
@@ -58,6 +58,7 @@ class SinglePersonTracker:
 
     def _forget_identity(self) -> None:
         self._locked, self._guessed, self._lock_next = False, False, self._lock_first
+        self._gone = False  # whether the locked person was forgotten
         self._views: dict[str, _View] = {}
         self._left_ns: int | None = None  # last sight of a person without a number, after whom there was a new id
 
@@ -74,7 +75,7 @@ class SinglePersonTracker:
     @property
     def locked(self) -> str | None:
         """See PeopleTracker.locked."""
-        return self._id if self._locked else None
+        return GONE if self._gone else self._id if self._locked else None
 
     @property
     def _id(self) -> str:
@@ -93,13 +94,16 @@ class SinglePersonTracker:
         left, self._left = self._left, []
         return left + self._person.flush()
 
-    def reset(self) -> None:
-        """Forget the person. The next message chooses a person anew, under a new id."""
+    def reset(self, unlock: bool = True) -> None:
+        """Forget the person. The next message chooses a person anew, under a new id; nobody if a lock stays."""
+        gone = self._locked and not unlock
         if self._person.seen_ns is not None:
             self._number_of_person = max(self._number_of_person, 1) + 1
         self._person.reset()
         self._left.clear()
         self._forget_identity()
+        if gone:
+            self._locked, self._gone, self._lock_next = True, True, False
 
     def tune(self, follow: str, lock: bool) -> None:
         """See PeopleTracker.tune."""
@@ -130,7 +134,7 @@ class SinglePersonTracker:
 
     def _lock_followed(self, view: _View) -> None:
         """Lock the followed person. One without a number is known by place from now on."""
-        self._locked, self._lock_next = True, False
+        self._locked, self._gone, self._lock_next = True, False, False
         if view.followed is None and view.unnumbered is not None:
             view.tracks.clear()
             view.tracks.update(view.unnumbered_ns, [view.unnumbered], False, math.inf)
@@ -138,7 +142,7 @@ class SinglePersonTracker:
 
     def release(self) -> None:
         """See PeopleTracker.release."""
-        self._locked = self._lock_next = False
+        self._locked = self._gone = self._lock_next = False
 
     def update(self, images: Sequence[PeopleImage], frame_id: str, forget_after: float) -> list[FrameResult]:
         """Track the followed person; see PeopleTracker.update. A refused message gives a result with the reason."""
@@ -186,11 +190,13 @@ class SinglePersonTracker:
         if elsewhere := self._sight_elsewhere(view):
             if followed is None or self._person.seen_ns is None or followed.unseen_s(stamp_ns) > GUESS_AFTER_S:
                 followed = view.followed = self._found_again(view, elsewhere)
-        elif followed is None or self._is_forgotten(view, patience):
+        elif self._is_free(view, patience):
             followed = self._choose_anew(view)
         if followed is None:
             return self._nobody(people)
-        return followed.detection if followed.seen_ns == stamp_ns else self._nobody(())
+        if followed.seen_ns == stamp_ns:
+            return followed.detection
+        return self._nobody(() if image.persistent else people)
 
     def _is_followed(self, image: PeopleImage, one: Detection) -> bool:
         """Return True if a detection in an image shows the followed person, and no bystander."""
@@ -242,13 +248,15 @@ class SinglePersonTracker:
         found = same_person(elsewhere, candidates, self._person.tracker.learned.size_check, RIVAL)
         return None if found is None else tracks[candidates.index(found)]
 
-    def _is_forgotten(self, view: _View, patience: float) -> bool:
-        """Return True if the followed person has left, so that another one may be followed."""
-        if self._person.seen_ns is None and not self._locked:
-            return True  # never tracked: there is nothing to keep
+    def _is_free(self, view: _View, patience: float) -> bool:
+        """Return True if another person may be followed: nobody is yet, or the followed person has left."""
+        if self._locked:
+            return False
+        if self._person.seen_ns is None or all(one.followed is None for one in self._views.values()):
+            return True
         followed, stamp_ns = view.followed, view.seen_ns
         absent = followed is None or followed.seen_ns != stamp_ns or not self._is_trackable(followed.detection)
-        return absent and not self._locked and self._person.unseen_s(stamp_ns) > patience
+        return absent and self._person.unseen_s(stamp_ns) > patience
 
     def _choose_anew(self, view: _View) -> ImageTrack | None:
         """Follow the best person in the image. Return the track, None if nobody can be tracked."""
@@ -289,15 +297,23 @@ class SinglePersonTracker:
         Without it the message would be refused for too few landmarks. This reason would be misleading, because it
         suggests that the detector's confidences are too low.
         """
-        keypoints, followed = image.keypoints, self._views[image.camera.name].followed
-        if followed is None or followed.seen_ns == image.stamp_ns:
+        keypoints, view = image.keypoints, self._views[image.camera.name]
+        followed = view.followed
+        if followed is None and not self._gone or followed is not None and followed.seen_ns == image.stamp_ns:
             return ""
+        if not image.persistent and not view.tracks.seen_at(image.stamp_ns):
+            return ""  # those who are shown in part may be the followed person
         config = self._person.tracker.config
         confident = keypoints.present & (keypoints.confidence >= config.min_confidence)
         numbers = np.zeros(len(confident)) if keypoints.persons is None else keypoints.persons
         others = len(np.unique(numbers[confident]))
         if not others:
             return ""
+        if followed is None:
+            return (
+                "the person who was locked is not known any more, because the height or the camera has changed, or time "
+                f"jumped back; nobody among the {others} in the message is followed until ~/lock is called"
+            )
         number = followed.detection.number
         who = f"person {number} is not" if image.persistent else "nobody is near the predicted position"
         waits = f"another person is followed after forget_after {forget_after:g} s"

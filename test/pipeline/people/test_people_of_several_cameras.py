@@ -94,6 +94,22 @@ def test_a_person_can_be_locked_while_another_camera_sees_nobody(max_people, lat
     assert rig.pipeline.locked in rig.pipeline.people.ids if max_people > 1 else rig.pipeline.locked == "p1"
 
 
+@pytest.mark.parametrize("lock", [True, False])
+def test_a_stranger_before_another_camera_replaces_nobody_before_forget_after(lock):
+    rig = Rig("left", "right", lock=lock, forget_after=2.0)
+    whole = np.full(17, 0.9)
+    for index in range(100):
+        me = {1: (rig.pixels("left", index), whole)} if index < 10 else {}
+        stranger = {9: (rig.pixels("right", index, (1.0, 1.0, 0.0)), whole)} if index > 25 else {}
+        frames = rig.send("left", index, me) + rig.send("right", index, stranger)
+        if any(frame.accepted for frame in frames):
+            last = index
+        if index == 60:
+            assert last == 9
+    assert last == (9 if lock else 99)
+    assert frames[-1].label == ("p1" if lock else "p2") and rig.pipeline.locked == ("p1" if lock else None)
+
+
 def test_too_many_people_in_one_image_are_refused_without_the_other_cameras():
     rig = Rig("left", "right")
     for index in range(6):

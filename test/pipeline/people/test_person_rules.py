@@ -12,7 +12,7 @@ from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.multi_person import MOST_REINITIALISED, MultiPersonTracker
-from lassokin_ros.pipeline.people.people_tracker import PeopleImage
+from lassokin_ros.pipeline.people.people_tracker import GONE, PeopleImage
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.single_person import SinglePersonTracker
 from msg_adapters.keypoints import Keypoints
@@ -254,9 +254,35 @@ def test_a_number_made_by_the_node_is_given_up_if_the_detector_gives_it_to_anoth
     assert room.tracker.lock() == "p6" and room.tracker.ids == ["p5", "p6"]
     stranger = room.tracker.tracked["p6"]
     assert room.see(4, (0, 0), (x, 0), numbers=[5, 6]) == ["p5", "p6"]
-    assert (len(stranger.resets), room.tracker.locked) == ((0, "p6") if same else (1, None))
+    assert (len(stranger.resets), room.tracker.locked) == ((0, "p6") if same else (1, GONE))
     assert room.see(5, (0, 0), (9, 9), numbers=[5, 6]) == ["p5", "p6"]  # from then on it is the detector's
     assert len(stranger.resets) == (0 if same else 1)
+
+
+def test_a_number_made_by_the_node_is_nobodys_after_an_image_without_the_person(room):
+    """The detector calls the person 7 from then on. Its own number 6 is that of somebody who stands behind."""
+    room.see(0, (0, 0), numbers=[5])
+    for index in range(1, 4):
+        room.see(index, (0, 0), (5, 0))
+    room.tracker.tune("p6", False)
+    assert room.tracker.lock() == "p6"
+    assert room.see(4, (0, 0), (5, 0), numbers=[5, 7]) == ["p5", "p7"]
+    first = room.tracker.tracked["p6"]
+    assert room.see(5, (0, 0), (5, 0), (5.1, 0), numbers=[5, 7, 6]) == ["p5", "p7", "p6"]
+    assert first.resets and room.tracker.locked == GONE
+    assert room.tracker.presence_at(SECOND + 5 * PERIOD, 3.0, 0.4).status is Status.LOST
+
+
+def test_the_lock_of_a_person_who_was_forgotten_stays_on_nobody(room):
+    room.see(0, (0, 0), (5, 0), numbers=[7, 9])
+    assert room.tracker.lock() == "p7"
+    room.tracker.reset(unlock=False)
+    assert room.see(1, (0, 0), (5, 0), numbers=[7, 9]) == ["p7", "p9"]
+    assert room.tracker.locked == GONE
+    assert room.tracker.presence_at(SECOND + PERIOD, 3.0, 0.4) == Presence(Status.LOST, ["p7", "p9"])
+    assert room.tracker.lock() == "p7" == room.tracker.locked
+    room.tracker.reset()
+    assert room.tracker.locked is None
 
 
 def test_a_reset_forgets_unconfirmed_people(room):
@@ -494,6 +520,29 @@ def test_a_person_without_a_number_is_locked_by_place(followed, by_call):
     assert followed.tracker.lock() == "p2"
     assert followed.see(602, (0, 5.0, 0.9), numbered=False) == 5.0
     assert followed.see(603, (0, 0.0, 0.9), numbered=False) == "person_absent"
+
+
+@pytest.mark.parametrize("by_call", [True, False])
+@pytest.mark.parametrize("numbered", [True, False])
+def test_a_locked_person_who_was_forgotten_is_replaced_by_nobody(followed, numbered, by_call):
+    if not by_call:
+        followed.tracker.tune("confident", True)
+    assert followed.see(0, (4, 0.0, 0.9), numbered=numbered) == 0.0
+    if by_call:
+        followed.tracker.lock()
+    followed.tracker.reset(unlock=False)
+    for index in (1, 200):
+        assert followed.see(index, (7, 0.0, 0.9), numbered=numbered) == "person_absent"
+        assert "until ~/lock is called" in followed.detail and followed.tracker.locked == GONE
+    assert followed.tracker.lock() == "p2" == followed.tracker.locked
+    assert followed.see(201, (7, 0.0, 0.9), numbered=numbered) == 0.0
+
+
+def test_a_locked_person_without_a_number_who_is_seen_in_part_is_not_called_absent(followed):
+    assert followed.see(0, (4, 0.0, 0.9), numbered=False) == 0.0
+    followed.tracker.lock()
+    followed.person.refuses = True
+    assert followed.see(1, (4, 0.0, 0.9), numbered=False, points=1) == "too_few_landmarks"
 
 
 @pytest.mark.parametrize("numbered", [True, False])
