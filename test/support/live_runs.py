@@ -1,5 +1,7 @@
 """Run the tests with running nodes several times, also beside busy loops, and print a line per run.
 
+As in `make test`, two processes share them: the tests of `test/node`, and the others.
+
 python test/support/live_runs.py [--runs 10] [--load 2] [FILE ...]
 """
 
@@ -43,7 +45,8 @@ def processor_time():
 
 def run(files, number):
     """Run the tests once and print the result; the output is printed if one fails. Return True if none failed."""
-    command = [sys.executable, "-m", "pytest", "-p", "no:xdist", "-p", "no:cacheprovider", "-v", "--tb=short", *files]
+    shared = ["--numprocesses", "2", "--dist", "loadgroup"]
+    command = [sys.executable, "-m", "pytest", *shared, "-p", "no:cacheprovider", "-v", "--tb=short", *files]
     started, used = time.monotonic(), processor_time()
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     if done.returncode:

@@ -311,8 +311,8 @@ class SinglePersonTracker:
             return ""
         if followed is None:
             return (
-                "the person who was locked is not known any more, because the height or the camera has changed, or time "
-                f"jumped back; nobody among the {others} in the message is followed until ~/lock is called"
+                "the person who was locked is not known any more, because height, camera or time have changed; "
+                f"nobody among the {others} in the message is followed until ~/lock is called"
             )
         number = followed.detection.number
         who = f"person {number} is not" if image.persistent else "nobody is near the predicted position"
