@@ -25,7 +25,7 @@ class FollowPerson(Node):
     def on_timer(self):
         """Drive to a person who is tracked now. A person found again by a guess may be somebody else."""
         command = Twist()
-        for person in [one for one in self.people.tracked() if not one["guessed"]][:1]:
+        for person in [one for one in self.people.followed() if not one["guessed"]][:1]:
             wanted = min(0.5 * max(float(person["z"]) - 1.5, 0.0), 0.5)
             command.linear.x = min(wanted, self.speed + 0.5 * 0.05)
             command.angular.z = max(min(math.atan2(-person["x"], person["z"]), 1.0), -1.0)

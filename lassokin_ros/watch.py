@@ -184,8 +184,8 @@ class PeopleWatch:
         """Return all people of the newest message, also those who are lost, the nearest one first; none if not known.
 
         The fields are x, y, z (m), vx, vy, vz (m/s, over ground if the tracker has a fixed frame), xx to zz (m^2),
-        confidence, age (s), person, tracked, detector_id, guessed, doubtful. The nearest one is that to the origin of
-        `frame_id`.
+        confidence, age (s), person, tracked, detector_id, guessed, doubtful, locked. The nearest one is that to the
+        origin of `frame_id`. People in the image whom the tracker does not follow come last: their place is NaN.
         """
         people = self._read()
         if people is None:
@@ -199,3 +199,14 @@ class PeopleWatch:
             return people
         fresh = self.age(self._people.header) + people["age"] <= self._stale_s
         return people[(people["tracked"] == 1) & fresh]
+
+    def followed(self) -> np.ndarray:
+        """Return whom a robot may follow: those of `tracked`, the locked person alone if somebody is locked.
+
+        Nobody while the state is not "tracking": the locked person may be lost.
+        """
+        people = self.tracked()
+        if len(people) == 0 or self.state != TRACKING:
+            return people[:0]
+        locked = people["locked"] == 1
+        return people[locked] if self.everybody()["locked"].any() else people

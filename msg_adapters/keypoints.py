@@ -52,6 +52,7 @@ class Keypoints:
     depth_age: s by which `depth` is older than the image of the keypoints.
     landmarks: number of landmarks of the detector's layout, None if the message does not tell.
     depth_note: why depths in the message are not used, in words; empty if they are, or if there are none.
+    unplaced: number of people whom the detector reports without keypoints.
     """
 
     stamp_ns: int | None
@@ -66,6 +67,7 @@ class Keypoints:
     depth_age: float = 0.0
     landmarks: int | None = None
     depth_note: str = ""
+    unplaced: int = 0
 
     @cached_property
     def unscored(self) -> int:

@@ -279,9 +279,9 @@ class TrackerNode(Node):
         self._scene.repeat(self._as_of_ns)
 
     def _inputs_connected(self) -> bool:
-        """Return True if a detector publishes keypoints, or with one topic per body, the list of bodies."""
+        """Return True if each camera's detector publishes keypoints, or with one topic per body, the list of bodies."""
         if self._keypoints:
-            return any(keypoints.publishers > 0 for keypoints in self._keypoints)
+            return all(keypoints.publishers > 0 for keypoints in self._keypoints)
         return self._bodies is not None and self._bodies.publishers > 0
 
     def _publish_diagnostics(self) -> None:

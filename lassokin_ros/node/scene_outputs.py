@@ -101,8 +101,10 @@ class SceneOutputs:
         self._update_state()
 
     def _publish_people(self, image: Image) -> None:
-        limits = self._pipeline.reported_lost_after, self._pipeline.config.forget_after
-        publish(self._people_out, self._people.build(image, *limits))
+        pipeline = self._pipeline
+        limits = pipeline.reported_lost_after, pipeline.config.forget_after
+        more = pipeline.untracked_at(image[0]), pipeline.locked
+        publish(self._people_out, self._people.build(image, *limits, *more))
         self._people_at = time.monotonic()
 
     def _publish_state(self) -> None:

@@ -22,7 +22,7 @@ from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
 from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
 from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage
-from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, checked_positions
+from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, checked_positions, people_shown
 from lassokin_ros.pipeline.settings import MESSAGE, NodeSettings
 from lassokin_ros.pipeline.stamps import StampWatch
 from msg_adapters.detectors.registry import keypoint_adapter
@@ -98,8 +98,9 @@ class CameraImages:
         self.stamp_ns, self.frame_id = arrival_ns, ""
         keypoints, view = self._decode(message)
         self.frame_id = keypoints.frame_id or view.intrinsics.frame_id
-        keypoints = self._remove_placeholders(keypoints, view)
-        self._count_nobody_and_outside(keypoints, view)
+        decoded, keypoints = keypoints, self._remove_placeholders(keypoints, view)
+        shown = people_shown(decoded, keypoints, self.tracker_config.min_confidence)
+        self._count_nobody_and_outside(keypoints, view, shown)
         if keypoints.stamp_ns is None:
             self.counts["unstamped"] += 1
         else:
@@ -108,7 +109,8 @@ class CameraImages:
         stamp_ns = self.stamp_ns = keypoints.stamp_ns or self.stamps.estimate(arrival_ns)
         keypoints, sampled = self._with_depth(self.own_depth.checked(keypoints, stamp_ns), stamp_ns, view)
         lasting = self._has_persistent_numbers(keypoints)
-        image = PeopleImage(keypoints, stamp_ns, self.frame_id, view.lens, lasting, stamped, self._unplaced, sampled)
+        where = keypoints, stamp_ns, self.frame_id, view.lens
+        image = PeopleImage(*where, lasting, stamped, self._unplaced, sampled, shown)
         if self.name:
             # Raises AdapterError here: the images of other cameras must not suffer from this one.
             detections_by_person(keypoints, len(self._layout.names), view.lens)
@@ -155,9 +157,9 @@ class CameraImages:
             self.counts[PLACEHOLDERS] += 1
         return kept
 
-    def _count_nobody_and_outside(self, keypoints: Keypoints, view: View) -> None:
+    def _count_nobody_and_outside(self, keypoints: Keypoints, view: View, shown: int) -> None:
         confident = keypoints.confidence >= self.tracker_config.min_confidence  # others may be out of view
-        self.nobody_in_view = not np.count_nonzero(confident & keypoints.present)
+        self.nobody_in_view = shown == 0
         if self.nobody_in_view:
             self.counts[NOBODY] += 1
             self.unused_confidence = float(keypoints.confidence.compress(keypoints.present).max(initial=0.0))

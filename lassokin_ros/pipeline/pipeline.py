@@ -45,7 +45,6 @@ from lassokin_ros.pipeline.people.tracked_person import Sight, TrackedPerson
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 from msg_adapters.errors import AdapterError
-from msg_adapters.keypoints import Keypoints
 
 
 class Pipeline:
@@ -100,8 +99,11 @@ class Pipeline:
         self.agreement = CameraAgreement(layout.names)
         """Which of several cameras contradicts the others about the one person who is followed."""
         self.detector_connected = True
-        """False if nobody publishes keypoints. Set by the node; a recording has no such knowledge."""
-        self._refused = False  # the last message was refused as a whole
+        """False if nobody publishes keypoints of a camera. Set by the node; a recording has no such knowledge."""
+        self._refused: set[str] = set()  # cameras whose last message was refused as a whole
+        self._used_ns: dict[str, int] = {}  # arrival of the last message that was used, by camera
+        self._untracked: dict[str, tuple[int, int]] = {}  # stamp of the last image, ns, and number of people who are
+        # in it and were not tracked, by camera
         self._untracked_ns: int | None = None  # arrival of the last message with keypoints of whom nobody was tracked
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
         self.image: tuple[int, str] | None = None
@@ -218,10 +220,10 @@ class Pipeline:
     def is_informed_at(self, now_ns: int) -> bool:
         """Return True if it is known whether somebody is in view, at a time in ns of the arrival clock.
 
-        It is known from a usable message of the last `stale_after`, also from one that shows nobody; but not from
-        keypoints that could not be used, such as those of a frozen detector or of a person who is too near. With
-        `silent_when_empty` it is known from silence, too, while a detector is connected. If a person is locked, nobody
-        else counts.
+        It is known from usable messages of all cameras in the last `stale_after`, also from those that show nobody; but
+        not from keypoints that could not be used, such as those of a frozen detector or of a person who is too near.
+        With `silent_when_empty` it is known from silence, too, while all detectors are connected. If a person is
+        locked, nobody else counts.
         """
         if not (self.enabled and self.has_camera) or self._refused or self.locked is not None:
             return False
@@ -229,10 +231,18 @@ class Pipeline:
             return False
         if self.config.silent_when_empty:
             return self.detector_connected
-        if self._latest is None:
-            return False
-        arrival_ns = self._latest[1]
-        return arrival_ns == 0 or now_ns - arrival_ns <= self.config.stale_after * 1e9
+        arrivals = self._used_ns.values()
+        fresh = all(at_ns == 0 or now_ns - at_ns <= self.config.stale_after * 1e9 for at_ns in arrivals)
+        return fresh and len(arrivals) == len(self.cameras)
+
+    def untracked_at(self, stamp_ns: int) -> int:
+        """Return the number of people who are in the newest images and are not tracked, at a stamp in ns.
+
+        Of several cameras, it is that of the camera with most of them.
+        """
+        longest_ns = max(self.config.forget_after, self.reported_lost_after) * 1e9
+        counts = (count for seen_ns, count in self._untracked.values() if 0 <= stamp_ns - seen_ns <= longest_ns)
+        return max(counts, default=0)
 
     def image_at(self, now_ns: int) -> tuple[int, str]:
         """Return stamp (ns) and frame_id for an output at a time in ns of the arrival clock, if no message arrives.
@@ -297,6 +307,7 @@ class Pipeline:
             self._sets.reset()
         self.agreement.reset()
         self._latest = self.image = self._untracked_ns = None
+        self._used_ns, self._untracked = {}, {}
         self.counts["resets"] += 1
         return held
 
@@ -380,7 +391,7 @@ class Pipeline:
         try:
             image, changed = camera.image(message, arrival_ns)
         except AdapterError as error:
-            self._refused = self._sets is None  # the other cameras tell whether somebody is in view
+            self._refused.add(camera.name)
             detail = f"camera '{camera.name}': {error}" if camera.name else str(error)
             refused = [FrameResult(camera.stamp_ns, camera.frame_id, None, error.reason, detail)]
             return refused if self._sets is None else self._counted(refused)
@@ -417,9 +428,10 @@ class Pipeline:
                 tracked.tracker.floor_below = self._floor_below
             frames = self.people.update(placed, frame_id, self.config.forget_after)
         except AdapterError as error:
-            self._refused = self._sets is None
+            self._refused |= {image.camera.name for image in images}
             return [FrameResult(stamp_ns, images[0].frame_id, None, error.reason, str(error))]
-        self._refused = False
+        self._refused -= {image.camera.name for image in images}
+        self._used_ns |= {image.camera.name: arrival_ns for image in placed}
         self._note_untracked(images, frames, arrival_ns)
         if self._sets is not None:
             frames = self._without_absences(frames, stamp_ns)
@@ -433,16 +445,15 @@ class Pipeline:
         return frames
 
     def _note_untracked(self, images: Sequence[PeopleImage], frames: Sequence[FrameResult], arrival_ns: int) -> None:
-        """Note if images show somebody, and nobody could be tracked."""
+        """Note how many people in each image were not tracked, and if images show somebody, and nobody was tracked."""
+        for image in images:
+            name, stamp_ns = image.camera.name, image.stamp_ns
+            tracked = sum(person.seen_by.get(name) == stamp_ns for person in self.people.tracked.values())
+            self._untracked[name] = stamp_ns, max(image.shown - tracked, 0)
         if any(frame.accepted for frame in frames):
             self._untracked_ns = None
-        elif any(np.count_nonzero(self._is_shown(image.keypoints)) for image in images):
+        elif any(image.shown for image in images):
             self._untracked_ns = arrival_ns
-
-    def _is_shown(self, keypoints: Keypoints) -> np.ndarray:
-        """Return (k,) bool, the keypoints that show somebody."""
-        shown: np.ndarray = keypoints.present & (keypoints.confidence >= self.tracker.config.min_confidence)
-        return shown
 
     def _placed(self, images: Sequence[PeopleImage]) -> tuple[Sequence[PeopleImage], str]:
         """Return the images whose camera has a pose, and the frame of the results.

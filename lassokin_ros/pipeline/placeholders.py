@@ -84,6 +84,26 @@ def without_placeholders(keypoints: Keypoints, size: tuple[int, int]) -> Keypoin
     return replace(keypoints, xy=xy)
 
 
+def people_shown(keypoints: Keypoints, kept: Keypoints, min_confidence: float) -> int:
+    """Return the number of people in an image, by keypoints of at least `min_confidence`.
+
+    keypoints: as in the message; kept: without placeholders. A person of placeholders alone, such as one at the border
+    of the image who is very near, counts if they are far apart: detectors write nobody as one position.
+    """
+    confident = keypoints.present & (keypoints.confidence >= min_confidence)
+    found, numbers = [confident], keypoints.persons
+    if numbers is not None:
+        found = [confident & (numbers == number) for number in np.unique(numbers[confident])]
+    return keypoints.unplaced + sum(_is_somebody(keypoints, kept, own) for own in found)
+
+
+def _is_somebody(keypoints: Keypoints, kept: Keypoints, own: np.ndarray) -> bool:
+    """Return True if the keypoints `own` (k,) bool are those of a person, see `people_shown`."""
+    if np.count_nonzero(own) == 0:
+        return False
+    return bool(np.count_nonzero(own & kept.present)) or float(np.ptp(keypoints.xy[own], axis=0).max()) >= SMALLEST_PX
+
+
 def _is_usual(keypoints: Keypoints, size: tuple[int, int]) -> bool:
     """Return True if the keypoints surely hold neither placeholders nor fractions. This takes a fifth of the time of
     the full tests.

@@ -316,7 +316,8 @@ class SceneMessages:
         config = pipeline.tracker.config
         for image, people in images_of(frames, pipeline.image, config.smoothing_lag > 0):
             self._people.update(people, pipeline.ids)
-            message = self._people.build(image, pipeline.reported_lost_after, pipeline.config.forget_after)
+            limits = pipeline.reported_lost_after, pipeline.config.forget_after
+            message = self._people.build(image, *limits, pipeline.untracked_at(image[0]), pipeline.locked)
             yield self._name, self._type, message
             skeletons = self._skeletons.build(image, people)
             yield self._skeletons_name, topics.SKELETONS_OUTPUT.message_type, skeletons

@@ -18,13 +18,14 @@ def gather(
     depth_of_surface: bool = True,
     depth_note: str = "",
     layout_size: int | None = None,
+    unplaced: int = 0,
 ) -> Keypoints:
     """Return the keypoints of people, each a list of (landmark, x px, y px, confidence).
 
     ids: the tracker's id of each person. If an id is no integer >= 0 or is repeated, the detector has no tracker. The
     people are then numbered in the order of the message, and the numbers are not persistent.
     depths: m, of each point of each person, NaN = not measured; None if the message has no depth. depth_note,
-    layout_size: as in Keypoints, there `landmarks`.
+    layout_size, unplaced: as in Keypoints, there `landmarks` and `unplaced`.
     """
     numbers = [int(text) if text.isascii() and text.isdigit() and len(text) < 19 else -1 for text in ids]
     persistent = len(set(numbers)) == len(numbers) and min(numbers, default=0) >= 0
@@ -50,4 +51,5 @@ def gather(
         depth_of_surface,
         landmarks=layout_size,
         depth_note=depth_note,
+        unplaced=unplaced,
     )

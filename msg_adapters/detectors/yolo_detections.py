@@ -14,6 +14,9 @@ from msg_adapters.detectors.people import gather
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import MAX_POINTS, Keypoints, check_count, frame_name, header_stamp
 
+PERSON = "person"
+"""Name of the class of people in COCO. A person without keypoints is one who is too near, or hidden."""
+
 
 class YoloDetectionsAdapter:
     """Reads all detections with keypoints, of any class."""
@@ -30,7 +33,9 @@ class YoloDetectionsAdapter:
         frame_id = frame_name(message.header)
         depths = [_depths(d, frame_id) for d in seen]
         note = next(filter(None, (_depth_note(d, frame_id) for d in seen)), "")
-        return gather(stamp, frame_id, people, [d.id for d in seen], depths if any(depths) else None, depth_note=note)
+        measured = depths if any(depths) else None
+        unplaced = sum(not len(d.keypoints.data) and d.class_name == PERSON for d in message.detections)
+        return gather(stamp, frame_id, people, [d.id for d in seen], measured, depth_note=note, unplaced=unplaced)
 
 
 def _depths(detection: Any, frame_id: str) -> list[float]:

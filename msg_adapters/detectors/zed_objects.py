@@ -17,8 +17,8 @@ from msg_adapters.keypoints import MAX_POINTS, Keypoints, check_count, header_st
 COUNTS = (18, 34, 38, 70)
 """Number of keypoints by body_format. The array of the message has 70 entries; the remaining ones are 0."""
 
-TRACKED = 1
-"""tracking_state of a visible body. In other states the keypoints are predictions or outdated."""
+TRACKED, TERMINATED = 1, 3
+"""tracking_state of a visible body, and of one that has left. In others the keypoints are predictions or outdated."""
 
 FULL = 100.0
 """Confidences are percentages."""
@@ -43,7 +43,12 @@ class ZedObjectsAdapter:
         ids = [str(body.label_id) if body.tracking_available else "" for body in bodies]
         sizes = {_count(body) for body in bodies}
         size = sizes.pop() if len(sizes) == 1 else None
-        return gather(stamp, "", people, ids, depths, depth_of_surface=False, layout_size=size)
+        unplaced = len(message.objects) - len(bodies) - sum(_has_left(body) for body in message.objects)
+        return gather(stamp, "", people, ids, depths, depth_of_surface=False, layout_size=size, unplaced=unplaced)
+
+
+def _has_left(body: Any) -> bool:
+    return bool(body.tracking_available and body.tracking_state == TERMINATED)
 
 
 def _count(body: Any) -> int:

@@ -29,7 +29,7 @@ LARGEST_NUMBER = 0x7FFFFFFF
 """Largest number of a person that a field of type int32 can have."""
 POINT = np.dtype(
     [(name, "<f4") for name in (*MOTION, *COVARIANCE, "confidence", "age")]
-    + [(name, "<i4") for name in ("person", "tracked", "detector_id", "guessed", "doubtful")]
+    + [(name, "<i4") for name in ("person", "tracked", "detector_id", "guessed", "doubtful", "locked")]
 )
 DEFINITIONS: Mapping[str, str] = {
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
@@ -68,6 +68,7 @@ class PersonReport:
     detector_id: the person's number from the detector; -1 if it has none that lasts.
     guessed: True if the person was found again by place after an absence, and may be somebody else.
     doubtful: True if the pose is likely wrong.
+    locked: True if the person is locked.
     """
 
     id: str
@@ -82,6 +83,7 @@ class PersonReport:
     detector_id: int = -1
     guessed: bool = False
     doubtful: bool = False
+    locked: bool = False
 
     @property
     def number(self) -> int:
@@ -104,8 +106,11 @@ def number_of(person: str) -> int:
 class PeopleBuilder(Protocol):
     """Makes one message about all people."""
 
-    def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport]) -> Any:
-        """Return the message. Without people it is an empty list."""
+    def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport], untracked: int = 0) -> Any:
+        """Return the message. Without people it is an empty list.
+
+        untracked: number of further people in the image, whose place is not known. Only PointCloud2 tells them.
+        """
         ...
 
 
@@ -116,7 +121,7 @@ class DetectionsBuilder:
         self._backend = backend
         self._message = backend.make(DETECTIONS_TYPE)
 
-    def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport]) -> Any:
+    def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport], untracked: int = 0) -> Any:
         """See PeopleBuilder.fill."""
         set_header(self._message.header, stamp_ns, frame_id)
         self._message.detections = [self._detection(stamp_ns, frame_id, person) for person in people]
@@ -144,14 +149,14 @@ class DetectionsBuilder:
 class PeopleMsgsBuilder:
     """people_msgs/People. reliability: the confidence.
 
-    Tags: state, xx to zz of the position's covariance, age, detector_id, guessed and doubtful (0 or 1).
+    Tags: state, xx to zz of the position's covariance, age, detector_id, guessed, doubtful and locked (0 or 1).
     """
 
     def __init__(self, backend: Backend) -> None:
         self._backend = backend
         self._message = backend.make(PEOPLE_TYPE)
 
-    def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport]) -> Any:
+    def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport], untracked: int = 0) -> Any:
         """See PeopleBuilder.fill."""
         set_header(self._message.header, stamp_ns, frame_id)
         self._message.people = [self._person(person) for person in people]
@@ -164,9 +169,9 @@ class PeopleMsgsBuilder:
         place.x, place.y, place.z = person.position.tolist()
         velocity.x, velocity.y, velocity.z = person.velocity.tolist()
         variances = person.covariance[:3, :3].reshape(9)[UPPER]
-        message.tagnames = ["state", *COVARIANCE, "age", "detector_id", "guessed", "doubtful"]
+        message.tagnames = ["state", *COVARIANCE, "age", "detector_id", "guessed", "doubtful", "locked"]
         tags = [person.state, *(f"{variance:.6g}" for variance in variances.tolist())]
-        flags = str(int(person.guessed)), str(int(person.doubtful))
+        flags = [str(int(flag)) for flag in (person.guessed, person.doubtful, person.locked)]
         message.tags = [*tags, f"{person.age:.3f}", str(person.detector_id), *flags]
         return message
 
@@ -175,8 +180,8 @@ class PeopleCloudBuilder:
     """sensor_msgs/PointCloud2, one point per person.
 
     x, y, z in m, vx, vy, vz in m/s, xx, xy, xz, yy, yz, zz in m^2: pelvis; confidence; person: `PersonReport.number`;
-    tracked: 1, or 0 for a person who is lost. age, detector_id, guessed, doubtful: as in PersonReport; a
-    detector_id above LARGEST_NUMBER is -1.
+    tracked: 1, or 0 for a person who is lost. age, detector_id, guessed, doubtful, locked: as in PersonReport; a
+    detector_id above LARGEST_NUMBER is -1. People whose place is not known come last: NaN, tracked 0, person -1.
     """
 
     def __init__(self, backend: Backend, serialised: bool = False) -> None:
@@ -184,20 +189,25 @@ class PeopleCloudBuilder:
         self._cloud = CloudBuilder(backend, POINT)
         self._fill = SerialisedMessage(self._cloud, backend).fill if serialised else self._cloud.fill
 
-    def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport]) -> Any:
+    def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport], untracked: int = 0) -> Any:
         """See PeopleBuilder.fill."""
-        points = np.zeros(len(people), POINT)
-        values = points.view("<f4").reshape(len(people), POINT.itemsize // 4)
+        points = np.zeros(len(people) + untracked, POINT)
+        values = points.view("<f4").reshape(len(points), POINT.itemsize // 4)
+        if untracked:
+            values[len(people) :, :12] = np.nan
+            points["person"] = points["detector_id"] = -1
         for row, person in zip(values, people):
             row[:3], row[3:6] = person.position, person.velocity
             row[6:12] = person.covariance[:3, :3].take(UPPER)
             row[12:14] = person.confidence, person.age
-        points["person"] = [person.number for person in people]
-        points["tracked"] = [person.tracked for person in people]
-        points["detector_id"] = [p.detector_id if p.detector_id <= LARGEST_NUMBER else -1 for p in people]
-        points["guessed"] = [person.guessed for person in people]
-        points["doubtful"] = [person.doubtful for person in people]
-        fill = self._fill if len(people) > 0 else self._cloud.fill
+        numbers = points[: len(people)]
+        numbers["person"] = [person.number for person in people]
+        numbers["tracked"] = [person.tracked for person in people]
+        numbers["detector_id"] = [p.detector_id if p.detector_id <= LARGEST_NUMBER else -1 for p in people]
+        numbers["guessed"] = [person.guessed for person in people]
+        numbers["doubtful"] = [person.doubtful for person in people]
+        numbers["locked"] = [person.locked for person in people]
+        fill = self._fill if len(points) > 0 else self._cloud.fill
         return fill(stamp_ns, frame_id, points)
 
 

@@ -10,7 +10,7 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
 from cases import copied_body  # noqa: E402
 from depth_camera import depth_message  # noqa: E402
-from messages import FRAME, camera_info, cloud, crowd, pixels_of_motion, raw_cloud, rosbags_backend  # noqa: E402
+from messages import FRAME, HEIGHT, WIDTH, camera_info, cloud, crowd, pixels_of_motion, raw_cloud, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.errors import ConfigurationError  # noqa: E402
@@ -186,16 +186,22 @@ def test_silence_informs_only_if_it_is_set(pipeline):
     assert not Pipeline(TrackerConfig(), quiet).is_informed_at(1)  # without a camera every message is refused
 
 
-@pytest.mark.parametrize("fault", ["frozen", "near"])
+@pytest.mark.parametrize("fault", ["frozen", "near", "clamped"])
 def test_keypoints_that_cannot_be_used_do_not_say_that_nobody_is_there(pipeline, fault):
-    """A frozen detector, and a person so near that three keypoints are seen. Images that show nobody do say it."""
+    """A frozen detector, and a person so near that three keypoints are seen, or all at the border of the image. Images
+    that show nobody do say it.
+    """
     stale_ns = round(pipeline.config.stale_after * SECOND)
     for index in range(10):
         assert pipeline.frames(message(index), START_NS + index * PERIOD_NS)[0].accepted
     few = np.where(np.arange(17) < 3, 0.9, 0.0)
     for later in range(60):
         index = 10 + later
-        told = {"pixels": PIXELS[9]} if fault == "frozen" else {"pixels": PIXELS[later % 12], "confidence": few}
+        told = {
+            "frozen": {"pixels": PIXELS[9]},
+            "near": {"pixels": PIXELS[later % 12], "confidence": few},
+            "clamped": {"pixels": np.array([[0, HEIGHT - 1], [WIDTH - 1, 0]])[np.arange(17) % 2]},
+        }[fault]
         now_ns = START_NS + index * PERIOD_NS
         (frame,) = pipeline.frames(message(index, now_ns, **told), now_ns)
         if not frame.accepted:

@@ -43,15 +43,22 @@ class PeopleMessages:
         """Forget all people."""
         self._newest.clear()
 
-    def build(self, image: Image, lost_after: float, forget_after: float) -> Any:
-        """Return the message. image: stamp in ns and frame_id of the keypoints; lost_after, forget_after: s."""
+    def build(
+        self, image: Image, lost_after: float, forget_after: float, untracked: int = 0, locked: str | None = None
+    ) -> Any:
+        """Return the message.
+
+        image: stamp in ns and frame_id of the keypoints; lost_after, forget_after: s. untracked: number of people who
+        are in the image and not tracked. locked: id of the locked person.
+        """
         stamp_ns, frame_id = image
         people: list[PersonReport] = []
         for frame in self._newest.values():
             age_s = (stamp_ns - frame.stamp_ns) * 1e-9
             if 0 <= age_s <= max(forget_after, lost_after) and frame.frame_id == frame_id:
-                people.append(person_report(frame, age_s <= lost_after, age_s))
-        return self._builder.fill(stamp_ns, frame_id, people)
+                age_s += 0.0 if frame.estimate is None else frame.estimate.repeated
+                people.append(person_report(frame, age_s <= lost_after, age_s, id_of(frame) == locked))
+        return self._builder.fill(stamp_ns, frame_id, people, untracked)
 
 
 def images_of(frames: Sequence[FrameResult], newest: Image | None, held: bool) -> list[tuple[Image, list[FrameResult]]]:
@@ -77,8 +84,8 @@ def id_of(frame: FrameResult) -> str:
     return frame.label or frame.person or SINGLE_PERSON
 
 
-def person_report(frame: FrameResult, tracked: bool, age_s: float = 0.0) -> PersonReport:
-    """Return the report on the person of an accepted frame, which is `age_s` older than the message."""
+def person_report(frame: FrameResult, tracked: bool, age_s: float = 0.0, locked: bool = False) -> PersonReport:
+    """Return the report on the person of an accepted frame, whose keypoints are `age_s` older than the message."""
     estimate = frame.estimate
     assert estimate is not None and estimate.pose is not None and frame.velocity is not None
     positions = estimate.pose.positions
@@ -95,6 +102,7 @@ def person_report(frame: FrameResult, tracked: bool, age_s: float = 0.0) -> Pers
         detector_id=frame.detector_id,
         guessed=frame.guessed,
         doubtful=bool(frame.doubtful),
+        locked=locked,
     )
 
 

@@ -21,7 +21,8 @@ class PeopleImage:
 
     stamp_ns: ns; frame_id: frame of the keypoints; persistent: True if the person numbers stay the same from message to
     message; stamped: False if the stamp is the time of arrival; camera: which camera, and where it is; sampled: the
-    keypoints with the depths of a depth image, also if these are left out; None without one.
+    keypoints with the depths of a depth image, also if these are left out; None without one. shown: number of people
+    who are in the image, also of those whose keypoints cannot be used.
     """
 
     keypoints: Keypoints
@@ -32,6 +33,7 @@ class PeopleImage:
     stamped: bool = True
     camera: CameraPose = HERE
     sampled: Keypoints | None = None
+    shown: int = 0
 
 
 GONE = "gone"

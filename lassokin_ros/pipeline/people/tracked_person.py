@@ -98,6 +98,8 @@ class TrackedPerson:
         self._joint_states = JointStates(self.tracker.skeleton.axes)  # results of before keep theirs
         self.status = Status.SEARCHING
         self.seen_ns: int | None = None
+        self.seen_by: dict[str, int] = {}
+        """Stamps in ns of the images with the person of the last accepted frame, by camera."""
         self._origin_ns: int | None = None
         self._last: tuple[Moment, np.ndarray] | None = None  # and the positions of its joints
         # Results held back by smoothing_lag: stamp in ns, stamp in s of the tracker, function that makes the result.
@@ -146,6 +148,7 @@ class TrackedPerson:
             due = self._due(self.tracker.published, stamp_ns)
             return [*due, frame(estimate=estimate, rejection=reason, detail=detail)]
         self._update_motion(stamp_ns, estimate)
+        self.seen_by = {sight.camera.name: sight.stamp_ns for sight in sights}
         tracker, velocity = self.tracker, self._velocity.copy()
         made = partial(frame, velocity=velocity, measure=tracker.uncertainty, observe=tracker.observed)
         signs = partial(

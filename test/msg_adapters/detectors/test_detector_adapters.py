@@ -114,6 +114,19 @@ def test_yolos_depths_of_zero_are_not_measured():
     )
 
 
+def test_people_without_keypoints_are_counted():
+    """A person who is too near, or hidden. Other things and people who have left do not count."""
+    message = yolo_detections(BACKEND, START_NS, FRAME, 3 * [(XY[:17], np.zeros(17))], ["1", "2", "3"])
+    message.detections[2].class_name = "chair"
+    assert decode(YOLO, message).unplaced == 2
+    message = zed_objects(BACKEND, START_NS, [XY, XY, XY, XY], [1, 2, 3, 4])
+    assert decode(ZED, message).unplaced == 0
+    message.objects[0].tracking_state, message.objects[1].tracking_state = 2, 3
+    message.objects[2].skeleton_available = False
+    keypoints = decode(ZED, message)
+    assert keypoints.unplaced == 2 and set(keypoints.persons.tolist()) == {4}
+
+
 def test_zed_objects_give_people_with_keypoints():
     found = XY.copy()
     found[5], found[6], found[7] = np.nan, -1, 0

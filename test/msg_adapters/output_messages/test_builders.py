@@ -291,16 +291,17 @@ def test_people_as_people_msgs(backend):
     found, lost = message.people
     assert (found.name, found.reliability) == ("p7", 0.75)
     assert vector(found.position) == [3, 4, 5] and vector(found.velocity) == [23, 24, 25]
-    assert found.tagnames == ["state", "xx", "xy", "xz", "yy", "yz", "zz", "age", "detector_id", "guessed", "doubtful"]
-    assert found.tags == ["tracking", *map(str, PERSON_COVARIANCE), "0.250", "12", "1", "1"]
-    assert (lost.tags[0], lost.tags[-4:]) == ("lost", ["0.000", "-1", "0", "0"])
+    assert found.tagnames[:7] == ["state", "xx", "xy", "xz", "yy", "yz", "zz"]
+    assert found.tagnames[7:] == ["age", "detector_id", "guessed", "doubtful", "locked"]
+    assert found.tags == ["tracking", *map(str, PERSON_COVARIANCE), "0.250", "12", "1", "1", "0"]
+    assert (lost.tags[0], lost.tags[-5:]) == ("lost", ["0.000", "-1", "0", "0", "0"])
 
 
 def test_people_as_a_cloud(backend):
     builder = people.people_builder(backend, next(iter(people.BUILDERS)))
     cloud = points(builder.fill(STAMP, FRAME, PEOPLE), people.POINT)
-    assert cloud[0].tolist() == (3, 4, 5, 23, 24, 25, *PERSON_COVARIANCE, 0.75, 0.25, 7, 1, 12, 1, 1)
-    assert cloud[1].tolist()[12:] == (0, 0, PEOPLE[1].number, 0, -1, 0, 0)
+    assert cloud[0].tolist() == (3, 4, 5, 23, 24, 25, *PERSON_COVARIANCE, 0.75, 0.25, 7, 1, 12, 1, 1, 0)
+    assert cloud[1].tolist()[12:] == (0, 0, PEOPLE[1].number, 0, -1, 0, 0, 0)
     assert len(points(builder.fill(STAMP, FRAME, []), people.POINT)) == 0
 
 

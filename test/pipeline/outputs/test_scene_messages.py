@@ -112,6 +112,25 @@ def test_people_who_left_or_are_of_another_camera_are_left_out(frames):
     assert messages.build((at, FRAME), 1.0, 3.0).width == 0
 
 
+@pytest.mark.parametrize("message_type", BUILDERS)
+def test_people_who_are_not_tracked_have_no_place_in_point_clouds_alone(frames, message_type):
+    messages = PeopleMessages(BACKEND, message_type)
+    messages.update(frames, None)
+    message = messages.build((frames[-1].stamp_ns, FRAME), 1.0, 3.0, untracked=2, locked="p1")
+    if message_type == CLOUD_TYPE:
+        people = np.frombuffer(message.data.tobytes(), POINT)
+        assert people["tracked"].tolist() == [1, 0, 0] == people["locked"].tolist()
+        assert people["person"].tolist() == [1, -1, -1] and people["detector_id"].tolist() == [-1, -1, -1]
+        assert np.isnan(people["x"]).tolist() == [False, True, True]
+        alone = messages.build((frames[-1].stamp_ns + 9 * SECOND, FRAME), 1.0, 3.0, 1)
+        assert alone.width == 1
+    elif message_type == PEOPLE_TYPE:
+        (person,) = message.people
+        assert dict(zip(person.tagnames, person.tags))["locked"] == "1"
+    else:
+        assert len(message.detections) == 1
+
+
 def test_the_joints_of_all_people_of_an_image_are_one_message(frames):
     builder = SkeletonsMessage(BACKEND, 24)
     frame, at = frames[-1], (frames[-1].stamp_ns, FRAME)

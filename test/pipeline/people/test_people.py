@@ -360,6 +360,23 @@ def test_the_tracked_person_is_kept_over_a_silence():
     assert frame.accepted and frame.positions[0] < -0.5
 
 
+@pytest.mark.parametrize(("max_people", "few"), [(1, False), (2, True), (1, True)])
+def test_whoever_is_in_the_image_and_not_tracked_is_counted(max_people, few):
+    """Beyond max_people, or so near that three keypoints are seen."""
+    me, other = walk(40, -0.8, 6.0, 0.0, 1)[1], walk(40, 0.8, 2.5, 0.0, 2)[1]
+    pipeline = pipeline_for(max_people=max_people)
+    seen = np.where(np.arange(17) < 3, 0.6, 0.0) if few else np.full(17, 0.6)
+    for i in range(40):
+        people = [(me[i], np.full(17, 0.9)), (other[i], seen)]
+        here = people if i < 20 else people[:1]
+        frames = pipeline.frames(crowd(BACKEND, stamp(i), here, [4, 7][: len(here)]), stamp(i))
+        assert frames[-1].accepted and pipeline.untracked_at(stamp(i)) == len(here) - 1
+    assert pipeline.untracked_at(stamp(i) + 10**12) == 0
+    pipeline.frames(crowd(BACKEND, stamp(40), people, [4, 7]), stamp(40))
+    pipeline.reset()
+    assert pipeline.untracked_at(stamp(40)) == 0
+
+
 @pytest.mark.parametrize("hidden", ["no place", "low confidence"])
 def test_a_person_who_cannot_be_tracked_does_not_block_others(hidden):
     """Confidences are ignored if the points are missing, or if all confidences are too low."""

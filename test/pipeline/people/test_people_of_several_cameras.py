@@ -94,6 +94,26 @@ def test_a_person_can_be_locked_while_another_camera_sees_nobody(max_people, lat
     assert rig.pipeline.locked in rig.pipeline.people.ids if max_people > 1 else rig.pipeline.locked == "p1"
 
 
+@pytest.mark.parametrize("fault", ["refused", "silent"])
+def test_an_empty_image_of_one_camera_does_not_say_that_nobody_is_before_the_other(fault):
+    rig = Rig("left", "right")
+    whole, stale_ns = np.full(17, 0.9), rig.pipeline.config.stale_after * 1e9
+    for index in range(60):
+        rig.send("left", index, {})
+        if fault == "refused":
+            fractions = rig.pixels("right", index) / [1280.0, 720.0]
+            (frame,) = rig.send("right", index, {1: (fractions, whole)})
+            assert not frame.accepted
+        elif index < 3:
+            rig.send("right", index, {})
+        now_ns = START_NS + index * PERIOD_NS
+        rig.pipeline.due(now_ns + 10**8)
+        assert rig.pipeline.is_informed_at(now_ns) == (fault == "silent" and (index - 2) * PERIOD_NS <= stale_ns)
+    for index in range(60, 70):
+        rig.both(index, None, None)
+    assert rig.pipeline.is_informed_at(START_NS + index * PERIOD_NS)
+
+
 @pytest.mark.parametrize("lock", [True, False])
 def test_a_stranger_before_another_camera_replaces_nobody_before_forget_after(lock):
     rig = Rig("left", "right", lock=lock, forget_after=2.0)

@@ -28,22 +28,28 @@ TURNS = Rotation.from_euler("xyz", [[0.1, 0.2, 0.3], [-0.4, 0.5, 0.6], [0.7, -0.
 POSITIONS = np.array([[1.0, 2, 3], [0, 5, 1], [4, 1, 2]])
 
 
-def estimate():
-    return SimpleNamespace(pose=SimpleNamespace(positions=POSITIONS, orientations=TURNS))
+def estimate(repeated=0.0):
+    return SimpleNamespace(pose=SimpleNamespace(positions=POSITIONS, orientations=TURNS), repeated=repeated)
 
 
-def result(stamp_ns=SECOND, frame_id="a", wrong=0.25, person="", rejection=None):
+def result(stamp_ns=SECOND, frame_id="a", wrong=0.25, person="", rejection=None, repeated=0.0):
     uncertainty = SimpleNamespace(failure_probability=wrong, absolute=SimpleNamespace(pelvis=np.eye(6)))
     velocity = np.array([1.0, 0, 0])
     return FrameResult(
-        stamp_ns, frame_id, estimate(), rejection, person=person, velocity=velocity, measure=lambda _: uncertainty
+        stamp_ns,
+        frame_id,
+        estimate(repeated),
+        rejection,
+        person=person,
+        velocity=velocity,
+        measure=lambda _: uncertainty,
     )
 
 
 @pytest.fixture
 def people(monkeypatch):
     """PeopleMessages whose message is the list of reports."""
-    builder = SimpleNamespace(fill=lambda stamp_ns, frame_id, reports: (stamp_ns, frame_id, reports))
+    builder = SimpleNamespace(fill=lambda stamp_ns, frame_id, reports, _: (stamp_ns, frame_id, reports))
     monkeypatch.setattr("lassokin_ros.pipeline.outputs.people_messages.people_builder", lambda *_: builder)
     return PeopleMessages(None, "")
 
@@ -60,6 +66,14 @@ def test_a_person_is_tracking_then_lost_then_left_out(people, age_s, tracked):
         [] if tracked is None else [tracked]
     )
     assert len(people.build((SECOND + 2 * SECOND, "a"), 2.0, 1.0)[2]) == 1  # the longer of both counts
+
+
+def test_repeated_keypoints_are_as_old_as_the_first_of_them(people):
+    people.update([result(repeated=0.7)], None)
+    (report,) = people.build((SECOND + SECOND // 5, "a"), 1.0, 3.0)[2]
+    assert report.age == pytest.approx(0.9) and report.tracked
+    (report,) = people.build((SECOND + 2 * SECOND // 5, "a"), 1.0, 3.0)[2]
+    assert report.age == pytest.approx(1.1) and not report.tracked
 
 
 def test_the_newest_result_of_each_person_who_is_present(people):
