@@ -74,7 +74,8 @@ class StampWatch:
         """
         back = self._newest is not None and self._compare(stamp_ns, arrival_ns, self._newest, jump_back)
         self._last = stamp_ns, arrival_ns
-        self._before, self._used = self._used, stamp_ns
+        if not back:  # an image of the new time may not be usable, and then changes nothing
+            self._before, self._used = self._used, stamp_ns
         return back
 
     def _compare(self, stamp_ns: int, arrival_ns: int, newest: int, jump_back: float) -> bool:
