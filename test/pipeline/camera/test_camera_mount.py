@@ -79,6 +79,15 @@ def test_a_nodding_head_is_interpolated_at_the_time_of_the_image():
             transforms.pose(FRAME, BASE, SECOND + ms * 1_000_000, continued=False)[0]
 
 
+def test_a_jump_is_not_interpolated():
+    """No robot has been between: odometry was reset."""
+    transforms = robot(0.2)
+    robot(1.4, SECOND + 100_000_000, transforms)
+    for ms, pitch in ((0, 0.2), (40, 0.2), (60, 1.4), (100, 1.4)):
+        found = transforms.pose("head", BASE, SECOND + ms * 1_000_000)[0] @ OPTICAL.as_matrix()
+        assert np.allclose(roll_and_pitch(found), (0, pitch), atol=1e-4)
+
+
 @pytest.mark.parametrize(
     "rad_s, period_s, at_s", [(4.9, 0.1, 0.05), (4.9, 0.1, 0.25), (4.9, 0.01, 0.15), (1e-7, 0.1, 0.2)]
 )
