@@ -24,6 +24,8 @@ LONGEST_STEP_NS, FASTEST_M_S, FASTEST_RAD_S = 250_000_000, 5.0, 5.0
 beyond, it is a jump, and the nearest transform is used."""
 MOST_FRAMES, LONGEST_NAME, MOST_STAMPS = 2000, 256, 10_000
 """Limits of the memory: number of frames, characters of a name, transforms of a frame within `HISTORY_NS`."""
+FARTHEST_M = 1e8
+"""m: largest coordinate of a transform. Those of maps of the earth are below 1e7."""
 SMALL_TURN_RAD = 1e-6
 """rad: half of a turn below which orientations are interpolated linearly."""
 DEEPEST = 200
@@ -55,7 +57,7 @@ class Transforms:
             quaternion, place = (turn.x, turn.y, turn.z, turn.w), (shift.x, shift.y, shift.z)
             if not (child and parent and child != parent and 0.9 < math.fsum(x * x for x in quaternion) < 1.1):
                 continue  # NaN compares false
-            if not all(map(math.isfinite, place)):
+            if not all(abs(x) <= FARTHEST_M for x in place):
                 continue
             if len(child) > LONGEST_NAME or len(parent) > LONGEST_NAME:
                 continue

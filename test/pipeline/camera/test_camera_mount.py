@@ -139,6 +139,17 @@ def test_a_loop_and_invalid_transforms_do_no_harm():
         transforms.pose("a", BASE, SECOND, continued=False)[0]
 
 
+@pytest.mark.parametrize("metres", [1e9, -1e308, np.inf, np.nan])
+def test_a_place_beyond_the_earth_is_left_out(metres):
+    transforms = Transforms()
+    for place in (metres, 1e7):
+        transforms.add(tf_message(BACKEND, 0, ("map", "camera", rpy(0, 0), (0, 0, place))), static=True)
+        if place == metres:
+            with pytest.raises(TransformError, match="no transform of"):
+                transforms.pose("camera", "map", SECOND)
+    assert transforms.pose("camera", "map", SECOND)[1].tolist() == [0, 0, 1e7]
+
+
 def test_only_a_few_seconds_are_kept():
     transforms = Transforms()
     for i in range(1000):
