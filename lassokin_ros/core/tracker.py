@@ -221,6 +221,18 @@ class Tracker:
         """
         self.learned.vertical.move_mount(roll, pitch)
 
+    def move_frame(self, rotation: np.ndarray, translation: np.ndarray) -> None:
+        """Keep the body where it is although its frame has moved: x is at rotation x + translation from now on.
+
+        rotation: (3, 3), about the vertical; translation: (3,) m.
+        """
+        if self._solved is None:
+            return
+        state = self._solved.state
+        rotations = np.concatenate([rotation @ state.rotations[:1], state.rotations[1:]])
+        self._solved = self.frame_model.evaluate(BodyState(rotations, rotation @ state.translation + translation))
+        self._replaced = True
+
     def tune(self, config: TrackerConfig) -> None:
         """Use new live settings. The others (skeleton, landmarks, depth_prior, solver) stay as they are.
 

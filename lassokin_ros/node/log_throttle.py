@@ -6,8 +6,8 @@ import re
 from typing import Callable
 
 PERIOD_S = 5.0
-NUMBER = re.compile(r"-?\d[\d.,]*(e[+-]?\d+)?|\bnan\b|\binf\b")
-"""A number, which may differ in each message."""
+NUMBER = re.compile(r"(?<!\w)-?\d[\d.,]*(e[+-]?\d+)?|\bnan\b|\binf\b")
+"""A number, which may differ in each message. Digits in a name, as in 'camera2', are none."""
 
 
 class LogThrottle:

@@ -271,6 +271,9 @@ class TrackerNode(Node):
         """
         self._inputs.poll()
         self._as_of_ns, self._checked_ns = self._checked_ns, self._now_ns()
+        if self._checked_ns < self._as_of_ns:  # the system's clock was set back
+            self._as_of_ns = self._checked_ns
+            self._scene.restart_clock()
         ids = self._pipeline.presence_at(self._as_of_ns).ids
         if self._people is not None and ids is not None:
             self._people.keep(ids)

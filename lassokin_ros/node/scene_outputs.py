@@ -97,8 +97,12 @@ class SceneOutputs:
     def forget(self) -> None:
         """Forget all people: the pipeline was reset, and the clock may have jumped."""
         self._people.forget()
-        self._as_of_ns = 0
+        self.restart_clock()
         self._update_state()
+
+    def restart_clock(self) -> None:
+        """Use the time of the next call of `check`, although it is earlier: the clock was set back."""
+        self._as_of_ns = 0
 
     def _publish_people(self, image: Image) -> None:
         pipeline = self._pipeline

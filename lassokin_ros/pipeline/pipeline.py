@@ -28,6 +28,7 @@ from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces
 from lassokin_ros.pipeline.camera.camera_selection import Camera
+from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.camera.transforms import Transforms
 from lassokin_ros.pipeline.camera_images import CameraImages
 from lassokin_ros.pipeline.depth_images import DepthImages
@@ -45,6 +46,9 @@ from lassokin_ros.pipeline.people.tracked_person import Sight, TrackedPerson
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 from msg_adapters.errors import AdapterError
+
+JUMPS = "jumps of the camera in fixed_frame"
+"""Key of the count of images before which the camera's pose in TF has jumped."""
 
 
 class Pipeline:
@@ -92,6 +96,8 @@ class Pipeline:
         placed = bool(self.config.fixed_frame) or self.config.several_cameras
         self.places = CameraPlaces(self.config.fixed_frame, names, poses) if placed else None
         """Where the cameras are; None for one camera in whose frame the skeleton is kept."""
+        self.jumps = PoseJumps()
+        """Jumps of the only camera in its fixed frame."""
         for tracked in self._trackable:
             if (extrinsics := tracked.tracker.learned.extrinsics) is not None and self.config.several_cameras:
                 extrinsics.anchor = names[0]
@@ -469,7 +475,8 @@ class Pipeline:
         for image in sorted(images, key=lambda image: order.index(image.camera.name)):
             name = image.camera.name
             try:
-                placed.append(replace(image, camera=self.places.pose(name, image.frame_id, image.stamp_ns)))
+                pose = self.places.pose(name, image.frame_id, image.stamp_ns)
+                placed.append(replace(image, camera=pose))
             except AdapterError as error:
                 if self.tracker.config.extrinsics == LEARN and self.places.newest:
                     pose = self.places.adopt(name, self._found_pose(name))
@@ -479,6 +486,10 @@ class Pipeline:
                 self.counts[f"no transform of {name}" if name else "no transform"] += 1
         if fault is not None and not placed:
             raise fault
+        if len(self.cameras) == 1 and (moved := self.jumps.update(placed[0].stamp_ns, placed[0].camera)) is not None:
+            self.counts[JUMPS] += 1
+            for tracked in self._trackable:
+                tracked.move_frame(moved, placed[0].stamp_ns)
         return placed + unplaced, self.places.base
 
     def _found_pose(self, name: str) -> CameraPose:

@@ -15,6 +15,9 @@ ALWAYS_AHEAD_S = 2.0
 FASTEST = 10.0
 """Largest playback rate of a recording. A pause in the recording is shorter by this factor during playback."""
 
+LITTLE_AHEAD_S = 4.0
+"""s: a stamp that was wrong and farther ahead is left behind by a jump back, not waited for."""
+
 DEFAULT_PERIOD_NS = 33_333_333
 """ns: assumed period of the messages before two stamps are known."""
 
@@ -74,7 +77,8 @@ class StampWatch:
         """
         back = self._newest is not None and self._compare(stamp_ns, arrival_ns, self._newest, jump_back)
         self._last = stamp_ns, arrival_ns
-        self._before, self._used = self._used, stamp_ns
+        if not back:  # an image of the new time may not be usable, and then changes nothing
+            self._before, self._used = self._used, stamp_ns
         return back
 
     def _compare(self, stamp_ns: int, arrival_ns: int, newest: int, jump_back: float) -> bool:
@@ -83,7 +87,7 @@ class StampWatch:
             raise AdapterError("old_stamp", "the stamp has not changed; the detector must copy the stamp of each image")
         if -jump_back <= ahead < 0:
             raise AdapterError("old_stamp", f"the stamp is {abs(ahead):.3f} s older than the newest one")
-        if self._before is not None and self._before < stamp_ns < newest:
+        if self._before is not None and self._before < stamp_ns < newest and -ahead < LITTLE_AHEAD_S:
             self._before = stamp_ns
             raise AdapterError(
                 "old_stamp", f"the stamp is {abs(ahead):.3f} s older than the newest one, which was ahead of its time"

@@ -24,7 +24,7 @@ from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.config import CHECK
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.detector.backend import Detector, make_detector
+from lassokin_ros.detector.backend import Detected, Detector, make_detector
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
@@ -205,16 +205,27 @@ def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutp
 
 
 def _keep_largest(camera: Filmed) -> str:
-    """Keep the keypoints of the largest person in the images, and return who else is there; empty for one person."""
+    """Keep the keypoints of the largest person in the images, and return who else is there; empty for one person.
+
+    Others who are never in view together with those who are kept are the same person, who was out of view for a while.
+    """
     assert camera.detections is not None
     people = people_in(camera.detections.found)
     if len(people) < 2:
         return ""
-    present = dict(zip(people[0].seconds.tolist(), people[0].detected))
+    present: dict[float, Detected] = {}
+    kept = []
+    for number, person in enumerate(people, 1):
+        if present.keys().isdisjoint(person.seconds.tolist()):
+            present.update(zip(person.seconds.tolist(), person.detected))
+            kept.append(str(number))
     times = [seconds for seconds, _ in camera.detections.found]
     camera.detections.found = [(seconds, [present[seconds]] if seconds in present else []) for seconds in times]
     listed = "; ".join(person.words(camera.source.size[0]) for person in people)
-    return f"{len(people)} people in the images of {camera.name}, the first, largest one is tracked: {listed}."
+    who = "the first, largest one is tracked"
+    if len(kept) > 1:
+        who = f"{', '.join(kept)} are never in view together and are tracked as one person"
+    return f"{len(people)} people in the images of {camera.name}, {who}: {listed}."
 
 
 def _keep_common_part(cameras: list[Filmed]) -> None:

@@ -40,6 +40,15 @@ def test_lines_that_differ_in_numbers_are_the_same(log, numbers):
     assert len(lines) == 1
 
 
+def test_the_digit_of_a_camera_is_no_number(log):
+    throttle, lines, now = log
+    for i in range(60):
+        now[0] = 100.0 + i / 30
+        for camera in ("cam1", "cam_2"):
+            throttle.log("wrong_layout", f"camera '{camera}': the message has {i} landmarks", 4)
+    assert lines == [f"camera '{camera}': the message has 0 landmarks" for camera in ("cam1", "cam_2")]
+
+
 def test_lines_that_always_differ_do_not_flood_the_log(log):
     throttle, lines, now = log
     for i in range(1000):

@@ -14,6 +14,8 @@ from live import BACKEND, node_in_this_process  # noqa: E402
 from messages import camera_info, cloud, pixels_of_motion  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 
+from lassokin_ros.pipeline.outputs.status.presence_state import LOST, TRACKING  # noqa: E402
+
 START_NS, PERIOD_NS, FRAMES = 10**18, 33_333_333, 40
 PIXELS = pixels_of_motion(FRAMES, 30.0)
 ANKLES = [7, 8]
@@ -106,3 +108,20 @@ def test_the_floor_is_live():
             assert result.successful, result.reason
         feed(node, 5, 5)
         assert node._pipeline.camera_height == 1.2 and values(node)["camera height above the floor [m]"] == "1.200"
+
+
+def test_the_state_follows_a_system_clock_that_is_set_back(monkeypatch):
+    """As a robot's is when it finds its time server. Then the state is again lost only in silence."""
+    with node_in_this_process("/set_back") as (node, _):
+        now_ns = START_NS
+        monkeypatch.setattr(node, "_now_ns", lambda: now_ns)
+        node._inputs.camera_info.take(camera_info(BACKEND))
+        for i in range(60):
+            now_ns += PERIOD_NS if i != 30 else -60 * 10**9
+            node.work_on(cloud(BACKEND, now_ns, PIXELS[i % FRAMES]), None, now_ns)
+            node._update_presence()
+            assert node._scene._state.value == TRACKING or i in (30, 31)
+        for _ in range(6):
+            now_ns += 10**9
+            node._update_presence()
+        assert node._scene._state.value == LOST

@@ -139,6 +139,15 @@ def test_a_jump_back_needs_somebody_to_follow(pipeline):
     assert counts == {"received": 1, "accepted": 1, "resets": 1} and frame.estimate.initialised
 
 
+def test_a_loop_that_begins_with_an_empty_scene_is_tracked_again(pipeline):
+    """The first images after the jump are refused, because they contain nobody."""
+    pipeline.tune(pipeline.tracker.config, replace(pipeline.config, jump_back=0.1))
+    loop = [message(index, confidence=np.zeros(17) if index < 7 else None) for index in range(12)]
+    for _ in range(3):
+        counts, _ = changes(pipeline, *loop)
+        assert counts["accepted"] == 5 and "rejected: old_stamp" not in counts
+
+
 def test_reset_forgets_people_and_stamps_and_keeps_camera_and_counts(pipeline):
     pipeline.frames(message(5), 5)
     pipeline.reset()

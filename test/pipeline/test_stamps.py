@@ -72,6 +72,12 @@ def test_a_wrong_stamp_a_little_ahead_is_no_loop(ahead_s, hz):
     assert time.take(START_S, 4.0) and time.forgotten == 1  # a loop is still one
 
 
+def test_a_wrong_stamp_far_ahead_after_a_pause_is_not_waited_for(time):
+    """Within the pause of a fast player. Everybody is forgotten, but tracked."""
+    assert time.take(START_S + 501, 61)
+    assert all(time.take(START_S + 61 + i / 30, 61 + i / 30) for i in range(1, 30)) and time.forgotten == 1
+
+
 def test_a_seek_after_a_wrong_stamp_is_recognised(time):
     assert time.take(START_S + 1.65, 1.0) and not time.take(START_S + 1 + 1 / 30, 1 + 1 / 30)
     assert time.refused == ["old_stamp"] and time.take(START_S + 0.5, 1 + 2 / 30) and time.forgotten == 1

@@ -6,6 +6,7 @@ import re
 import signal
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -162,6 +163,24 @@ def test_of_several_people_the_largest_in_each_video_is_tracked_all_the_time(rig
     with np.load("walk.npz") as motion:
         frames, pelvis = np.round(motion["stamp_ns"] * 30e-9).astype(int), motion["joint_positions"][:, 0]
     assert len(frames) > FRAMES - 4 and np.linalg.norm(np.diff(pelvis, axis=0), axis=1).max() < 0.06
+
+
+@pytest.mark.parametrize("bystander", [False, True])
+def test_a_person_who_was_out_of_view_for_a_while_is_tracked_again(bystander):
+    """Longer than a person is remembered. Somebody else is small, and there all the time."""
+    random, found = np.random.default_rng(0), []
+    for index in range(120):
+        near = Detected(pixels(EYES[0], 0.0, TRUTH.landmarks[index], random), np.full(17, 0.9))
+        far = Detected(0.3 * near.pixels + [10.0, 10.0], near.confidence)
+        found.append((index / 10, [near] * (not 30 <= index < 80) + [far] * bystander))
+    camera = several_videos.Filmed("left", SimpleNamespace(size=(WIDTH, HEIGHT)), None, None)
+    camera.detections = SimpleNamespace(found=found)
+    words = several_videos._keep_largest(camera)
+    people = "1, 3" if bystander else "1, 2"
+    assert f"{people} are never in view together and are tracked as one person" in words
+    assert [(at, seen[:1]) for at, seen in found if len(seen) > bystander] == [
+        (at, seen) for at, seen in camera.detections.found if seen
+    ]
 
 
 @pytest.mark.parametrize("at, placed, kept", [(FRAMES + 60, True, 60), (60, True, 0), (FRAMES + 60, False, 0)])

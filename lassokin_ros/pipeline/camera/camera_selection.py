@@ -34,6 +34,9 @@ SHORT, LASTING = 1, 30
 """Messages, and images, for which a camera lasts at most if another publisher interrupts it; the second number if the
 topic is known to have several publishers, which may be slow. A zoom to and fro of one camera lasts longer. A camera
 that lasts for more than LASTING messages or images is used in any case: the other one has ended."""
+SHORT_NS = 1_000_000_000
+"""ns: time between the stamps of camera_info within which a camera is interrupted, too, although more images came
+meanwhile; a zoom to and fro takes longer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,16 +70,25 @@ class View:
 
 @dataclass
 class _Stay:
-    """Messages with the same camera, one after another, and the images that came meanwhile."""
+    """Messages with the same camera, one after another, and the images that came meanwhile.
+
+    stamp_ns: ns, of the first message, 0 if it has none.
+    """
 
     frame: str
     content: tuple[Any, ...]
+    stamp_ns: int
     messages: int = 1
     images: int = 0
 
     def is_within(self, count: int) -> bool:
         """Whether it has lasted for at most that many messages and images."""
         return self.messages <= count and self.images <= count
+
+    def is_interrupted_by(self, other: _Stay) -> bool:
+        """Whether it was published once, and the other one soon after it."""
+        soon = 0 < self.stamp_ns < other.stamp_ns <= self.stamp_ns + SHORT_NS
+        return self.messages <= SHORT and soon
 
 
 @dataclass
@@ -150,7 +162,8 @@ class Camera:
         stays = self._stays_of(frame)
         short = SHORT if self.publishers < 2 else LASTING
         returns = (
-            stays[i - 1].is_within(short) and any(stay.content == earlier.content for earlier in stays[: i - 1])
+            (stays[i - 1].is_within(short) or stays[i - 1].is_interrupted_by(stay))
+            and any(stay.content == earlier.content for earlier in stays[: i - 1])
             for i, stay in enumerate(stays)
             if i >= 2
         )
@@ -175,7 +188,7 @@ class Camera:
         before = self.view
         frame, key = message.header.frame_id.lstrip("/"), _key(message)
         shared = frame in self._by_frame and self._alternates(frame)
-        self._note_message(frame, key)
+        self._note_message(frame, key, _stamp_ns(message))
         if shared and key != self._keys[frame] and self._stays_of(frame)[-1].is_within(LASTING):
             self._ignore(frame, key, message)
         else:
@@ -200,12 +213,12 @@ class Camera:
         if newest is None or newest.intrinsics is not view.intrinsics:
             self._newest = replace(view, stamp_ns=_stamp_ns(message)), newest
 
-    def _note_message(self, frame: str, content: tuple[Any, ...]) -> None:
+    def _note_message(self, frame: str, content: tuple[Any, ...], stamp_ns: int) -> None:
         if self._recent and (self._recent[-1].frame, self._recent[-1].content) == (frame, content):
             self._recent[-1].messages += 1
             self._forget_changes(self._recent[-1].messages)
         else:
-            self._recent.append(_Stay(frame, content))
+            self._recent.append(_Stay(frame, content, stamp_ns))
 
     def _note_image(self) -> None:
         """Count an image. An ignored camera is used if no other one comes, also if it was published only once."""

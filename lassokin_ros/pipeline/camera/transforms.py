@@ -20,10 +20,12 @@ STALE_NS = 500_000_000
 EXTRAPOLATED_NS = 200_000_000
 """ns: largest time from the newest transform to an image whose camera is placed by it."""
 LONGEST_STEP_NS, FASTEST_M_S, FASTEST_RAD_S = 250_000_000, 5.0, 5.0
-"""ns, m/s, rad/s: limits of the motion between the two newest transforms. Within them the motion is continued up to the
-image; beyond, it is a jump, and the newest transform is used."""
+"""ns, m/s, rad/s: limits of the motion between two transforms. Within them the motion is continued up to the image;
+beyond, it is a jump, and the nearest transform is used."""
 MOST_FRAMES, LONGEST_NAME, MOST_STAMPS = 2000, 256, 10_000
 """Limits of the memory: number of frames, characters of a name, transforms of a frame within `HISTORY_NS`."""
+FARTHEST_M = 1e8
+"""m: largest coordinate of a transform. Those of maps of the earth are below 1e7."""
 SMALL_TURN_RAD = 1e-6
 """rad: half of a turn below which orientations are interpolated linearly."""
 DEEPEST = 200
@@ -55,7 +57,7 @@ class Transforms:
             quaternion, place = (turn.x, turn.y, turn.z, turn.w), (shift.x, shift.y, shift.z)
             if not (child and parent and child != parent and 0.9 < math.fsum(x * x for x in quaternion) < 1.1):
                 continue  # NaN compares false
-            if not all(map(math.isfinite, place)):
+            if not all(abs(x) <= FARTHEST_M for x in place):
                 continue
             if len(child) > LONGEST_NAME or len(parent) > LONGEST_NAME:
                 continue
@@ -154,9 +156,11 @@ class _Frame:
         if self.static:
             return self._poses[-1]
         after = bisect(self._stamps, stamp_ns)
-        if 0 < after < len(self._stamps):
-            return self._between(after - 1, stamp_ns)
         nearest = min(after, len(self._stamps) - 1)
+        if 0 < after < len(self._stamps):
+            if not self._jumps(after - 1):
+                return self._between(after - 1, stamp_ns)
+            nearest -= stamp_ns - self._stamps[after - 1] < self._stamps[after] - stamp_ns
         distance_ns = stamp_ns - self._stamps[nearest]
         longest_ns = EXTRAPOLATED_NS if continued else STALE_NS
         if abs(distance_ns) > longest_ns:
@@ -181,10 +185,14 @@ class _Frame:
         """Return True if the two newest poses are those of a motion that can be continued."""
         if len(self._stamps) < 2 or self._stamps[-1] - self._stamps[-2] > LONGEST_STEP_NS:
             return False
-        seconds = (self._stamps[-1] - self._stamps[-2]) * 1e-9
-        (a, p), (b, q) = self._poses[-2:]
+        return not self._jumps(len(self._stamps) - 2)
+
+    def _jumps(self, before: int) -> bool:
+        """Return True if no robot moves from one stored pose to the next in their time."""
+        seconds = (self._stamps[before + 1] - self._stamps[before]) * 1e-9
+        (a, p), (b, q) = self._poses[before], self._poses[before + 1]
         angle = 2 * math.acos(min(abs(math.fsum(u * v for u, v in zip(a, b))), 1.0))
-        return math.dist(p, q) < FASTEST_M_S * seconds and angle < FASTEST_RAD_S * seconds
+        return math.dist(p, q) >= FASTEST_M_S * seconds or angle >= FASTEST_RAD_S * seconds
 
 
 def _turned(q: Quaternion, v: Vector) -> Vector:

@@ -107,6 +107,18 @@ class TrackedPerson:
         self._place: np.ndarray | None = None
         self._landmarks: np.ndarray | None = None
         self._velocity = np.zeros(3)
+        self._frame_moved_ns = 0
+
+    def move_frame(self, frame: CameraPose, stamp_ns: int) -> None:
+        """Keep the person where they are, although the frame of the skeleton has moved: see `PoseJumps.update`.
+
+        stamp_ns: ns, of the first image after it.
+        """
+        self.tracker.move_frame(frame.rotation, frame.translation)
+        self._velocity = frame.rotation @ self._velocity
+        if self._place is not None and self._landmarks is not None:
+            self._place, self._landmarks = frame.into_camera(self._place), frame.into_camera(self._landmarks)
+        self._frame_moved_ns = stamp_ns
 
     def track(self, sights: Sequence[Sight], frame_id: str, person: str = "", **identity: Any) -> list[FrameResult]:
         """Track the detections of this person in the images of one instant, one of each camera.
@@ -217,6 +229,9 @@ class TrackedPerson:
             while stamp < estimate.stamp:  # skip results lost by an error
                 stamp_ns, stamp, frame = self._waiting.popleft()
             moment, before, earlier = Moment(stamp_ns, estimate.state, estimate.initialised), None, None
+            if self._last is not None and self._last[0].stamp_ns < self._frame_moved_ns <= stamp_ns:
+                self._last = None
+                self._doubts.reset()
             if self._last is not None and not estimate.initialised:
                 before, places = self._last
                 if stamp_ns - before.stamp_ns >= SHORTEST_NS:

@@ -79,6 +79,15 @@ def test_a_nodding_head_is_interpolated_at_the_time_of_the_image():
             transforms.pose(FRAME, BASE, SECOND + ms * 1_000_000, continued=False)[0]
 
 
+def test_a_jump_is_not_interpolated():
+    """No robot has been between: odometry was reset."""
+    transforms = robot(0.2)
+    robot(1.4, SECOND + 100_000_000, transforms)
+    for ms, pitch in ((0, 0.2), (40, 0.2), (60, 1.4), (100, 1.4)):
+        found = transforms.pose("head", BASE, SECOND + ms * 1_000_000)[0] @ OPTICAL.as_matrix()
+        assert np.allclose(roll_and_pitch(found), (0, pitch), atol=1e-4)
+
+
 @pytest.mark.parametrize(
     "rad_s, period_s, at_s", [(4.9, 0.1, 0.05), (4.9, 0.1, 0.25), (4.9, 0.01, 0.15), (1e-7, 0.1, 0.2)]
 )
@@ -128,6 +137,17 @@ def test_a_loop_and_invalid_transforms_do_no_harm():
     transforms.add(tf_message(BACKEND, 0, ("a", "b", rpy(0, 0)), ("b", "a", rpy(0, 0))), static=True)
     with pytest.raises(TransformError, match="not connected"):
         transforms.pose("a", BASE, SECOND, continued=False)[0]
+
+
+@pytest.mark.parametrize("metres", [1e9, -1e308, np.inf, np.nan])
+def test_a_place_beyond_the_earth_is_left_out(metres):
+    transforms = Transforms()
+    for place in (metres, 1e7):
+        transforms.add(tf_message(BACKEND, 0, ("map", "camera", rpy(0, 0), (0, 0, place))), static=True)
+        if place == metres:
+            with pytest.raises(TransformError, match="no transform of"):
+                transforms.pose("camera", "map", SECOND)
+    assert transforms.pose("camera", "map", SECOND)[1].tolist() == [0, 0, 1e7]
 
 
 def test_only_a_few_seconds_are_kept():

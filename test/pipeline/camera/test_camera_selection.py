@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
-from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
+from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend, set_header  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.pipeline.camera.camera_selection import LASTING, STEADY  # noqa: E402
@@ -155,6 +155,21 @@ def test_two_slow_publishers_are_noticed_by_their_number(pipeline, publishers, n
         used += images(pipeline, 10, 10 * turn)
     assert pipeline.camera.is_shared is noticed
     assert set(used[80:]) == ({600.0} if noticed else {600.0, 400.0})
+
+
+@pytest.mark.parametrize("publishers", [0, 1], ids=["a recording", "a player"])
+@pytest.mark.parametrize("apart_s, noticed", [(0.1, True), (0.3, True), (1.5, False)])
+def test_two_slow_cameras_in_a_recording_are_noticed_by_their_stamps(pipeline, publishers, apart_s, noticed):
+    """No zoom goes to and fro so fast."""
+    pipeline.camera.publishers = publishers
+    used = []
+    for turn in range(16):
+        message = camera_info(BACKEND, (600.0, 400.0)[turn % 2])
+        set_header(message.header, 10**9 + round(turn * apart_s * 1e9), FRAME)
+        pipeline.set_camera(message)
+        used += images(pipeline, 5, 5 * turn)
+    assert pipeline.camera.is_shared is noticed
+    assert set(used[40:]) == ({600.0} if noticed else {600.0, 400.0})
 
 
 def test_the_zoom_of_one_of_several_cameras_is_followed(pipeline):

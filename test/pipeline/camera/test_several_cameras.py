@@ -18,7 +18,8 @@ from lassokin_ros.pipeline.camera.camera_selection import Camera
 from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, camera_commands, save_cameras
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.outputs.status.input_concerns import input_concerns
+from lassokin_ros.pipeline.pipeline import JUMPS, Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 
 pytest.importorskip("rosbags")
@@ -138,6 +139,31 @@ def test_a_robot_that_turns_does_not_move_the_person(tf):
     speeds = [np.median([np.linalg.norm(one.frame.velocity) for one in play.results[30:]]) for play in (moving, fixed)]
     assert speeds[0] > 0.5 and speeds[1] < 0.05
     assert np.median([abs(one.root[0]) for one in fixed.results[30:]]) < 0.01
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.1])
+@pytest.mark.parametrize("degrees, metres", [(0, (-5.0, -3.0, 0.0)), (115, (-5.0, -3.0, 0.0)), (20, (0.0, 0.0, 0.0))])
+def test_a_jump_of_the_fixed_frame_moves_the_person_with_it(degrees, metres, lag):
+    """Odometry is reset: the person is before the robot as before, as fast as before, and not in doubt."""
+    turn, before = Rotation.from_euler("z", degrees, degrees=True).as_matrix(), LEFT.pose_at(0)
+    after = CameraPose("left", before.rotation @ turn.T, before.translation - before.rotation @ turn.T @ metres)
+    odometry = Eye(LEFT.name, lambda seconds: before if seconds < 1.0 else after)
+    play = Play([LEFT], NodeSettings(fixed_frame=MAP), TrackerConfig(smoothing_lag=lag))
+    for index in range(60):
+        play.pipeline.transforms.add(tf_of(BACKEND, odometry, START_NS, index / 30), static=False)
+        play.image(0, index / 30)
+    assert not play.refused and play.pipeline.counts[JUMPS] == 1
+    for one in play.results[15:]:
+        seen = odometry.pose_at(one.seconds).into_camera(one.frame.estimate.pose.positions)
+        assert np.linalg.norm(seen - before.into_camera(play.truth(one.seconds).positions[0]), axis=1).mean() < 0.1
+        assert np.linalg.norm(one.frame.velocity) < 0.5 and np.abs(one.frame.joint_velocities).max() < 3.0
+        assert np.abs(one.frame.joint_states()[1]).max() < 10.0 and not one.frame.judge().doubt.likely_wrong
+    assert play.pipeline.jumps.words in "; ".join(input_concerns(play.pipeline, play.pipeline.counts))
+
+
+def test_a_fast_robot_is_no_jump():
+    robot = turning_eye("camera", 4.0)
+    assert not Play([robot], NodeSettings(fixed_frame=MAP), still=True).run(2.0).pipeline.counts[JUMPS]
 
 
 def test_a_camera_without_a_transform_is_left_out_and_named():

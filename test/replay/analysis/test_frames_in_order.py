@@ -36,6 +36,15 @@ def test_a_refused_stamp_keeps_the_place_of_its_message():
     assert stamps(order.add([accepted(12)], (14, ""))) == [[3], [12]]
 
 
+def test_a_repeated_message_is_refused_apart_from_the_one_whose_stamp_it_has():
+    order = FramesInOrder(2e-9)
+    refused = FrameResult(10, "", None, "old_stamp")
+    for frames in ([], [refused], [refused]):
+        assert stamps(order.add(frames, (10, ""))) == []
+    assert stamps(order.add([accepted(10)], (12, ""))) == [[10]]
+    assert stamps(order.add([accepted(12)], (14, ""))) == [[10], [10], [12]]
+
+
 def test_frames_of_before_the_stamps_begin_anew_come_first():
     order = FramesInOrder(2e-9)
     order.add([absent(20)], (20, ""))

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from lassokin_ros.pipeline.camera_images import UNSCORED
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.outputs.status.camera_status import of_each_camera
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.pipeline import JUMPS, Pipeline
 
 
 def input_concerns(pipeline: Pipeline, recent: Counter[str]) -> Iterator[str]:
@@ -20,6 +20,7 @@ def input_concerns(pipeline: Pipeline, recent: Counter[str]) -> Iterator[str]:
             _other_camera(pipeline),
             _unscored(recent),
             _frozen_depth(pipeline),
+            _jump(pipeline, recent),
             of_each_camera(pipeline, lambda camera: camera.own_depth.warning),
             of_each_camera(pipeline, lambda camera: camera.landmark_ids.warning),
         ),
@@ -58,3 +59,13 @@ def _frozen_depth(pipeline: Pipeline) -> str:
                 f"{FROZEN_S:g} s, with new stamps, so they are not used; check the depth camera"
             )
     return ""
+
+
+def _jump(pipeline: Pipeline, recent: Counter[str]) -> str:
+    if not recent[JUMPS]:
+        return ""
+    return (
+        f"TF: the camera has jumped in fixed_frame '{pipeline.config.fixed_frame}' by {pipeline.jumps.words} from one "
+        "image to the next, and people with it; expected a frame without jumps: was odometry reset, or the robot "
+        "localised anew?"
+    )
