@@ -586,9 +586,11 @@ class Tracker:
         self._solved = self._evaluated_again()
 
     def _tell_lengths(self, camera: Camera) -> None:
-        """Input the lengths to a camera's network. Those of another skeleton than the built-in ones are given."""
-        if camera.network is not None and has_built_in_proportions(self.given_skeleton):
-            camera.network.use_lengths(self.skeleton, self.learned.lengths.certain)
+        """Input the lengths to a camera's network: those of a skeleton without the built-in ones stay as given."""
+        if camera.network is not None:
+            lengths, built_in = self.learned.lengths, has_built_in_proportions(self.given_skeleton)
+            body = self.skeleton if built_in else lengths.proportions.given
+            camera.network.use_lengths(body, lengths.certain or not built_in)
 
     def _adopt_height(self, ratio: float, several: bool = False) -> None:
         """Scale the body and what was learned; with one camera, which does not observe it, also the distance."""

@@ -329,6 +329,20 @@ def test_the_network_of_each_camera_has_the_lengths_of_a_given_skeleton():
     assert [bool(camera.network._lengths_known) for camera in tracker._cameras] == [True, True]
 
 
+def test_a_camera_that_joins_late_has_the_given_lengths_and_not_the_learned_ones():
+    """`reset` forgets the learned ones, and the network was told that its lengths are given."""
+    _, front, side, observe = scene(0.1)
+    scales = np.ones(24)
+    scales[[4, 5]] = 1.1
+    tracker = Tracker(CONFIG, Tracker(CONFIG).skeleton.with_bone_scales(scales))
+    tracker.track(observe(front, 0))
+    tracker.learned.lengths.lengths = np.linspace(-0.1, 0.1, len(tracker.learned.lengths.lengths))
+    tracker._adopt_lengths()
+    tracker.track([observe(front, 1), observe(side, 1)])
+    first, second = (camera.network._lengths for camera in tracker._cameras)
+    assert np.array_equal(first, second)
+
+
 def test_a_camera_without_a_place_does_not_get_the_mount_of_the_first_one():
     _, front, side, observe = scene(0.1)
     tracker = Tracker(replace(CONFIG, extrinsics="learn", camera_pitch=0.5, camera_height=1.2))

@@ -344,6 +344,17 @@ def test_a_new_height_scales_the_given_skeleton():
     assert np.allclose(tracker.skeleton.offsets, given.offsets * (1.4 / 1.75)) and tracker.skeleton.height == 1.4
 
 
+def test_a_new_height_reaches_the_network_of_a_skeleton_in_metres():
+    """Its lengths stay, so that the same ones are other fractions of the height."""
+    given = replace(Skeleton.load("anthropometric", 1.75), metric=True)
+    tracker, fresh = Tracker(replace(CONFIG, height=1.75), given), Tracker(CONFIG, given.at_height(1.6))
+    tracker.tune(replace(CONFIG, height=1.6))
+    assert np.array_equal(tracker._network._lengths, fresh._network._lengths)
+    assert tracker._network._lengths_known and fresh._network._lengths_known
+    for _, observation in observations(fresh, 0.2):
+        assert np.allclose(tracker.track(observation).pose.positions, fresh.track(observation).pose.positions)
+
+
 def test_the_difference_of_the_sides_is_told_as_long_as_their_mean_is_used():
     scales = np.ones(24)
     scales[[4, 7, 18]] = 1.25  # the left knee, ankle and elbow
