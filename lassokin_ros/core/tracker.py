@@ -265,8 +265,9 @@ class Tracker:
             return self._reject(observations[0], rejection)
         measurement = self._together(measured)
         frame = self._frame_data(measured, measurement, observations[0])
-        if self.learned.extrinsics is not None and frame.others:  # also if the poses are too wrong for an answer
-            self.learned.extrinsics.update(measurement.stamp, frame)
+        extrinsics = self.learned.extrinsics
+        if extrinsics is not None and frame.others and not measurement.repeated:  # also if the lasso has no answer
+            extrinsics.update(measurement.stamp, frame)
         if frame.point_count < self.config.min_landmarks:
             return self._reject(observations[0], Rejection.TOO_FEW_LANDMARKS)
         start, initialised = self._start(measurement, frame)
@@ -310,8 +311,9 @@ class Tracker:
             if name not in self._unplaced:
                 self._unplaced[name] = Tracker(replace(self.config, **OF_NO_CAMERA), self.given_skeleton)
             alone = self._unplaced[name]
-            accepted = alone.track(replace(one, camera=HERE)).accepted
-            if not accepted or alone._solved is None or self._solved is None or one.stamp > self._newest + FIT_AFTER:
+            own = alone.track(replace(one, camera=HERE))
+            usable = own.accepted and not own.repeated and one.stamp <= self._newest + FIT_AFTER
+            if not usable or alone._solved is None or self._solved is None:
                 continue
             joints = self._solved.pose.positions, alone._solved.pose.positions
             extrinsics.find(name, one.stamp, self._seen_at(one.stamp), alone._seen_at(one.stamp), *joints)
@@ -564,7 +566,7 @@ class Tracker:
         if height is None:
             return
         limbs, floor = None, None if several or repeated else self._floor_size(frame, solved)
-        if several:
+        if several and not repeated:
             places = triangulate(seen())
             limbs = self.learned.size_check.lengths(places, np.isfinite(places[:, 0]))
         if height.update(answer.together, solved, self.skeleton.height, limbs, floor):

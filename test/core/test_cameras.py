@@ -229,6 +229,31 @@ def test_two_cameras_measure_an_unknown_height():
     assert np.linalg.norm(estimate.pose.positions - truth.positions[-1], axis=-1).mean() < 0.04
 
 
+def test_nothing_is_learned_from_frozen_images_of_two_cameras():
+    """Neither the height nor the cameras' poses: one image would count as much as a minute of motion."""
+    truth, front, side, observe = scene(1.0)
+    last = len(truth.positions) - 1
+    tracker = Tracker(replace(CONFIG, height=0.0, extrinsics="learn"), up=LEVEL_UP)
+    for frame in range(last + 1):
+        tracker.track([observe(front, frame), observe(side, frame)])
+    height, extrinsics = tracker.learned.height, tracker.learned.extrinsics
+    information, correction = height._information, extrinsics.corrections["side"]
+    for frozen in range(1, 31):
+        stamp = observe(front, last).stamp + frozen / RATE
+        assert tracker.track([observe(front, last, stamp), observe(side, last, stamp)]).repeated > 0
+    assert information > 0 and height._information == information
+    assert np.array_equal(extrinsics.corrections["side"], correction) and correction.any()
+
+
+def test_a_camera_without_a_pose_is_not_found_by_a_frozen_image():
+    truth, front, _, observe = scene(1.0)
+    tracker = Tracker(replace(CONFIG, extrinsics="learn"))
+    for frame in range(len(truth.positions)):
+        unplaced = replace(observe(front, 0, frame / RATE), camera=CameraPose("side", known=False))
+        tracker.track([observe(front, frame), unplaced])
+    assert tracker.learned.extrinsics._finders["side"]._count <= 1
+
+
 def test_triangulation_is_exact_and_needs_two_views():
     random = np.random.default_rng(3)
     points = random.normal(size=(6, 3)) + [0, 0, 4.0]
