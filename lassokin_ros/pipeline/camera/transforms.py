@@ -26,6 +26,8 @@ MOST_FRAMES, LONGEST_NAME, MOST_STAMPS = 2000, 256, 10_000
 """Limits of the memory: number of frames, characters of a name, transforms of a frame within `HISTORY_NS`."""
 SMALL_TURN_RAD = 1e-6
 """rad: half of a turn below which orientations are interpolated linearly."""
+FARTHEST = 1e9
+"""m: largest coordinate of a transform. With larger ones the computations overflow."""
 DEEPEST = 200
 """Frames in a chain. A longer one is a loop."""
 
@@ -55,7 +57,7 @@ class Transforms:
             quaternion, place = (turn.x, turn.y, turn.z, turn.w), (shift.x, shift.y, shift.z)
             if not (child and parent and child != parent and 0.9 < math.fsum(x * x for x in quaternion) < 1.1):
                 continue  # NaN compares false
-            if not all(map(math.isfinite, place)):
+            if not all(abs(x) <= FARTHEST for x in place):
                 continue
             if len(child) > LONGEST_NAME or len(parent) > LONGEST_NAME:
                 continue
