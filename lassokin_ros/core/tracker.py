@@ -66,6 +66,8 @@ SMALLEST_PX = 3.0
 STUCK_AFTER = 3
 """Consecutive frames without a usable answer (no certificate, behind the camera, too small) until the tracker
 initialises anew."""
+FARTHEST_FLOOR = 1e12
+"""m: largest distance of a floor from the origin. With larger ones the computations overflow."""
 GOOD_FIT = 3.0
 """Cost per visible landmark up to which a fit that started from the network's pose is used without another search."""
 OF_NO_CAMERA: dict[str, Any] = {
@@ -137,8 +139,7 @@ class Tracker:
         observed = ObservedJoints(body, self.layout.joints)
         self._ankles = tuple(body.index(ankle) for ankle in ANKLES) if self.frame_model.foot_contact else ()
         self._ankle_points = np.equal.outer(self._ankles, self.layout.joints)  # (2, l)
-        self.floor_below: float | None = None
-        """m: how far a flat floor is below the origin of the skeleton's frame; None for `camera_height`."""
+        self.floor_below = None
         self._uncertainty = UncertaintyModel(self.frame_model, prior, self.learned.lengths.proportions, observed)
         self.reset()
 
@@ -192,6 +193,20 @@ class Tracker:
         return self.kinematics.skeleton
 
     @property
+    def floor_below(self) -> float | None:
+        """m: how far a flat floor is below the origin of the skeleton's frame; None for `camera_height`.
+
+        Raises ConfigurationError, when it is set, for a number that is not finite or beyond `FARTHEST_FLOOR`.
+        """
+        return self._floor_below
+
+    @floor_below.setter
+    def floor_below(self, below: float | None) -> None:
+        if below is not None and not abs(below) <= FARTHEST_FLOOR:
+            raise ConfigurationError(f"floor_below is {below}; expected metres, up to {FARTHEST_FLOOR:g}, or None")
+        self._floor_below = below
+
+    @property
     def floor(self) -> np.ndarray | None:
         """See `FrameData.floor`. The learned vertical is not used: it is off by 5 degrees in the median."""
         below = self.config.camera_height or None if self.floor_below is None else self.floor_below
@@ -217,8 +232,11 @@ class Tracker:
     def move_camera(self, roll: float, pitch: float) -> None:
         """Use a measured mount of the camera, rad, from the next frame on; see `camera_roll` and `camera_pitch`.
 
-        The state stays: the camera may be on a head that moves.
+        The state stays: the camera may be on a head that moves. Raises ConfigurationError for angles that are not
+        finite.
         """
+        if not (math.isfinite(roll) and math.isfinite(pitch)):
+            raise ConfigurationError(f"the mount has roll {roll} and pitch {pitch}; expected finite angles, rad")
         self.learned.vertical.move_mount(roll, pitch)
 
     def tune(self, config: TrackerConfig) -> None:

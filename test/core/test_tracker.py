@@ -355,6 +355,19 @@ def test_a_new_height_reaches_the_network_of_a_skeleton_in_metres():
         assert np.allclose(tracker.track(observation).pose.positions, fresh.track(observation).pose.positions)
 
 
+@pytest.mark.parametrize("wrong", [float("nan"), float("inf"), -1e300])
+def test_a_mount_or_a_floor_that_is_no_place_is_refused_and_changes_nothing(wrong):
+    tracker, left_alone = Tracker(CONFIG), Tracker(CONFIG)
+    for _, observation in observations(tracker, 0.2):
+        with pytest.raises(ConfigurationError, match=r"floor_below is .*; expected metres"):
+            tracker.floor_below = wrong
+        if not np.isfinite(wrong):
+            with pytest.raises(ConfigurationError, match=r"roll 0.1 and pitch .*; expected finite angles"):
+                tracker.move_camera(0.1, wrong)
+        assert tracker.floor is None
+        assert same(tracker.track(observation).state, left_alone.track(observation).state)
+
+
 def test_the_difference_of_the_sides_is_told_as_long_as_their_mean_is_used():
     scales = np.ones(24)
     scales[[4, 7, 18]] = 1.25  # the left knee, ankle and elbow
