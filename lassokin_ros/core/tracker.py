@@ -242,16 +242,16 @@ class Tracker:
     def tune(self, config: TrackerConfig) -> None:
         """Use new live settings. The others (skeleton, landmarks, depth_prior, solver) stay as they are.
 
-        A new height scales the given body, and makes the tracker forget the person. Raises ConfigurationError, before
-        anything is changed, for a setting out of its range.
+        A new height scales the given body, and makes the tracker forget the person; so does `calibrate` if another body
+        results, see `averaged`. Raises ConfigurationError, before anything is changed, for a setting out of its range.
         """
         before, config = self.config, self.config.with_live_of(config)
         given = self.given_skeleton.at_height(config.assumed_height)  # raises for a height out of range
+        body, averaged = symmetric_skeleton(given, config.calibrate)
         self.config = config
-        if config.height != before.height:
+        if config.height != before.height or averaged != self.averaged:
             self.reset()
-            self.given_skeleton = given
-            body, self.averaged = symmetric_skeleton(given, config.calibrate)
+            self.given_skeleton, self.averaged = given, averaged
             self.learned.use_body(body, config.height == 0)
             self._adopt_lengths()
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):

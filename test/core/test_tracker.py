@@ -375,10 +375,22 @@ def test_the_difference_of_the_sides_is_told_as_long_as_their_mean_is_used():
     tracker = Tracker(CONFIG, given)
     difference = tracker.averaged
     assert difference > 0.045
+    assert tracker.skeleton.offsets[4, 1] == tracker.skeleton.offsets[5, 1]
     tracker.tune(replace(CONFIG, calibrate=False))
-    assert tracker.averaged == difference and tracker.skeleton.offsets[4, 1] == tracker.skeleton.offsets[5, 1]
+    assert tracker.averaged == 0 and np.array_equal(tracker.skeleton.offsets, given.offsets)
     tracker.tune(replace(CONFIG, calibrate=False, height=1.5))
     assert tracker.averaged == 0 and tracker.skeleton.offsets[4, 1] != tracker.skeleton.offsets[5, 1]
+    tracker.tune(replace(CONFIG, height=1.5))
+    assert tracker.averaged == pytest.approx(difference)
+    assert tracker.skeleton.offsets[4, 1] == tracker.skeleton.offsets[5, 1]
+
+
+def test_calibrate_keeps_the_person_if_the_body_stays():
+    tracker = Tracker(CONFIG)
+    assert tracker.track(frame(tracker)).initialised
+    for calibrate in (False, True):
+        tracker.tune(replace(CONFIG, calibrate=calibrate))
+        assert tracker.state is not None
 
 
 def test_noise_is_in_pixels_of_this_camera():
