@@ -647,8 +647,9 @@ FUNCTION(follow, 11)
     char *known = any_array(&a, o[4], "?", l, PyBUF_C_CONTIGUOUS | PyBUF_WRITABLE);
     double *unseen = out(&a, o[5], l), *beliefs = out(&a, o[6], 8 * f), *merged = out(&a, o[7], 4 * l);
     double *variance = out(&a, o[8], l), *filtered = out(&a, o[9], 2 * l), *kept = out(&a, o[10], l);
-    double ahead[MOST][MODELS][8], s = constants ? constants[0] : 0;
+    double ahead[MOST][MODELS][8];
     IF_REGULAR
+    double s = constants[0];
     if (l > MOST) return done(&a, 0);
     for (Py_ssize_t i = 0; i < l; i++) { /* KeypointTracks.predict */
         double spread = weights[i] > 0 ? 1 / (weights[i] * weights[i]) : 1, square = 0;

@@ -24,16 +24,16 @@ class Estimate:
 
     state, pose: the smoothed state to publish. omega: (3 n,) rad and translation_step: (3,) m, the frame's increment.
     solved: the state after the increment, before smoothing; the certificate refers to it. cost: negative log-likelihood
-    of that state. rows: the slice of the problem's rows of each piece of evidence, by name. keypoint_error_ratio: the
-    keypoints' model error in units of its lower limit, see `failure_probability`. repeated: s since the keypoints last
-    changed.
+    of that state; of the fit if `initialised`, and of the last new keypoints while they are repeated. rows: the slice
+    of the problem's rows of each piece of evidence, by name. keypoint_error_ratio: the keypoints' model error in units
+    of its lower limit, see `failure_probability`. repeated: s since the keypoints last changed.
     visible: (l,) bool, keypoints that were detected in this frame and have a weight. measurements: number of keypoints
-    and measured depths that were used. depth_measured: True if measured depths were used; depth_covers: of half of the
-    landmarks or more. length_deviation: (p,) standard deviation of the log-lengths. cameras: number of cameras whose
-    rows have weight. centre: (3,) m, of the first of them, in the skeleton's frame. joint_depths: what the depth
-    network estimates from its keypoints. contacts: (n,) bool, ankles of feet that stand still. prior_cost: of the pose
-    prior for `solved`. network_distance: m, mean distance of the depth network's joints from those of `solved`,
-    relative to the hips; NaN without the network.
+    and measured depths with a weight. depth_measured: True if measured depths were used; depth_covers: of half of the
+    used keypoints of a camera or more. length_deviation: (p,) standard deviation of the log-lengths. cameras: number of
+    cameras whose rows have weight. centre: (3,) m, of the first of them, in the skeleton's frame. joint_depths: what
+    the depth network estimates from its keypoints. contacts: (n,) bool, ankles of feet that stand still. prior_cost: of
+    the pose prior for `solved`. network_distance: m, mean distance of the depth network's joints from those of
+    `solved`, relative to the hips; NaN without the network.
     """
 
     stamp: float

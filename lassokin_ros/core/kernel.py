@@ -8,6 +8,7 @@ given, and returns True; or returns False if it does not treat a case, and Pytho
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import ModuleType
@@ -60,4 +61,8 @@ class Kernel:
             self.active = before
 
 
+if compiled is not None and not Kernel.__annotations__.keys() <= vars(compiled).keys():
+    rebuild = "build it again with `python setup.py build_ext --inplace`"
+    warnings.warn(f"the compiled kernel is of another revision, and is not used: {rebuild}", stacklevel=1)
+    compiled = None
 kernel = Kernel()

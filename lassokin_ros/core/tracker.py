@@ -66,6 +66,8 @@ SMALLEST_PX = 3.0
 STUCK_AFTER = 3
 """Consecutive frames without a usable answer (no certificate, behind the camera, too small) until the tracker
 initialises anew."""
+FARTHEST_FLOOR = 1e12
+"""m: largest distance of a floor from the origin. With larger ones the computations overflow."""
 GOOD_FIT = 3.0
 """Cost per visible landmark up to which a fit that started from the network's pose is used without another search."""
 OF_NO_CAMERA: dict[str, Any] = {
@@ -137,8 +139,7 @@ class Tracker:
         observed = ObservedJoints(body, self.layout.joints)
         self._ankles = tuple(body.index(ankle) for ankle in ANKLES) if self.frame_model.foot_contact else ()
         self._ankle_points = np.equal.outer(self._ankles, self.layout.joints)  # (2, l)
-        self.floor_below: float | None = None
-        """m: how far a flat floor is below the origin of the skeleton's frame; None for `camera_height`."""
+        self.floor_below = None
         self._uncertainty = UncertaintyModel(self.frame_model, prior, self.learned.lengths.proportions, observed)
         self.reset()
 
@@ -192,6 +193,20 @@ class Tracker:
         return self.kinematics.skeleton
 
     @property
+    def floor_below(self) -> float | None:
+        """m: how far a flat floor is below the origin of the skeleton's frame; None for `camera_height`.
+
+        Raises ConfigurationError, when it is set, for a number that is not finite or beyond `FARTHEST_FLOOR`.
+        """
+        return self._floor_below
+
+    @floor_below.setter
+    def floor_below(self, below: float | None) -> None:
+        if below is not None and not abs(below) <= FARTHEST_FLOOR:
+            raise ConfigurationError(f"floor_below is {below}; expected metres, up to {FARTHEST_FLOOR:g}, or None")
+        self._floor_below = below
+
+    @property
     def floor(self) -> np.ndarray | None:
         """See `FrameData.floor`. The learned vertical is not used: it is off by 5 degrees in the median."""
         below = self.config.camera_height or None if self.floor_below is None else self.floor_below
@@ -217,8 +232,11 @@ class Tracker:
     def move_camera(self, roll: float, pitch: float) -> None:
         """Use a measured mount of the camera, rad, from the next frame on; see `camera_roll` and `camera_pitch`.
 
-        The state stays: the camera may be on a head that moves.
+        The state stays: the camera may be on a head that moves. Raises ConfigurationError for angles that are not
+        finite.
         """
+        if not (math.isfinite(roll) and math.isfinite(pitch)):
+            raise ConfigurationError(f"the mount has roll {roll} and pitch {pitch}; expected finite angles, rad")
         self.learned.vertical.move_mount(roll, pitch)
 
     def move_frame(self, rotation: np.ndarray, translation: np.ndarray) -> None:
@@ -236,16 +254,16 @@ class Tracker:
     def tune(self, config: TrackerConfig) -> None:
         """Use new live settings. The others (skeleton, landmarks, depth_prior, solver) stay as they are.
 
-        A new height scales the given body, and makes the tracker forget the person. Raises ConfigurationError, before
-        anything is changed, for a setting out of its range.
+        A new height scales the given body, and makes the tracker forget the person; so does `calibrate` if another body
+        results, see `averaged`. Raises ConfigurationError, before anything is changed, for a setting out of its range.
         """
         before, config = self.config, self.config.with_live_of(config)
         given = self.given_skeleton.at_height(config.assumed_height)  # raises for a height out of range
+        body, averaged = symmetric_skeleton(given, config.calibrate)
         self.config = config
-        if config.height != before.height:
+        if config.height != before.height or averaged != self.averaged:
             self.reset()
-            self.given_skeleton = given
-            body, self.averaged = symmetric_skeleton(given, config.calibrate)
+            self.given_skeleton, self.averaged = given, averaged
             self.learned.use_body(body, config.height == 0)
             self._adopt_lengths()
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
@@ -277,8 +295,9 @@ class Tracker:
             return self._reject(observations[0], rejection)
         measurement = self._together(measured)
         frame = self._frame_data(measured, measurement, observations[0])
-        if self.learned.extrinsics is not None and frame.others:  # also if the poses are too wrong for an answer
-            self.learned.extrinsics.update(measurement.stamp, frame)
+        extrinsics = self.learned.extrinsics
+        if extrinsics is not None and frame.others and not measurement.repeated:  # also if the lasso has no answer
+            extrinsics.update(measurement.stamp, frame)
         if frame.point_count < self.config.min_landmarks:
             return self._reject(observations[0], Rejection.TOO_FEW_LANDMARKS)
         start, initialised = self._start(measurement, frame)
@@ -322,8 +341,9 @@ class Tracker:
             if name not in self._unplaced:
                 self._unplaced[name] = Tracker(replace(self.config, **OF_NO_CAMERA), self.given_skeleton)
             alone = self._unplaced[name]
-            accepted = alone.track(replace(one, camera=HERE)).accepted
-            if not accepted or alone._solved is None or self._solved is None or one.stamp > self._newest + FIT_AFTER:
+            own = alone.track(replace(one, camera=HERE))
+            usable = own.accepted and not own.repeated and one.stamp <= self._newest + FIT_AFTER
+            if not usable or alone._solved is None or self._solved is None:
                 continue
             joints = self._solved.pose.positions, alone._solved.pose.positions
             extrinsics.find(name, one.stamp, self._seen_at(one.stamp), alone._seen_at(one.stamp), *joints)
@@ -576,7 +596,7 @@ class Tracker:
         if height is None:
             return
         limbs, floor = None, None if several or repeated else self._floor_size(frame, solved)
-        if several:
+        if several and not repeated:
             places = triangulate(seen())
             limbs = self.learned.size_check.lengths(places, np.isfinite(places[:, 0]))
         if height.update(answer.together, solved, self.skeleton.height, limbs, floor):
@@ -598,9 +618,11 @@ class Tracker:
         self._solved = self._evaluated_again()
 
     def _tell_lengths(self, camera: Camera) -> None:
-        """Input the lengths to a camera's network. Those of another skeleton than the built-in ones are given."""
-        if camera.network is not None and has_built_in_proportions(self.given_skeleton):
-            camera.network.use_lengths(self.skeleton, self.learned.lengths.certain)
+        """Input the lengths to a camera's network: those of a skeleton without the built-in ones stay as given."""
+        if camera.network is not None:
+            lengths, built_in = self.learned.lengths, has_built_in_proportions(self.given_skeleton)
+            body = self.skeleton if built_in else lengths.proportions.given
+            camera.network.use_lengths(body, lengths.certain or not built_in)
 
     def _adopt_height(self, ratio: float, several: bool = False) -> None:
         """Scale the body and what was learned; with one camera, which does not observe it, also the distance."""

@@ -28,15 +28,18 @@ def observation_from_pixels(
     `lens.size` the border and the centre are known. depth: (l,) m along the optical axis, of the body's surface, NaN =
     not measured.
 
-    Raises KeypointError if the array has another shape, or if positions or confidences have another unit, such as
-    fractions of the image or percent.
+    Raises KeypointError if an array has another shape or is not of numbers, or if positions or confidences have another
+    unit, such as fractions of the image or percent.
     """
-    points = np.asarray(points, dtype=float)
+    try:
+        points = np.asarray(points, dtype=float)
+        measured = None if depth is None else np.asarray(depth, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise KeypointError(f"points or depth are no arrays of numbers: {error}; expected (l, 3) and (l,)") from None
     if points.ndim != 2 or points.shape[1] != 3:
         raise KeypointError(f"points have the shape {points.shape}; expected (l, 3): x, y px, confidence")
-    if depth is not None and np.shape(depth) != (len(points),):
-        raise KeypointError(f"depth has the shape {np.shape(depth)}; expected ({len(points)},), one per point")
-    measured = None if depth is None else np.asarray(depth, dtype=float)
+    if measured is not None and measured.shape != (len(points),):
+        raise KeypointError(f"depth has the shape {measured.shape}; expected ({len(points)},), one per point")
     keypoints = Keypoints(None, "", np.arange(len(points)), points[:, :2], points[:, 2], depth=measured)
     try:
         found = detection(checked_positions(keypoints, lens.size), None, len(points), lens)

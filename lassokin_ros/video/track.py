@@ -20,7 +20,7 @@ from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.errors import CameraError
+from lassokin_ros.core.errors import CameraError, ConfigurationError
 from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
@@ -106,6 +106,8 @@ def _settings(options: argparse.Namespace, source: Source, detector: Detector) -
     tracker, node = offline_settings(options.params_file, [layout, *who, *options.p, *height], defaults)
     if node.camera_names != ("",):
         raise CameraError(f"cameras is {', '.join(node.camera_names)}; expected no setting: one video has one camera")
+    if node.floor:
+        raise ConfigurationError("floor is true, but a video has no TF to say where the floor is; set camera_height")
     for name in ("camera_mount_frame", "fixed_frame"):
         if getattr(node, name):
             _note(f"{name} is not used, since a video has no TF; set camera_pitch and camera_roll")

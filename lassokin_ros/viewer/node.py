@@ -74,7 +74,7 @@ class ViewerNode(Node):
 
     def _is_of_camera(self, frame_id: str) -> bool:
         """Return whether a skeleton's frame is that of camera or keypoints. Another one is fixed, and has z up."""
-        own = not self._frames or not frame_id or frame_id in self._frames
+        own = not self._frames or not frame_id or frame_id.lstrip("/") in self._frames
         if self._z_up == own:
             self._z_up = not own
             self._scene.set_axes(self._z_up)
@@ -102,7 +102,7 @@ class ViewerNode(Node):
 
     def _on_camera(self, message: CameraInfo) -> None:
         camera = decode_camera_info(message)
-        self._frames.add(message.header.frame_id)
+        self._frames.add(message.header.frame_id.lstrip("/"))  # as the tracker's outputs have it
         key = (camera.K.tobytes(), camera.D.tobytes(), camera.model, camera.width, camera.height)
         if key == self._camera:
             return
@@ -118,7 +118,7 @@ class ViewerNode(Node):
 
     def _on_keypoints(self, message: PointCloud2) -> None:
         keypoints = self._keypoints.decode(message, None)
-        self._frames.add(message.header.frame_id)
+        self._frames.add(message.header.frame_id.lstrip("/"))  # as the tracker's outputs have it
         self._scene.add_keypoints("", keypoints.xy[keypoints.present])
 
     def _on_state(self, message: String) -> None:

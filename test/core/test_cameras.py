@@ -229,6 +229,31 @@ def test_two_cameras_measure_an_unknown_height():
     assert np.linalg.norm(estimate.pose.positions - truth.positions[-1], axis=-1).mean() < 0.04
 
 
+def test_nothing_is_learned_from_frozen_images_of_two_cameras():
+    """Neither the height nor the cameras' poses: one image would count as much as a minute of motion."""
+    truth, front, side, observe = scene(1.0)
+    last = len(truth.positions) - 1
+    tracker = Tracker(replace(CONFIG, height=0.0, extrinsics="learn"), up=LEVEL_UP)
+    for frame in range(last + 1):
+        tracker.track([observe(front, frame), observe(side, frame)])
+    height, extrinsics = tracker.learned.height, tracker.learned.extrinsics
+    information, correction = height._information, extrinsics.corrections["side"]
+    for frozen in range(1, 31):
+        stamp = observe(front, last).stamp + frozen / RATE
+        assert tracker.track([observe(front, last, stamp), observe(side, last, stamp)]).repeated > 0
+    assert information > 0 and height._information == information
+    assert np.array_equal(extrinsics.corrections["side"], correction) and correction.any()
+
+
+def test_a_camera_without_a_pose_is_not_found_by_a_frozen_image():
+    truth, front, _, observe = scene(1.0)
+    tracker = Tracker(replace(CONFIG, extrinsics="learn"))
+    for frame in range(len(truth.positions)):
+        unplaced = replace(observe(front, 0, frame / RATE), camera=CameraPose("side", known=False))
+        tracker.track([observe(front, frame), unplaced])
+    assert tracker.learned.extrinsics._finders["side"]._count <= 1
+
+
 def test_triangulation_is_exact_and_needs_two_views():
     random = np.random.default_rng(3)
     points = random.normal(size=(6, 3)) + [0, 0, 4.0]
@@ -327,6 +352,20 @@ def test_the_network_of_each_camera_has_the_lengths_of_a_given_skeleton():
     tracker = Tracker(CONFIG, given)
     tracker.track([observe(front, 0), observe(side, 0)])
     assert [bool(camera.network._lengths_known) for camera in tracker._cameras] == [True, True]
+
+
+def test_a_camera_that_joins_late_has_the_given_lengths_and_not_the_learned_ones():
+    """`reset` forgets the learned ones, and the network was told that its lengths are given."""
+    _, front, side, observe = scene(0.1)
+    scales = np.ones(24)
+    scales[[4, 5]] = 1.1
+    tracker = Tracker(CONFIG, Tracker(CONFIG).skeleton.with_bone_scales(scales))
+    tracker.track(observe(front, 0))
+    tracker.learned.lengths.lengths = np.linspace(-0.1, 0.1, len(tracker.learned.lengths.lengths))
+    tracker._adopt_lengths()
+    tracker.track([observe(front, 1), observe(side, 1)])
+    first, second = (camera.network._lengths for camera in tracker._cameras)
+    assert np.array_equal(first, second)
 
 
 def test_a_camera_without_a_place_does_not_get_the_mount_of_the_first_one():

@@ -143,6 +143,16 @@ def test_the_environment_switches_it_off(switch, active):
     assert done.stdout.strip() == str(active)
 
 
+def test_a_kernel_of_another_revision_is_not_used_and_told():
+    """Git ignores it, so that it stays when the sources change."""
+    code = (
+        "import sys, types; sys.modules['lassokin_ros.core._kernel'] = types.ModuleType('old');"
+        "from lassokin_ros import Tracker; from lassokin_ros.core.kernel import kernel; print(kernel.active)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False" and "build it again with `python setup.py" in done.stderr
+
+
 # What it does not treat -----------------------------------------------------------------------------------------------
 
 FUZZ = """

@@ -120,6 +120,16 @@ def bad_observations(good):
         (Rejection.WRONG_SHAPE, broken(good, points=np.zeros((0, 2)), confidence=np.zeros(0))),
         (Rejection.WRONG_SHAPE, broken(good, depth=np.full(16, 3.0), depth_of_surface=True)),
         (Rejection.WRONG_SHAPE, broken(good, depth=np.full(17, 3.0), depth_deviation=np.full(3, 0.03))),
+        (Rejection.WRONG_SHAPE, broken(good, points=points.tolist())),
+        (Rejection.WRONG_SHAPE, broken(good, points=[[1.0, 2.0], [3.0]])),
+        (Rejection.WRONG_SHAPE, broken(good, points=points.astype(complex))),
+        (Rejection.WRONG_SHAPE, broken(good, points=np.full((17, 2), None))),
+        (Rejection.WRONG_SHAPE, broken(good, points=points.astype(str))),
+        (Rejection.WRONG_SHAPE, broken(good, confidence=tuple(confidence))),
+        (Rejection.WRONG_SHAPE, broken(good, depth=np.full(17, "far"))),
+        (Rejection.NOT_FINITE, broken(good, stamp=None)),
+        (Rejection.NOT_FINITE, broken(good, focal=None)),
+        (Rejection.NOT_FINITE, broken(good, focal=np.full(2, good.focal))),
         (Rejection.NOT_FINITE, broken(good, stamp=np.nan)),
         (Rejection.NOT_FINITE, broken(good, stamp=np.inf)),
         (Rejection.NOT_FINITE, broken(good, focal=np.nan)),
@@ -344,6 +354,30 @@ def test_a_new_height_scales_the_given_skeleton():
     assert np.allclose(tracker.skeleton.offsets, given.offsets * (1.4 / 1.75)) and tracker.skeleton.height == 1.4
 
 
+def test_a_new_height_reaches_the_network_of_a_skeleton_in_metres():
+    """Its lengths stay, so that the same ones are other fractions of the height."""
+    given = replace(Skeleton.load("anthropometric", 1.75), metric=True)
+    tracker, fresh = Tracker(replace(CONFIG, height=1.75), given), Tracker(CONFIG, given.at_height(1.6))
+    tracker.tune(replace(CONFIG, height=1.6))
+    assert np.array_equal(tracker._network._lengths, fresh._network._lengths)
+    assert tracker._network._lengths_known and fresh._network._lengths_known
+    for _, observation in observations(fresh, 0.2):
+        assert np.allclose(tracker.track(observation).pose.positions, fresh.track(observation).pose.positions)
+
+
+@pytest.mark.parametrize("wrong", [float("nan"), float("inf"), -1e300])
+def test_a_mount_or_a_floor_that_is_no_place_is_refused_and_changes_nothing(wrong):
+    tracker, left_alone = Tracker(CONFIG), Tracker(CONFIG)
+    for _, observation in observations(tracker, 0.2):
+        with pytest.raises(ConfigurationError, match=r"floor_below is .*; expected metres"):
+            tracker.floor_below = wrong
+        if not np.isfinite(wrong):
+            with pytest.raises(ConfigurationError, match=r"roll 0.1 and pitch .*; expected finite angles"):
+                tracker.move_camera(0.1, wrong)
+        assert tracker.floor is None
+        assert same(tracker.track(observation).state, left_alone.track(observation).state)
+
+
 def test_the_difference_of_the_sides_is_told_as_long_as_their_mean_is_used():
     scales = np.ones(24)
     scales[[4, 7, 18]] = 1.25  # the left knee, ankle and elbow
@@ -351,10 +385,22 @@ def test_the_difference_of_the_sides_is_told_as_long_as_their_mean_is_used():
     tracker = Tracker(CONFIG, given)
     difference = tracker.averaged
     assert difference > 0.045
+    assert tracker.skeleton.offsets[4, 1] == tracker.skeleton.offsets[5, 1]
     tracker.tune(replace(CONFIG, calibrate=False))
-    assert tracker.averaged == difference and tracker.skeleton.offsets[4, 1] == tracker.skeleton.offsets[5, 1]
+    assert tracker.averaged == 0 and np.array_equal(tracker.skeleton.offsets, given.offsets)
     tracker.tune(replace(CONFIG, calibrate=False, height=1.5))
     assert tracker.averaged == 0 and tracker.skeleton.offsets[4, 1] != tracker.skeleton.offsets[5, 1]
+    tracker.tune(replace(CONFIG, height=1.5))
+    assert tracker.averaged == pytest.approx(difference)
+    assert tracker.skeleton.offsets[4, 1] == tracker.skeleton.offsets[5, 1]
+
+
+def test_calibrate_keeps_the_person_if_the_body_stays():
+    tracker = Tracker(CONFIG)
+    assert tracker.track(frame(tracker)).initialised
+    for calibrate in (False, True):
+        tracker.tune(replace(CONFIG, calibrate=calibrate))
+        assert tracker.state is not None
 
 
 def test_noise_is_in_pixels_of_this_camera():

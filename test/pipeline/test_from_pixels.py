@@ -74,6 +74,8 @@ def test_without_the_image_size_the_far_border_is_unknown():
     [
         (PIXELS[0], r"shape \(17, 2\); expected \(l, 3\)"),
         (POINTS, r"expected \(l, 3\)"),
+        ("a text", r"no arrays of numbers: .*; expected \(l, 3\)"),
+        ([[1, 2, 0.5], [3, 4]], r"no arrays of numbers: .*; expected \(l, 3\)"),
         (POINTS[0] * [1, 1, 100], "divide percentages by 100"),
         (POINTS[0] / [WIDTH, HEIGHT, 1], f"image's width .{WIDTH}."),
     ],
@@ -81,6 +83,8 @@ def test_without_the_image_size_the_far_border_is_unknown():
 def test_other_shapes_and_units_are_refused(points, words):
     with pytest.raises(LassokinError, match=words):
         observation_from_pixels(0.0, points, LENS)
+    with pytest.raises(LassokinError, match="no arrays of numbers"):
+        observation_from_pixels(0.0, POINTS[0], LENS, ["far"] * 17)
     with pytest.raises(LassokinError, match=r"depth has the shape \(3,\); expected \(17,\)"):
         observation_from_pixels(0.0, POINTS[0], LENS, np.ones(3))
 

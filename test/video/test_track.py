@@ -196,6 +196,14 @@ def test_a_frame_is_not_silently_without_effect(images, monkeypatch, capsys, nam
     assert "6 in, 6 tracked" in output.out
 
 
+@pytest.mark.parametrize("name", ["camera_mount_frame", "fixed_frame"])
+def test_a_floor_of_tf_is_refused_with_what_a_video_can_use(images, monkeypatch, capsys, name):
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+    assert main([str(images), "--fov", "60", "-p", f"{name}:=base_link", "-p", "floor:=true"]) == 2
+    error = capsys.readouterr().err
+    assert "a video has no TF to say where the floor is; set camera_height" in error and error.count("\n") == 1
+
+
 def test_the_field_of_view_is_along_the_longer_side():
     K = from_fov(90.0, (480, 640)).K
     assert np.isclose(K[0, 0], 320) and np.isclose(K[1, 1], 320) and K[1, 2] == 319.5

@@ -11,7 +11,7 @@ pytest.importorskip("rerun", reason="the viewer needs rerun-sdk")
 
 from geometry_msgs.msg import Point, Pose, PoseArray  # noqa: E402
 from live import BACKEND, NO_HANDLERS, NodeProcess, Peer, stamp_of  # noqa: E402
-from messages import HEIGHT, WIDTH, camera_info, pixels_of_motion  # noqa: E402
+from messages import HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from sensor_msgs.msg import Image, PointCloud2  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
@@ -136,6 +136,15 @@ def test_a_skeleton_in_a_fixed_frame_is_not_projected_as_if_the_camera_were_ther
         joints.header.frame_id = frame
         person._on_joints(joints)
     assert len(skeletons) == 4 and len(outlines) == 2 and axes == [True, False]
+
+
+def test_a_leading_slash_in_a_frame_id_makes_no_other_frame(viewer):
+    """The tracker leaves it out in its outputs."""
+    node, _, _ = viewer
+    keypoints = cloud(BACKEND, 0, np.zeros((17, 2)), frame_id="/eye")
+    for log, message in ((node._on_camera, camera_info(BACKEND, frame_id="/lens")), (node._on_keypoints, keypoints)):
+        log(message)
+    assert [node._is_of_camera(name) for name in ("lens", "/lens", "eye", "map")] == [True, True, True, False]
 
 
 def test_topics_of_people_are_added_and_removed(viewer):

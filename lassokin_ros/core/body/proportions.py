@@ -53,7 +53,7 @@ class Proportions:
 
     def offsets(self, lengths: np.ndarray) -> np.ndarray:
         """Rest offsets (..., n, 3) m for log-lengths (..., p)."""
-        scaled: np.ndarray = np.expm1(lengths) @ self.parts.reshape(self.count, -1)
+        scaled: np.ndarray = np.expm1(lengths) @ self.parts.reshape(self.count, self.given.offsets.size)
         return self.given.offsets + scaled.reshape(*scaled.shape[:-1], -1, 3)
 
     def motion(self, pose: BodyPose, lengths: np.ndarray) -> LengthMotion:

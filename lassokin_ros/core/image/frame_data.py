@@ -85,7 +85,7 @@ class FrameData:
 
     @cached_property
     def depth_covers(self) -> bool:
-        """Whether half of the landmarks or more have a measured depth."""
+        """Whether half of a camera's used keypoints or more have a measured depth."""
         for view in self.views:
             if view.depth_weights is not None:
                 if 2 * np.count_nonzero(view.depth_weights) >= np.count_nonzero(view.weights):

@@ -26,7 +26,7 @@ def gate_observation(
     """
     count = len(layout.names)
     none = np.zeros(count)
-    if not (math.isfinite(observation.stamp) and FOCAL_RANGE[0] < observation.focal < FOCAL_RANGE[1]):
+    if not _has_numbers(observation):
         return Rejection.NOT_FINITE, none
     if not _fits(observation, count):
         return Rejection.WRONG_SHAPE, none
@@ -40,12 +40,20 @@ def gate_observation(
     return None, np.sqrt(confidence) / deviation
 
 
-def _fits(observation: Observation, count: int) -> bool:
-    """True if all arrays of an observation have one row per landmark; count: of the landmarks."""
-    o, one_each = observation, (count,)
-    if np.shape(o.points) != (count, 2) or np.shape(o.confidence) != one_each:
+def _has_numbers(observation: Observation) -> bool:
+    """True if the stamp is finite and the focal length usable."""
+    try:
+        return math.isfinite(observation.stamp) and bool(FOCAL_RANGE[0] < observation.focal < FOCAL_RANGE[1])
+    except (TypeError, ValueError):  # None, a text, two numbers
         return False
-    return all(np.shape(array) == one_each for array in (o.depth, o.depth_deviation) if array is not None)
+
+
+def _fits(observation: Observation, count: int) -> bool:
+    """True if all arrays of an observation are of real numbers and have one row per landmark; count: of these."""
+    o, one_each = observation, (count,)
+    arrays = [(o.points, (count, 2)), (o.confidence, one_each)]
+    arrays += [(array, one_each) for array in (o.depth, o.depth_deviation) if array is not None]
+    return all(isinstance(a, np.ndarray) and a.shape == shape and a.dtype.kind in "fiub" for a, shape in arrays)
 
 
 def visible(observation: Observation, config: TrackerConfig) -> np.ndarray:

@@ -298,10 +298,12 @@ class Posterior:
         # The root's degrees of freedom come first, and every landmark moves with it.
         columns[:, :3], columns[: len(turns), 3:] = -Y.dot(self.problem.A).T, pose.orientations[0].T[turns]
         root, _ = lapack.dtrtrs(self.lower, columns, lower=1)
-        sizes = np.repeat([self.factor[0], ROTATION_FACTOR], 3)
-        pelvis = sizes[:, None] * root.T.dot(root) * sizes
+        pelvis = root.T.dot(root)
         crossed = self.live.reshape(-1, count).dot(root[:, :3]).reshape(-1, 3, 3)
         joints = self.scaled(self.relative + crossed + crossed.swapaxes(1, 2) + root[:, :3].T.dot(root[:, :3]))
+        # The position's factor contains its limit: with the same for the cross block, it is positive semidefinite.
+        sizes = np.repeat([math.sqrt(joints[0].trace() / max(pelvis[:3, :3].trace(), 1e-12)), ROTATION_FACTOR], 3)
+        pelvis *= sizes[:, None] * sizes
         place = self.factor[0] ** 2 * Y.dot(Y.T)
         place.reshape(-1)[::4] += PLACE_DEVIATION**2
         if not (estimate.depth_measured or estimate.cameras > 1):

@@ -90,6 +90,13 @@ def test_a_body_without_height_has_finite_shares():
     assert flat.names == ("b",) and flat.stature_shares.tolist() == [0.0]
 
 
+def test_a_body_without_any_length_stays_as_it_is():
+    """Two joints at one place, as the gimbals of a URDF are."""
+    gimbal = chain(("base", None, (0, 0, 0)), ("gimbal", "base", (0, 0, 0)), seen=["gimbal"])
+    assert gimbal.names == () and np.array_equal(gimbal.skeleton(np.zeros(0)).offsets, np.zeros((2, 3)))
+    assert gimbal.offsets(np.zeros((5, 0))).shape == (5, 2, 3)
+
+
 def test_another_given_body_has_lengths_of_its_own(all_lengths):
     """The log-lengths of a taller body refer to it; those of the old one are not changed."""
     kinematics = body("smpl24")

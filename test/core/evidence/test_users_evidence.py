@@ -55,6 +55,13 @@ def not_finite(self, about, columns, z):
     z[...] = np.nan
 
 
+def too_large(self, about, columns, z):
+    """A deviation of 1 micrometre: the lasso's answers would not be certified."""
+    Range.linearise(self, about, columns, z)
+    columns *= 1e4
+    z *= 1e4
+
+
 def other_shape(self, about, columns, z):
     columns[...] = np.zeros((7, 5))
 
@@ -64,6 +71,7 @@ FAULTS = {
     "linearise raises": {"linearise": raises},
     "not filled": {"linearise": not_filled},
     "not finite": {"linearise": not_finite},
+    "too large": {"linearise": too_large},
     "other shape": {"linearise": other_shape},
     "cost raises": {"cost": raises},
     "cost of another shape": {"cost": lambda *given: np.zeros(5)},

@@ -109,6 +109,14 @@ def test_frozen_keypoints_keep_the_pose_and_report_their_age():
     assert tracker.track(moves_on).initialised  # the motion in between is unknown
 
 
+def test_the_cost_of_repeated_keypoints_is_that_of_the_last_new_ones():
+    """They are no measurement, so that the fit says no more about the pose than it did."""
+    tracker, last = tracked()
+    new = tracker.track(replace(later(last, 0.1), points=last.points + 1e-3))
+    again = tracker.track(replace(later(last, 0.2), points=last.points + 1e-3))
+    assert new.repeated == 0 < again.repeated and new.cost == again.cost
+
+
 def test_a_single_frame_repeated_gives_a_constant_pose():
     """As with `ros2 topic pub`: the velocity of the first frame is unknown, and the points still count."""
     tracker = Tracker(CONFIG)

@@ -256,6 +256,16 @@ def test_absolute_covariances_are_those_of_increment_and_translation():
     assert np.linalg.eigvalsh(found.pelvis).min() > 0
 
 
+def test_the_absolute_covariance_of_the_pelvis_is_positive_if_only_legs_are_seen():
+    """The limit of the position's deviation holds for the cross block with the rotation, too."""
+    names = Tracker().layout.names
+    tracker, estimate = followed([name for name in names if not name.endswith(("knee", "ankle"))])
+    pelvis = tracker.uncertainty(estimate).absolute.pelvis
+    deviation = np.sqrt(np.diagonal(pelvis))
+    assert np.linalg.eigvalsh(pelvis).min() > 1e-4
+    assert np.abs(pelvis / np.outer(deviation, deviation) - np.eye(6)).max() < 0.99
+
+
 def problem_free(estimate):
     """(B^T B)^-1 of the frame's problem."""
     B = estimate.problem.B
