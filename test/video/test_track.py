@@ -84,6 +84,7 @@ def test_unusable_input_is_one_line_and_writes_nothing(images, tmp_path, monkeyp
         ([broken, "--report", tmp_path / "r.html", "--video", tmp_path / "v.mp4"], "has no video stream"),
         (["97"], "camera 97 cannot be opened"),
         ([images, "--fov", "0.5"], "expected 1 to 170 degrees"),
+        ([images, "--height", "0"], "does not show the size; give --height"),
         ([images, "--camera-info", none], "none"),
         ([images, "--video", tmp_path / "out.txt"], "ends in .mp4 or .avi"),
         ([images, "--report", none / "r.html"], "no folder"),
@@ -335,6 +336,13 @@ def test_findings_of_a_video_give_no_advice_about_ros(long_video, tmp_path, monk
     assert "height          1.75 m is assumed" in capsys.readouterr().out
     assert main([str(long_video), "--report", str(page), "--force", "--height", "1.75"]) == 0
     assert "is taken to be" not in page.read_text(encoding="utf-8")
+
+
+def test_a_height_that_the_floor_measures_is_in_the_summary(images, monkeypatch, capsys):
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+    assert main([str(images), "--height", "0", "-p", "camera_height:=1.2", "-p", "camera_pitch:=0.1"]) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("height")]
+    assert re.match(r"height +\d\.\d\d m, (measured|a mean of people)", line)
 
 
 def test_only_files_that_exist_are_said_to_be_written(images, tmp_path, monkeypatch, capsys):
