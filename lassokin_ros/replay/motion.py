@@ -115,6 +115,11 @@ class Motion:
         return ways / np.where(backwards | (elapsed <= 0), np.nan, elapsed)[:, None]
 
     @property
+    def start(self) -> float:
+        """s from the begin of the recording to this person's first frame."""
+        return float(self.stamps_ns[0] - self.start_ns) * 1e-9
+
+    @property
     def frame_count(self) -> int:
         """The number of frames, f."""
         return len(self.stamps_ns)

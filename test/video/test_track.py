@@ -338,6 +338,22 @@ def test_findings_of_a_video_give_no_advice_about_ros(long_video, tmp_path, monk
     assert "is taken to be" not in page.read_text(encoding="utf-8")
 
 
+def test_files_of_an_earlier_run_do_not_stay_if_nobody_is_tracked(images, tmp_path, monkeypatch, capsys):
+    class Nobody(Standing):
+        def detect(self, image, seconds):
+            return []
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Nobody())
+    old = [tmp_path / "motion.npz", tmp_path / "motion.bvh"]
+    for file in old:
+        file.write_text("of another person", encoding="utf-8")
+    assert (
+        main([str(images), "--fov", "60", "--force", *(word for file in old for word in ("--export", str(file)))]) == 0
+    )
+    assert not any(file.exists() for file in old)
+    assert "not exported    motion.npz, motion.bvh: nobody was tracked" in capsys.readouterr().out.splitlines()
+
+
 def test_a_height_that_the_floor_measures_is_in_the_summary(images, monkeypatch, capsys):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
     assert main([str(images), "--height", "0", "-p", "camera_height:=1.2", "-p", "camera_pitch:=0.1"]) == 0
