@@ -99,5 +99,6 @@ class Detections:
         early = read < COMPLETE * source.count and self._last < COMPLETE * source.seconds
         if early and not self.fault and not self.interrupted:
             print_note(
-                f"{PROGRAM}: {source.name} announces {source.count} images, {read} could be read; it may be damaged"
+                f"{PROGRAM}: {source.name} announces {source.count} images, {read} could be read; it may be damaged, "
+                "or its images begin later than its sound"
             )
