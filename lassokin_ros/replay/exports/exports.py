@@ -127,7 +127,7 @@ def _remarks(targets: Sequence[Target], motions: Sequence[Motion]) -> dict[str, 
     names = [target.path(Path()).name for target in targets]
     if not motions:
         return {"not exported": f"{', '.join(names)}: nobody was tracked"}
-    late = [f"{motion.person or 'the person'} {motion.start:.3f} s" for motion in motions if motion.start > 0]
+    late = [f"{motion.person} {motion.start:.3f} s".strip() for motion in motions if motion.start > 0]
     if late and any(target.suffix in PERSONS for target in targets):
         return {"files begin": f"{', '.join(late)} after the recording begins: shift .bvh and .amass.npz by it"}
     return {}
