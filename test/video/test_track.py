@@ -377,11 +377,11 @@ def test_only_files_that_exist_are_said_to_be_written(images, tmp_path, monkeypa
 
 
 def test_an_estimated_number_of_images_is_no_damage(monkeypatch, capsys):
-    """A Matroska file of a variable rate announces its duration times its nominal rate."""
+    """A Matroska file announces its duration, also that before the first image, times its nominal rate."""
     rgb = np.zeros((240, 320, 3), np.uint8)
-    for last, damaged in ((1.65, False), (0.8, True)):
+    for last, begin, damaged in ((1.65, 0.0, False), (0.8, 0.0, True), (0.8, 0.8, False)):
         frames = [Image(float(seconds), rgb) for seconds in np.linspace(0, last, 30)]
-        source = Source("phone.mkv", (320, 240), (320, 240), 30.0, 51, iter(frames))
+        source = Source("phone.mkv", (320, 240), (320, 240), 30.0, 51, iter(frames), begin=begin)
         monkeypatch.setattr(track_module, "open_source", lambda *_, source=source: source)
         monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
         assert main(["phone.mkv", "--fov", "60"]) == 0
