@@ -167,8 +167,8 @@ class TrackerConfig:
 
     @property
     def height_text(self) -> str:
-        """`height` in words: its value in m, or that it is measured."""
-        return f"{self.height:g} m" if self.height else "measured with depth"
+        """`height` in words: its value in m, or that it is to be measured."""
+        return f"{self.height:g} m" if self.height else "to be measured"
 
 
 OFF = "off"

@@ -11,6 +11,7 @@ from pathlib import Path
 from lassokin_ros.common.atomic_files import AtomicFiles, refuse_existing
 from lassokin_ros.common.distinct_paths import refuse_shared
 from lassokin_ros.common.exit_codes import USAGE_ERROR
+from lassokin_ros.common.summary_output import print_summary
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.measure import report
 from lassokin_ros.measure.gait import measure_gait
@@ -30,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code: 0, or 2 with one line on stderr."""
     options = _parser().parse_args(arguments)
     try:
-        print("\n".join(measure(options)))
+        print_summary("\n".join(measure(options)))
     except LassokinError as error:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return USAGE_ERROR
@@ -43,6 +44,8 @@ def measure(options: argparse.Namespace) -> list[str]:
     refuse_shared([("the motion", options.motion)], wanted, MeasureError)
     for _, path in wanted:
         refuse_existing(path, options.force, MeasureError)
+    if options.plot is not None and options.plot.suffix.lower() != ".svg":
+        raise MeasureError(f"--plot '{options.plot}': expected a name that ends in .svg")
     poses = read_poses(options.motion, options.person)
     title = options.motion.name.encode(errors="backslashreplace").decode()  # a name may hold bytes that are not UTF-8
     if options.what == GAIT:
@@ -52,6 +55,7 @@ def measure(options: argparse.Namespace) -> list[str]:
     else:
         squats = measure_squats(poses)
         lines, data, plot = report.squat_lines(squats), report.as_json(squats), report.squat_plot(squats, poses, title)
+    lines += poses.unseen()
     with AtomicFiles(options.force, MeasureError) as files:
         if options.plot is not None:
             files.write_text(options.plot, plot)

@@ -12,24 +12,21 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import find_peaks
 
-from lassokin_ros.measure.poses import MeasureError, Poses, smoothed
+from lassokin_ros.measure.poses import LONGEST_GAP_S, SIDES, MeasureError, Poses, smoothed
 from lassokin_ros.replay.exports.named_angles import angles_of
 
-SIDES = ("left", "right")
 SMOOTHING_S, FACING_S = 0.1, 1.0
 """s: averaging of the ankle's place, and of the direction that the person faces."""
 LEAST_SWING = 0.2
 """Least way of an ankle past the pelvis between two strikes, as a share of the leg's length."""
 SHORTEST_STRIDE_S, LONGEST_STRIDE_S = 0.4, 2.5
-LONGEST_GAP_S = 0.25
-"""s between two frames: in a longer gap a strike may be missed, so that no stride or step goes over it."""
 POINTS = 101
 """Points of a curve from one strike to the next."""
 
 
 @dataclass(frozen=True, eq=False)
 class Gait:
-    """The measures of a walk; NaN where there is no whole stride.
+    """The measures of a walk; NaN where there is no whole stride. A leg that no keypoint shows has none.
 
     strikes: s, of each side. strides: number of whole strides. cadence: steps per minute. stride_s, stride_m: time
     and length of a stride, medians; on a treadmill the length is about 0. speed: m/s. knee_range: degrees between the
@@ -50,13 +47,13 @@ class Gait:
 
 def measure_gait(poses: Poses) -> Gait:
     """Return the measures. Raises MeasureError if no stride is found."""
-    strikes = {side: _strikes(poses, side) for side in SIDES}
-    pairs = {side: _strides(poses, strikes[side]) for side in SIDES}
+    shown = {side: poses.shown(side) for side in SIDES}
+    strikes = {side: _strikes(poses, side, shown[side]) for side in SIDES}
+    pairs = {side: _strides(poses, strikes[side], shown[side]) for side in SIDES}
     every = [pair for side in SIDES for pair in pairs[side]]
     if not every:
-        raise MeasureError(
-            "no stride was found: expected a person who walks for two steps or more, with the feet in view"
-        )
+        found = "no stride was found: expected a person who walks for two steps or more, with the feet in view"
+        raise MeasureError("; ".join([found, *poses.unseen()]))
     hips = poses.middle("hip")
     times = np.array([poses.seconds[b] - poses.seconds[a] for a, b in every])
     lengths = np.array([np.linalg.norm((hips[b] - hips[a])[[0, 2]]) for a, b in every])
@@ -65,7 +62,7 @@ def measure_gait(poses: Poses) -> Gait:
     return Gait(
         {side: poses.seconds[strikes[side]] for side in SIDES},
         len(every),
-        60 / _step_time(poses, strikes),
+        60 / _step_time(poses, strikes, shown["left"] & shown["right"]),
         float(np.median(times)),
         float(np.median(lengths)),
         float(np.median(lengths / times)),
@@ -75,14 +72,15 @@ def measure_gait(poses: Poses) -> Gait:
     )
 
 
-def _strikes(poses: Poses, side: str) -> np.ndarray:
-    """Return the frames in which a foot strikes."""
+def _strikes(poses: Poses, side: str, shown: np.ndarray) -> np.ndarray:
+    """Return the frames in which a foot strikes. shown: (f,) bool, frames with keypoints of the leg."""
     ankle, hips = poses.place(f"{side}_ankle"), poses.middle("hip")
     ahead = smoothed(((ankle - hips) * _front(poses)).sum(axis=1), poses, SMOOTHING_S)
     knee, hip = poses.place(f"{side}_knee"), poses.place(f"{side}_hip")
     leg = np.median(np.linalg.norm(ankle - knee, axis=1) + np.linalg.norm(knee - hip, axis=1))
     apart = max(round(SHORTEST_STRIDE_S * poses.rate), 1)
-    return np.asarray(find_peaks(ahead, prominence=LEAST_SWING * leg, distance=apart)[0])
+    strikes = find_peaks(ahead, prominence=LEAST_SWING * leg, distance=apart)[0]
+    return np.asarray(strikes[shown[strikes]])
 
 
 def _front(poses: Poses) -> np.ndarray:
@@ -92,25 +90,26 @@ def _front(poses: Poses) -> np.ndarray:
     return np.asarray(front / np.linalg.norm(front, axis=1, keepdims=True))
 
 
-def _strides(poses: Poses, strikes: np.ndarray) -> list[tuple[int, int]]:
+def _strides(poses: Poses, strikes: np.ndarray, shown: np.ndarray) -> list[tuple[int, int]]:
     """Return first and last frame of each stride of one foot."""
     pairs = [(int(a), int(b)) for a, b in zip(strikes, strikes[1:])]
-    return [pair for pair in pairs if _lasts(poses, *pair) <= LONGEST_STRIDE_S]
+    return [pair for pair in pairs if _lasts(poses, shown, *pair) <= LONGEST_STRIDE_S]
 
 
-def _step_time(poses: Poses, strikes: dict[str, np.ndarray]) -> float:
+def _step_time(poses: Poses, strikes: dict[str, np.ndarray], shown: np.ndarray) -> float:
     """Return the mean time of a step, s: between strikes of different feet that follow each other."""
     events = sorted((int(frame), side) for side in SIDES for frame in strikes[side])
-    times = [_lasts(poses, a, b) for (a, one), (b, other) in zip(events, events[1:]) if one != other]
+    times = [_lasts(poses, shown, a, b) for (a, one), (b, other) in zip(events, events[1:]) if one != other]
     steps = [time for time in times if time < LONGEST_STRIDE_S / 2]
     return float(np.mean(steps)) if steps else float("nan")
 
 
-def _lasts(poses: Poses, first: int, last: int) -> float:
-    """Return the time from one frame to a later one, s; infinite if there is a gap between them."""
+def _lasts(poses: Poses, shown: np.ndarray, first: int, last: int) -> float:
+    """Return the time from one frame to a later one, s; infinite if a gap, or a hidden leg, is between them."""
     seconds = poses.seconds[first : last + 1]
     gap = float(np.diff(seconds).max(initial=0.0))
-    return float(seconds[-1] - seconds[0]) if gap <= LONGEST_GAP_S else float("inf")
+    whole = gap <= LONGEST_GAP_S and shown[first : last + 1].all()
+    return float(seconds[-1] - seconds[0]) if whole else float("inf")
 
 
 def _curves(poses: Poses, values: np.ndarray, strides: list[tuple[int, int]]) -> np.ndarray:

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from zipfile import BadZipFile
+from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 
 from lassokin_ros.core.errors import LassokinError
 
-NEEDED = ("stamp_ns", "person", "people", "joint_names", "joint_positions", "level", "likely_wrong")
+NEEDED = (
+    *("stamp_ns", "person", "people", "joint_names", "joint_positions", "joint_observed", "level", "likely_wrong"),
+    "start_ns",
+)
+SIDES, LEG = ("left", "right"), ("hip", "knee", "ankle")
+LONGEST_GAP_S, HIDDEN_S = 0.25, 0.4
+"""s without a frame, and without keypoints of a leg, over which nothing is measured: an event in it may be missed."""
 
 
 class MeasureError(LassokinError, ValueError):
@@ -19,9 +25,10 @@ class MeasureError(LassokinError, ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """A motion. seconds: (f,). names: of n joints. positions: (f, n, 3) m in a level frame: x right, y down, z forward.
+    """A motion. seconds: (f,), since the begin of the video or recording. names: of n joints.
 
-    likely_wrong: (f,) bool, the frames that the report marks. smoothing: s, see `Motion`.
+    positions: (f, n, 3) m in a level frame: x right, y down, z forward. likely_wrong: (f,) bool, the frames that the
+    report marks. smoothing: s, see `Motion`. observed: (f, n) bool, joints that keypoints show; None = all.
     """
 
     seconds: np.ndarray
@@ -29,16 +36,52 @@ class Poses:
     positions: np.ndarray
     likely_wrong: np.ndarray
     smoothing: float = 0.0
+    observed: np.ndarray | None = None
 
     def place(self, joint: str) -> np.ndarray:
         """Return (f, 3) m. Raises MeasureError for a joint that the skeleton lacks."""
-        if joint not in self.names:
-            raise MeasureError(f"the motion has no joint '{joint}'; its joints are: {', '.join(self.names)}")
-        return np.asarray(self.positions[:, self.names.index(joint)])
+        return np.asarray(self.positions[:, self._index(joint)])
 
     def middle(self, part: str) -> np.ndarray:
         """Return (f, 3) m, the middle of the left and the right `part`."""
         return 0.5 * (self.place(f"left_{part}") + self.place(f"right_{part}"))
+
+    def shown(self, side: str) -> np.ndarray:
+        """Return (f,) bool: keypoints show the leg, or did so shortly before and after."""
+        joints = [self._index(f"{side}_{joint}") for joint in LEG]
+        if self.observed is None:
+            return np.ones(len(self.seconds), dtype=bool)
+        times = self.seconds[self.observed[:, joints].all(axis=1)]
+        before = np.append(self.seconds[0], times)[np.searchsorted(times, self.seconds, side="right")]
+        after = np.append(times, self.seconds[-1])[np.searchsorted(times, self.seconds, side="left")]
+        return np.asarray(after - before <= HIDDEN_S)
+
+    def pieces(self, known: np.ndarray) -> list[Poses]:
+        """Return the parts without a gap in which all frames are known. known: (f,) bool."""
+        gap = np.diff(self.seconds) > LONGEST_GAP_S
+        ends = np.flatnonzero(np.concatenate([[True], gap | (known[1:] != known[:-1]), [True]]))
+        parts = [slice(a, b) for a, b in zip(ends, ends[1:]) if known[a]]
+        return [
+            replace(self, seconds=self.seconds[p], positions=self.positions[p], likely_wrong=self.likely_wrong[p])
+            for p in parts
+        ]
+
+    def unseen(self) -> list[str]:
+        """Return lines about what is not measured: legs that no keypoint shows, and gaps between frames."""
+        hidden = {side: 1 - float(self.shown(side).mean()) for side in SIDES}
+        gaps = [float(gap) for gap in np.diff(self.seconds) if gap > LONGEST_GAP_S]
+        lines = [
+            f"keypoints do not show the whole {side} leg in {share:.0%} of the frames: it is not measured there"
+            for side, share in hidden.items()
+            if share > 0
+        ]
+        words = "a gap of" if len(gaps) == 1 else f"{len(gaps)} gaps of up to"
+        return lines + [f"{words} {max(gaps):.1f} s between frames: nothing is measured across"] if gaps else lines
+
+    def _index(self, joint: str) -> int:
+        if joint not in self.names:
+            raise MeasureError(f"the motion has no joint '{joint}'; its joints are: {', '.join(self.names)}")
+        return self.names.index(joint)
 
     @property
     def rate(self) -> float:
@@ -58,6 +101,8 @@ def smoothed(values: np.ndarray, poses: Poses, seconds: float) -> np.ndarray:
 
 def read_poses(path: Path, person: str | None) -> Poses:
     """Return the motion of one person. person: the id if the file has several. Raises MeasureError."""
+    if path.is_file() and not is_zipfile(path):
+        raise MeasureError(f"'{path}' is no .npz; expected one that --export wrote: --export motion.npz")
     try:
         with np.load(path, allow_pickle=False) as file:
             lacking = [name for name in NEEDED if name not in file]
@@ -73,8 +118,9 @@ def read_poses(path: Path, person: str | None) -> Poses:
     if person is not None and person not in people:
         raise MeasureError(f"--person {person}: '{path}' holds {', '.join(filter(None, people)) or 'one person'}")
     mine = data["person"] == (people[0] if person is None else person)
-    seconds = (data["stamp_ns"][mine] - data["stamp_ns"][mine][:1]) * 1e-9
+    seconds = (data["stamp_ns"][mine] - data["start_ns"]) * 1e-9
     if len(seconds) < 3 or np.diff(seconds).min() <= 0:
         raise MeasureError(f"'{path}' has {len(seconds)} frames in order; expected a recording of some seconds")
     positions = data["joint_positions"][mine] @ data["level"].T
-    return Poses(seconds, tuple(map(str, data["joint_names"])), positions, data["likely_wrong"][mine], smoothing)
+    names, wrong = tuple(map(str, data["joint_names"])), data["likely_wrong"][mine]
+    return Poses(seconds, names, positions, wrong, smoothing, data["joint_observed"][mine])

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.common.svg import Axes, document, text
-from lassokin_ros.measure.gait import POINTS, SIDES, Gait
-from lassokin_ros.measure.poses import Poses
+from lassokin_ros.measure.gait import POINTS, Gait
+from lassokin_ros.measure.poses import SIDES, Poses
 from lassokin_ros.measure.squat import Squat
 from lassokin_ros.replay.exports.named_angles import angles_of
 
@@ -34,16 +34,16 @@ def gait_lines(gait: Gait) -> list[str]:
     return [*(f"{name:<12} {words}" for name, words in lines.items()), *_doubt([gait.doubtful])]
 
 
-def _known(value: float) -> str:
-    """Return a rounded number; - for one that is unknown, since only one foot made a stride or a step."""
-    return f"{value:.0f}" if np.isfinite(value) else "-"
+def _known(value: float, digits: int = 0) -> str:
+    """Return a rounded number; - for one that is unknown: of a leg or of a squat's end that is not seen."""
+    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
 
 
 def squat_lines(squats: Sequence[Squat]) -> list[str]:
     """Return the lines of the table."""
     rows = [
-        f"{number:>3} {one.bottom:>6.1f} s {one.end - one.start:>4.1f} s {one.knees[0]:>6.0f} deg {one.knees[1]:>7.0f} "
-        f"deg {one.hips:>6.0f} {one.lean:>6.0f} {one.depth:>5.2f} m"
+        f"{number:>3} {one.bottom:>6.1f} s {_known(one.end - one.start, 1):>4} s {_known(one.knees[0]):>6} deg "
+        f"{_known(one.knees[1]):>7} deg {one.hips:>6.0f} {one.lean:>6.0f} {_known(one.depth, 2):>5} m"
         for number, one in enumerate(squats, 1)
     ]
     return [HEADER, *rows, *_doubt([one.doubtful for one in squats])]
@@ -86,8 +86,11 @@ def squat_plot(squats: Sequence[Squat], poses: Poses, title: str) -> str:
     flexion = {side: angles_of(poses.names, poses.positions)[f"{side}_knee flexion"] for side in SIDES}
     axes = _axes(title, "time (s)", (0, float(poses.seconds[-1])), list(flexion.values()))
     for number, side in enumerate(SIDES):
-        axes.line(np.column_stack([poses.seconds, flexion[side]]), COLOURS[side], 2)
-        axes.dots(np.array([[one.bottom, one.knees[number]] for one in squats]), COLOURS[side], 5)
+        for piece in poses.pieces(poses.shown(side)):
+            bend = angles_of(piece.names, piece.positions)[f"{side}_knee flexion"]
+            axes.line(np.column_stack([piece.seconds, bend]), COLOURS[side], 2)
+        seen = [one for one in squats if np.isfinite(one.knees[number])]
+        axes.dots(np.array([[one.bottom, one.knees[number]] for one in seen]).reshape(-1, 2), COLOURS[side], 5)
     return document(SIZE, [axes.svg(), *_key()])
 
 

@@ -56,6 +56,7 @@ class Motion:
     height, if the feet are seen in few frames.
     cameras: what each of several cameras saw, by name; empty with one camera.
     smoothing: s, time constant of the smoothing with later frames, which flattens fast motion; 0 without.
+    start_ns: stamp at which the recording begins for all people: that of the first frame, 0 of a video's first image.
     """
 
     person: str
@@ -82,6 +83,7 @@ class Motion:
     floor: float = 0.0
     cameras: Mapping[str, Seen] = field(default_factory=dict)
     smoothing: float = 0.0
+    start_ns: int = 0
 
     @property
     def angles_observed(self) -> np.ndarray:
@@ -111,6 +113,11 @@ class Motion:
         ways = np.linalg.norm(self.positions[after] - self.positions[before], axis=-1)
         backwards = (seconds < seconds[before]) | (seconds[after] < seconds)
         return ways / np.where(backwards | (elapsed <= 0), np.nan, elapsed)[:, None]
+
+    @property
+    def start(self) -> float:
+        """s from the begin of the recording to this person's first frame."""
+        return float(self.stamps_ns[0] - self.start_ns) * 1e-9
 
     @property
     def frame_count(self) -> int:
@@ -206,7 +213,9 @@ class MotionRecorder:
             motions.append(Motion(person, rows.frame_id, rows.skeleton, names, **rest))
         floor = np.array([_floor(motion) for motion in motions])
         common = float(np.median(floor[np.isfinite(floor)])) if np.isfinite(floor).any() else 0.0
-        return [replace(motion, floor=common) for motion in motions]
+        first = min((int(motion.stamps_ns[0]) for motion in motions), default=0)
+        start_ns = 0 if self._origin_ns else first
+        return [replace(motion, floor=common, start_ns=start_ns) for motion in motions]
 
 
 def _floor(motion: Motion) -> float:

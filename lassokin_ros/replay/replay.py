@@ -174,6 +174,7 @@ def _files(
         paths = exports.write(writer.folder, files)
         names = [str(options.output / path.name if path.parent == writer.folder else path) for path in paths]
         lines["exported"] = ", ".join(names) or "nothing: nobody was tracked"
+        lines |= exports.remarks if names else {}
     return lines
 
 

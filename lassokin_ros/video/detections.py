@@ -96,8 +96,9 @@ class Detections:
     def _check_end(self) -> None:
         """Print a note if the file ended early. The number of images may be an estimate, and so may the duration."""
         read, source = len(self.detect_seconds), self._source
-        early = read < COMPLETE * source.count and self._last < COMPLETE * source.seconds
+        early = read < COMPLETE * source.count and source.begin + self._last < COMPLETE * source.seconds
         if early and not self.fault and not self.interrupted:
             print_note(
-                f"{PROGRAM}: {source.name} announces {source.count} images, {read} could be read; it may be damaged"
+                f"{PROGRAM}: {source.name} announces {source.count} images, {read} could be read; it may be damaged, "
+                "or its images begin later than its sound"
             )

@@ -52,7 +52,8 @@ class Source:
     """An open source. size: (width, height) px after rotation. fps: nominal, Hz. count: images, 0 = unknown.
 
     content: (width, height) px between black bars, see `content_size`.
-    live: True for a camera, whose images show the moment at which they are read.
+    live: True for a camera, whose images show the moment at which they are read. begin: s, time of the first image in
+    its file, as far as OpenCV tells it.
     `count` may be an estimate from duration and nominal rate, as in Matroska files with a variable rate.
     """
 
@@ -63,10 +64,11 @@ class Source:
     count: int
     images: Iterator[Image]
     live: bool = False
+    begin: float = 0.0
 
     @property
     def seconds(self) -> float:
-        """The announced duration, s; 0 = unknown."""
+        """The announced duration, s, from time 0 of the file; 0 = unknown."""
         return self.count / self.fps
 
 
@@ -149,7 +151,15 @@ def _video(path: Path) -> Source:
     first = _upright(cv2, capture, first)
     rate, count = _rate_and_count(cv2, capture)
     size, content = (first.shape[1], first.shape[0]), _common_content(first, _spread(cv2, path, count))
-    return Source(path.name, size, content, rate, count, _frames(cv2, capture, first, rate))
+    begin = _begin(cv2, capture)
+    return Source(path.name, size, content, rate, count, _frames(cv2, capture, first, rate), begin=begin)
+
+
+def _begin(cv2: Any, capture: Any) -> float:
+    """Return the time of the first image, s, 0 if it is unknown. OpenCV 4.6 does not tell it."""
+    ticks = capture.get(cv2.CAP_PROP_PTS) if hasattr(cv2, "CAP_PROP_PTS") else 0.0
+    rate = capture.get(cv2.CAP_PROP_FPS)
+    return max(float(ticks / rate), 0.0) if rate > 0 else 0.0
 
 
 def _spread(cv2: Any, path: Path, count: int) -> Iterator[np.ndarray]:

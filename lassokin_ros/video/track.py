@@ -22,6 +22,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import CameraError, ConfigurationError
 from lassokin_ros.detector.backend import Detector, make_detector
+from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
 from lassokin_ros.replay.bags import typestore
@@ -111,6 +112,8 @@ def _settings(options: argparse.Namespace, source: Source, detector: Detector) -
     for name in ("camera_mount_frame", "fixed_frame"):
         if getattr(node, name):
             _note(f"{name} is not used, since a video has no TF; set camera_pitch and camera_roll")
+    if tracker.height == 0 and not tracker.camera_height:
+        raise CameraError("height is 0, and one video without camera_height does not show the size; give --height")
     return tracker, replace(node, fixed_frame="")
 
 
@@ -225,7 +228,7 @@ class Run:
         times, detect_times = tracker.frame_seconds or [np.nan], self.detections.detect_seconds or [np.nan]
         lines = {
             "images": f"{counts['received']} in, {tracker.messages_tracked} tracked",
-            "height": _height_line(tracker.pipeline.tracker.config, options),
+            "height": _height_line(tracker, options),
             "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
             "detector": f"{1e3 * float(np.median(detect_times)):.1f} ms median",
             "tracker": f"{1e3 * float(np.median(times)):.2f} ms median",
@@ -257,10 +260,13 @@ def _next_image(images: Iterator[Any], name: str) -> Any:
     return image
 
 
-def _height_line(config: TrackerConfig, options: argparse.Namespace) -> str:
+def _height_line(tracker: OfflineTracker, options: argparse.Namespace) -> str:
     """Return the height. Without one, sizes and distances are those of a person of the default height."""
+    pipeline = tracker.pipeline
+    if measured := list(map(height_in_words, pipeline.heights().values())):
+        return "; ".join(measured)
     if height_given(options):
-        return config.height_text
+        return pipeline.tracker.config.height_text
     return f"{TrackerConfig().height:g} m is assumed; sizes and distances scale with it, set --height"
 
 

@@ -152,8 +152,10 @@ class TrackOutputs:
 
     @property
     def doubts(self) -> list[str]:
-        """Lines of the summary with the problems and doubts of the report."""
-        return [] if self._report is None else self._report.summary_lines
+        """Lines of the summary with remarks about the exports, and the problems and doubts of the report."""
+        remarks = {} if self._exports is None else self._exports.remarks
+        lines = [f"{name:<15} {text}" for name, text in remarks.items()]
+        return lines + ([] if self._report is None else self._report.summary_lines)
 
 
 def camera_name(options: argparse.Namespace) -> str:

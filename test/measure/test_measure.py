@@ -2,7 +2,10 @@
 
 import json
 import os
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -158,6 +161,13 @@ def saved(path, *people, tilt=0.0):
         "joint_positions": np.concatenate([one.positions @ level for _, one in people]),
         "level": level,
         "likely_wrong": np.concatenate([one.likely_wrong for _, one in people]),
+        "joint_observed": np.concatenate(
+            [
+                one.observed if one.observed is not None else np.ones(one.positions.shape[:2], dtype=bool)
+                for _, one in people
+            ]
+        ),
+        "start_ns": np.array(10**9),
     }
     np.savez(path, **arrays)
     return str(path)
@@ -228,12 +238,98 @@ def test_a_file_that_is_no_export_is_one_line(tmp_path, capsys):
     short = saved(tmp_path / "short.npz", ("", walk(seconds=0.04)))
     for file, text in (
         (tmp_path / "none.npz", "cannot be read"),
-        (tmp_path / "text.npz", "cannot be read"),
-        (tmp_path / "array.npy", "expected a .npz that --export wrote"),
+        (tmp_path / "text.npz", "is no .npz; expected one that --export wrote"),
+        (tmp_path / "array.npy", "expected one that --export wrote"),
         (tmp_path / "other.npz", "has no stamp_ns, person"),
         (short, "has 2 frames in order"),
     ):
         assert main(["gait", str(file)]) == 2
         said = capsys.readouterr().err
         assert said.startswith("lassokin measure: ") and text in said and said.count("\n") == 1
-    assert read_poses(saved(tmp_path / "w.npz", ("", walk())), None).rate == pytest.approx(50)
+    assert read_poses(Path(saved(tmp_path / "w.npz", ("", walk()))), None).rate == pytest.approx(50)
+
+
+def hidden(poses, *joints, seen=lambda seconds: np.zeros(len(seconds), dtype=bool)):
+    """The motion with joints that no keypoint shows, but for the frames `seen`."""
+    observed = np.ones(poses.positions.shape[:2], dtype=bool)
+    observed[:, [NAMES.index(joint) for joint in joints]] = seen(poses.seconds)[:, None]
+    return replace(poses, observed=observed)
+
+
+@pytest.mark.parametrize("joint", ["right_knee", "right_ankle"])
+def test_a_leg_that_no_keypoint_shows_has_no_stride_and_no_knee(tmp_path, capsys, joint):
+    file = saved(tmp_path / "walk.npz", ("", hidden(walk(), joint)))
+    assert main(["gait", file]) == 0
+    said = capsys.readouterr().out
+    assert "knee range   left 50 deg, right - deg" in said and "cadence      - steps/min" in said
+    assert "do not show the whole right leg in 100% of the frames" in said
+    both = saved(tmp_path / "both.npz", ("", hidden(walk(), "left_ankle", "right_ankle")))
+    assert main(["gait", both]) == 2 and "whole left leg in 100%" in capsys.readouterr().err
+
+
+def test_a_leg_that_is_hidden_for_a_part_is_not_measured_there():
+    strides = measure_gait(walk(seconds=8.0)).strides
+    flicker = measure_gait(hidden(walk(seconds=8.0), "right_ankle", seen=lambda t: (t * RATE).round() % 5 > 1))
+    assert flicker.strides == strides
+    found = measure_gait(hidden(walk(seconds=8.0), "right_ankle", seen=lambda t: (t < 4) | (t > 5)))
+    assert found.strides == strides - 2 and not ((found.strikes["right"] > 4.2) & (found.strikes["right"] < 4.8)).any()
+
+
+def test_a_squat_has_no_knee_that_no_keypoint_shows(tmp_path, capsys):
+    (one, *_) = measure_squats(hidden(squats(), "right_knee"))
+    assert round(one.knees[0]) == 100 and np.isnan(one.knees[1]) and abs(one.hips - 90) < 2
+    file, plot = saved(tmp_path / "down.npz", ("", hidden(squats(), "right_ankle"))), tmp_path / "squat.svg"
+    assert main(["squat", file, "--plot", str(plot)]) == 0 and "100 deg       - deg" in capsys.readouterr().out
+    assert len(ElementTree.fromstring(plot.read_text()).findall(".//{*}circle")) == 3
+    with pytest.raises(MeasureError, match="of neither leg in half of the frames"):
+        measure_squats(hidden(squats(), "left_ankle", "right_ankle"))
+
+
+def test_no_squat_goes_over_a_gap(tmp_path, capsys):
+    poses = squats()
+    seen = (poses.seconds < 3.9) | (poses.seconds > 4.6)  # the way down and the bottom of the second one
+    cut = Poses(poses.seconds[seen], NAMES, poses.positions[seen], poses.likely_wrong[seen])
+    assert [round(one.knees[0]) for one in measure_squats(cut)] == [100, 90]
+    late = replace(poses, seconds=poses.seconds + np.where(poses.seconds > 4.5, 20.0, 0.0))  # a pause at the bottom
+    assert [round(one.bottom, 1) for one in measure_squats(late)] == [1.5, 27.5]
+    assert main(["squat", saved(tmp_path / "late.npz", ("", late))]) == 0
+    assert "a gap of 20.0 s between frames: nothing is measured across" in capsys.readouterr().out
+
+
+def test_a_squat_that_the_recording_cuts_has_the_depth_of_its_whole_side(tmp_path, capsys):
+    poses = squats((100.0,))
+    for part in (poses.seconds > 0.95, poses.seconds < 2.05):
+        (one,) = measure_squats(Poses(poses.seconds[part], NAMES, poses.positions[part], poses.likely_wrong[part]))
+        assert np.isnan(one.start) != np.isnan(one.end) and round(one.bottom, 1) == 1.5
+        assert abs(one.depth - measure_squats(poses)[0].depth) < 0.01
+    down = Poses(poses.seconds[48:], NAMES, poses.positions[48:], poses.likely_wrong[48:])
+    assert main(["squat", saved(tmp_path / "down.npz", ("", down)), "--json", str(tmp_path / "down.json")]) == 0
+    assert (
+        "1.5 s    - s" in capsys.readouterr().out
+        and json.loads((tmp_path / "down.json").read_text())[0]["start"] is None
+    )
+
+
+def test_times_count_from_the_begin_of_the_recording_for_all_people(tmp_path, capsys):
+    late = replace(squats(), seconds=squats().seconds + 3.0)
+    file = saved(tmp_path / "two.npz", ("p1", squats()), ("p2", late))
+    assert main(["squat", file, "--person", "p2"]) == 0
+    assert capsys.readouterr().out.splitlines()[1].split()[:3] == ["1", "4.5", "s"]
+
+
+def test_another_export_or_another_suffix_of_the_plot_is_named(tmp_path, capsys):
+    (tmp_path / "walk.csv").write_text("stamp [s],person\n")
+    assert main(["gait", str(tmp_path / "walk.csv")]) == 2
+    said = capsys.readouterr().err
+    assert "walk.csv' is no .npz; expected one that --export wrote" in said and "pickle" not in said
+    file = saved(tmp_path / "walk.npz", ("", walk()))
+    assert main(["gait", file, "--plot", str(tmp_path / "gait.png")]) == 2
+    assert "expected a name that ends in .svg" in capsys.readouterr().err and not (tmp_path / "gait.png").exists()
+
+
+@pytest.mark.parametrize("end", ["| true", "> /dev/full"])
+def test_output_that_cannot_be_written_is_no_traceback(tmp_path, end):
+    file = saved(tmp_path / "walk.npz", ("", walk()))
+    command = f"{sys.executable} -m lassokin_ros.measure.command gait '{file}' {end}"
+    done = subprocess.run(command, shell=True, stderr=subprocess.PIPE, text=True, check=False)
+    assert "Traceback" not in done.stderr and done.stderr.count("\n") <= 1

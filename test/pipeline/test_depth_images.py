@@ -238,7 +238,7 @@ def test_height_0_measures_the_height(scene, images):
     assert height_in_words(height) == "1.70 m, a mean of people: no depth was measured"
     assert Pipeline(TrackerConfig(), NodeSettings()).heights() == {}
     assert pipeline.tracker.skeleton.height == pytest.approx(config.assumed_height) and not height.measured
-    assert (config.height_text, TrackerConfig().height_text) == ("measured with depth", "1.75 m")
+    assert (config.height_text, TrackerConfig().height_text) == ("to be measured", "1.75 m")
     untold, pipeline = track(scene, None, config=config, frames=20)
     assert pipeline.tracker.skeleton.height == config.assumed_height
 

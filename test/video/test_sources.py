@@ -4,6 +4,7 @@ import os
 import struct
 import threading
 import time
+from fractions import Fraction
 from functools import partial
 from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, ThreadingHTTPServer
 
@@ -103,6 +104,24 @@ def test_a_constant_frame_rate_gives_even_times(fps, tmp_path):
     source = open_source(str(record(tmp_path / "even.avi", corner(), fps)))
     assert np.allclose([image.seconds for image in source.images], np.arange(FRAMES) / fps, atol=2e-3)
     assert np.isclose(source.fps, fps, rtol=1e-3) and source.count == FRAMES and not source.live
+
+
+@pytest.mark.skipif(not hasattr(cv2, "CAP_PROP_PTS"), reason="this OpenCV does not tell when the images begin")
+def test_a_file_whose_images_begin_late_counts_from_the_first_image(tmp_path):
+    """As if its sound began 2 s before the images."""
+    av = pytest.importorskip("av", reason="PyAV writes a file with given times")
+    with av.open(str(tmp_path / "late.mkv"), "w") as file:
+        stream = file.add_stream("mjpeg", rate=30)
+        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuvj420p"
+        for number in range(FRAMES):
+            frame = av.VideoFrame.from_ndarray(np.zeros((SIZE[1], SIZE[0], 3), np.uint8), format="rgb24")
+            frame.pts, frame.time_base = 60 + number, Fraction(1, 30)
+            file.mux(stream.encode(frame.reformat(format="yuvj420p")))
+        file.mux(stream.encode())
+    source = open_source(str(tmp_path / "late.mkv"))
+    seconds = [image.seconds for image in source.images]
+    assert source.begin == pytest.approx(2.0, abs=0.04) and seconds[0] == 0 and len(seconds) == FRAMES
+    assert source.seconds == pytest.approx(source.begin + FRAMES / 30, abs=0.1)
 
 
 def test_a_rate_of_ticks_is_not_believed(tmp_path):

@@ -84,6 +84,7 @@ def test_unusable_input_is_one_line_and_writes_nothing(images, tmp_path, monkeyp
         ([broken, "--report", tmp_path / "r.html", "--video", tmp_path / "v.mp4"], "has no video stream"),
         (["97"], "camera 97 cannot be opened"),
         ([images, "--fov", "0.5"], "expected 1 to 170 degrees"),
+        ([images, "--height", "0"], "does not show the size; give --height"),
         ([images, "--camera-info", none], "none"),
         ([images, "--video", tmp_path / "out.txt"], "ends in .mp4 or .avi"),
         ([images, "--report", none / "r.html"], "no folder"),
@@ -160,7 +161,7 @@ def test_a_video_that_was_cut_is_tracked_to_its_end_with_a_note(tmp_path, monkey
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     assert main([str(file), "--fov", "60"]) == 0
     (line,) = capsys.readouterr().err.splitlines()
-    words = r"cut\.avi announces \d+ images, (9|10|11) could be read; it may be damaged"
+    words = r"cut\.avi announces \d+ images, (9|10|11) could be read; it may be damaged, or .* later than its sound"
     assert re.fullmatch(f"lassokin track: {words}", line), line
 
 
@@ -345,6 +346,29 @@ def test_findings_of_a_video_give_no_advice_about_ros(long_video, tmp_path, monk
     assert "is taken to be" not in page.read_text(encoding="utf-8")
 
 
+def test_files_of_an_earlier_run_do_not_stay_if_nobody_is_tracked(images, tmp_path, monkeypatch, capsys):
+    class Nobody(Standing):
+        def detect(self, image, seconds):
+            return []
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Nobody())
+    old = [tmp_path / "motion.npz", tmp_path / "motion.bvh"]
+    for file in old:
+        file.write_text("of another person", encoding="utf-8")
+    assert (
+        main([str(images), "--fov", "60", "--force", *(word for file in old for word in ("--export", str(file)))]) == 0
+    )
+    assert not any(file.exists() for file in old)
+    assert "not exported    motion.npz, motion.bvh: nobody was tracked" in capsys.readouterr().out.splitlines()
+
+
+def test_a_height_that_the_floor_measures_is_in_the_summary(images, monkeypatch, capsys):
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+    assert main([str(images), "--height", "0", "-p", "camera_height:=1.2", "-p", "camera_pitch:=0.1"]) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("height")]
+    assert re.match(r"height +\d\.\d\d m, (measured|a mean of people)", line)
+
+
 def test_only_files_that_exist_are_said_to_be_written(images, tmp_path, monkeypatch, capsys):
     class Nobody(Standing):
         def detect(self, image, seconds):
@@ -361,11 +385,11 @@ def test_only_files_that_exist_are_said_to_be_written(images, tmp_path, monkeypa
 
 
 def test_an_estimated_number_of_images_is_no_damage(monkeypatch, capsys):
-    """A Matroska file of a variable rate announces its duration times its nominal rate."""
+    """A Matroska file announces its duration, also that before the first image, times its nominal rate."""
     rgb = np.zeros((240, 320, 3), np.uint8)
-    for last, damaged in ((1.65, False), (0.8, True)):
+    for last, begin, damaged in ((1.65, 0.0, False), (0.8, 0.0, True), (0.8, 0.8, False)):
         frames = [Image(float(seconds), rgb) for seconds in np.linspace(0, last, 30)]
-        source = Source("phone.mkv", (320, 240), (320, 240), 30.0, 51, iter(frames))
+        source = Source("phone.mkv", (320, 240), (320, 240), 30.0, 51, iter(frames), begin=begin)
         monkeypatch.setattr(track_module, "open_source", lambda *_, source=source: source)
         monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
         assert main(["phone.mkv", "--fov", "60"]) == 0

@@ -206,7 +206,7 @@ class Extrinsics:
             return f"{words}, but the inverse transform: expected the pose of the camera, x_frame = R x_camera + t"
         if self._misfit(b, a, weights, rotation, translation) < RIGHT:
             return f"{words}, but if '{first}' and '{name}' are exchanged: check the topics"
-        return f"{words}: check TF, and that the topics of keypoints and camera_info are those of the camera"
+        return f"{words}: check them (TF or a file, m), and that keypoints and lens are those of the camera"
 
     def _misfit(
         self, a: np.ndarray, b: np.ndarray, weights: np.ndarray, rotation: np.ndarray, translation: np.ndarray

@@ -38,7 +38,7 @@ def write_amass(motion: Motion, file: BinaryIO) -> None:
 
     poses (f, 72) holds all 24 joints; root_orient (f, 3) and pose_body (f, 63) are its first 22. Fingers, jaw and eyes
     are not tracked: pose_hand (f, 90), pose_jaw (f, 3), pose_eye (f, 6) are zero, and so are dmpls (f, 8).
-    angles_observed (f, 24) and rotation_deviations (f, 24) rad are additions: see `Motion`.
+    angles_observed (f, 24), rotation_deviations (f, 24) rad and start_time, s, are additions: see `Motion`.
     trans is the pelvis position. SMPL adds the rest position of its pelvis to trans: subtract it to pose an SMPL mesh.
     Raises ExportError for a skeleton without SMPL's root, and for stamps that cannot be resampled (see sampling).
     """
@@ -65,6 +65,7 @@ def write_amass(motion: Motion, file: BinaryIO) -> None:
         mocap_framerate=rate,
         mocap_frame_rate=rate,
         mocap_time_length=np.array(count * track.period),
+        start_time=np.array(motion.start),
     )
 
 

@@ -19,12 +19,17 @@ MOST_FRAMES = 65535
 
 
 def write_c3d(motion: Motion, file: BinaryIO) -> None:
-    """Write one person's markers, in the world frame of `.amass.npz`. Raises ExportError."""
+    """Write one person's markers, in the world frame of `.amass.npz`; frame 1 is the recording's begin.
+
+    Raises ExportError.
+    """
     ezc3d = import_ezc3d()
     markers = markers_of(motion)
-    if len(markers.positions) > MOST_FRAMES:
+    first = round(markers.start / markers.period)
+    last = first + len(markers.positions)
+    if last > MOST_FRAMES:
         raise ExportError(
-            f"a .c3d file counts up to {MOST_FRAMES} frames, the motion has {len(markers.positions)}; expected .trc "
+            f"a .c3d file counts up to {MOST_FRAMES} frames, the motion has {last}; expected .trc "
             "or a shorter part of the recording"
         )
     data = ezc3d.c3d()
@@ -33,6 +38,7 @@ def write_c3d(motion: Motion, file: BinaryIO) -> None:
     points["UNITS"]["value"] = ["mm"]
     points["LABELS"]["value"] = list(markers.names)
     places = 1e3 * (markers.positions @ Z_UP.T).transpose(2, 1, 0)  # (3, m, f)
+    data["header"]["points"]["first_frame"] = first
     data["data"]["points"] = np.concatenate([places, np.ones((1, *places.shape[1:]))])
     with TemporaryDirectory(prefix="lassokin_") as folder:  # ezc3d writes to paths only
         path = Path(folder) / "motion.c3d"

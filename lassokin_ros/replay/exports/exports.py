@@ -83,6 +83,8 @@ class Exports:
         """several: True if several people may be tracked. Raises ExportError for paths that cannot be written."""
         self._targets = list(dict.fromkeys(map(target_of, wanted)))
         self._recorder, self._several, self._replace = recorder, several, replace
+        self.remarks: dict[str, str] = {}
+        """Lines of the summary by name, after `write`."""
         for target in self._targets:
             if target.suffix == ".c3d":
                 import_ezc3d()
@@ -93,7 +95,7 @@ class Exports:
                         refuse_existing(path, replace, ExportError)
 
     def write(self, output: Path, files: AtomicFiles) -> list[Path]:
-        """Write all files and return their paths. With several people, those of others of an earlier run are removed.
+        """Write all files and return their paths. With `replace`, those of an earlier run that lack now are removed.
 
         output: the folder for targets without a folder; the others are written as part of `files`. Raises ExportError,
         and the error of `files`.
@@ -106,17 +108,29 @@ class Exports:
                 for path, fill in _jobs(target, output, motions):
                     whole.write(path, fill)
                     paths.append(path)
-                if (
-                    motions
-                    and self._several
-                    and self._replace
-                    and target.suffix in PERSONS
-                    and target.folder is not None
-                ):
-                    for old in files_of_people(target.folder, target.stem, target.suffix):
-                        if old not in paths:
-                            whole.remove(old)
+                for old in self._of_an_earlier_run(target) if self._replace else ():
+                    if old not in paths:
+                        whole.remove(old)
+        self.remarks = _remarks(self._targets, motions)
         return paths
+
+    def _of_an_earlier_run(self, target: Target) -> list[Path]:
+        """Return the files of a named target that may exist. Names with an id are ours with several people only."""
+        if target.folder is None:
+            return []
+        by_person = self._several and target.suffix in PERSONS
+        return [target.path(Path()), *(files_of_people(target.folder, target.stem, target.suffix) if by_person else [])]
+
+
+def _remarks(targets: Sequence[Target], motions: Sequence[Motion]) -> dict[str, str]:
+    """Return lines of the summary: files that were not written, and people whose files begin later."""
+    names = [target.path(Path()).name for target in targets]
+    if not motions:
+        return {"not exported": f"{', '.join(names)}: nobody was tracked"}
+    late = [f"{motion.person} {motion.start:.3f} s".strip() for motion in motions if motion.start > 0]
+    if late and any(target.suffix in PERSONS for target in targets):
+        return {"files begin": f"{', '.join(late)} after the recording begins: shift .bvh and .amass.npz by it"}
+    return {}
 
 
 def _jobs(target: Target, output: Path, motions: list[Motion]) -> list[tuple[Path, Callable[[BinaryIO], None]]]:

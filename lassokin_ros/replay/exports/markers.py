@@ -26,12 +26,13 @@ SIDES = {"left": "L", "right": "R"}
 class Markers:
     """Markers at a constant rate. period: s. positions: (f, m, 3) m; y up, x to the camera's right, z towards it.
 
-    The floor under the feet is at y = 0.
+    The floor under the feet is at y = 0. start: s from the begin of the recording to the first frame.
     """
 
     period: float
     names: tuple[str, ...]
     positions: np.ndarray
+    start: float = 0.0
 
 
 def markers_of(motion: Motion) -> Markers:
@@ -44,7 +45,7 @@ def markers_of(motion: Motion) -> Markers:
     state = BodyState(track.rotations, track.translations)
     points = Kinematics(motion.skeleton, layout).pose(state).landmarks @ motion.level.T
     names = tuple(marker_name(landmark) for landmark in layout.names)
-    return Markers(track.period, names, points * [1.0, -1.0, -1.0] - [0.0, motion.floor, 0.0])
+    return Markers(track.period, names, points * [1.0, -1.0, -1.0] - [0.0, motion.floor, 0.0], motion.start)
 
 
 def marker_name(landmark: str) -> str:

@@ -44,6 +44,7 @@ def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
         "level": first.level,  # (3, 3) from the camera frame to a level one
         "joint_contacts": rows("contacts"),  # (r, n) bool, ankles of feet that stand still
         "floor": np.array(first.floor),  # m above the camera, in a level frame
+        "start_ns": np.array(first.start_ns),  # stamp at which the recording begins; 0 of a video's first image
         "smoothing": np.array(first.smoothing),  # s, with later frames; 0 without
         "people": np.array([motion.person for motion in motions]),  # (p,)
         "rest_offsets": np.array([motion.skeleton.offsets for motion in motions]),  # (p, n, 3), the last frame's

@@ -15,7 +15,7 @@ BLOCK = 1000
 
 
 def write_trc(motion: Motion, file: BinaryIO) -> None:
-    """Write one person's markers, see `Markers`; time 0 is the first frame. Raises ExportError."""
+    """Write one person's markers, see `Markers`; time 0 is the begin of the recording. Raises ExportError."""
     markers = markers_of(motion)
     frames, count = markers.positions.shape[:2]
     rate = f"{1 / markers.period:.6f}"
@@ -30,6 +30,8 @@ def write_trc(motion: Motion, file: BinaryIO) -> None:
     ]
     file.write(("\n".join(header) + "\n").encode())
     numbers = np.arange(frames)
-    table = np.column_stack([numbers + 1, numbers * markers.period, markers.positions.reshape(frames, -1)])
+    table = np.column_stack(
+        [numbers + 1, markers.start + numbers * markers.period, markers.positions.reshape(frames, -1)]
+    )
     for begin in range(0, frames, BLOCK):
         np.savetxt(file, table[begin : begin + BLOCK], fmt=["%d"] + ["%.6f"] * (1 + 3 * count), delimiter="\t")

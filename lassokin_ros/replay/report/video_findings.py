@@ -77,12 +77,13 @@ def reprojection(facts: Facts) -> Iterator[Finding]:
 def place(facts: Facts) -> Iterator[Finding]:
     """Report a distance that no video has."""
     depth = unlikely_distance(facts)
-    if depth is not None:
-        yield Finding(
-            PROBLEM,
-            f"The median distance of the person is {depth:.2g} m: check the field of view (`--fov` or "
-            "`--camera-info`) and `--height`.",
+    check = "the field of view (`--fov` or `--camera-info`) and `--height`"
+    if len(facts.cameras) > 1:
+        check = (
+            "`--cameras` (translations are m, each video is that of its camera) or, without it, `--fov` and `--height`"
         )
+    if depth is not None:
+        yield Finding(PROBLEM, f"The median distance of the person is {depth:.2g} m: check {check}.")
 
 
 def unlikely_distance(facts: Facts) -> float | None:

@@ -224,7 +224,7 @@ def test_loaders_that_take_every_nth_frame_get_30_hz_or_more():
             deviations = data["rotation_deviations"]
             assert np.all(deviations[:, 0] == 0.25) and np.isnan(deviations[:, 1:]).all()  # joints that it lacks
             at = np.arange(len(data["trans"])) / data["mocap_framerate"]
-            assert np.abs(data["trans"][:, 0] - at).max() < 2e-3
+            assert np.abs(data["trans"][:, 0] - at).max() < 1e-6
 
 
 def test_all_joints_of_a_bvh_have_one_order(tracked):
@@ -371,6 +371,12 @@ def test_frames_with_irregular_stamps_are_resampled():
     assert np.abs(track.rotations - expected.rotations).max() < 1e-6
 
 
+def test_the_last_frame_of_a_resampled_motion_is_kept():
+    """1/60 s is no whole number of ns."""
+    track = uniform(some_motion(np.delete(np.arange(96) / 60, slice(30, 40))))
+    assert len(track.translations) == 96 and abs(track.translations[-1, 0] - 95 / 60) < 1e-6
+
+
 def test_stamps_without_a_constant_rate_are_refused():
     with pytest.raises(ExportError, match="the stamps jump back by 2.000 s at frame 3, .* export .csv or .npz"):
         uniform(some_motion([0.0, 1.0, 2.0, 0.0, 1.0]))
@@ -464,13 +470,17 @@ def test_a_recording_without_a_person_gives_empty_exports(tmp_path, capsys):
     assert not list((tmp_path / "out").glob("motion*"))
 
 
-def write_people(path, frames, places, stamp_of_frame=lambda i: i):
-    """A recording of people with the same motion; places: px to the right, by number; stamps in frames."""
+def write_people(path, frames, places, stamp_of_frame=lambda i: i, enters=(0, 0)):
+    """A recording of people with the same motion; places: px to the right, by number; stamps in frames.
+
+    enters: first frame of each person.
+    """
     backend, pixels, period = rosbags_backend(), pixels_of_motion(frames), 33_333_333
     messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, camera_info(backend))]
     for i, frame in enumerate(pixels):
-        people = [(frame + [x, 0.0], np.full(17, 0.9)) for x in places.values()]
-        message = crowd(backend, START_NS + stamp_of_frame(i) * period, people, tuple(places))
+        present = [number for number, first in zip(places, enters) if i >= first]
+        people = [(frame + [places[number], 0.0], np.full(17, 0.9)) for number in present]
+        message = crowd(backend, START_NS + stamp_of_frame(i) * period, people, tuple(present))
         messages.append(("/keypoints", "sensor_msgs/msg/PointCloud2", START_NS + i * period, message))
     return write_messages(path, messages)
 
@@ -500,6 +510,23 @@ def test_several_people_are_in_one_table_or_in_separate_files(two_people, tmp_pa
     assert f"'{tmp_path / 'walk_p4.bvh'}' exists already" in capsys.readouterr().err
     (tmp_path / "wave_pose.bvh").write_text("nobody's")
     assert main([*arguments[:2], str(tmp_path / "b"), *arguments[3:], "--export", str(tmp_path / "wave.bvh")]) == 0
+
+
+def test_files_of_a_person_who_enters_late_say_when(tmp_path, capsys):
+    write_people(tmp_path / "in", 30, {4: -120.0, 9: 120.0}, enters=(0, 15))
+    output = tmp_path / "out"
+    arguments = [str(tmp_path / "in"), "--output", str(output), "-p", "max_people:=2", *FIXED_LENGTHS]
+    assert main([*arguments, *EVERY_FORMAT]) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("files begin")]
+    assert line.endswith("p9 0.500 s after the recording begins: shift .bvh and .amass.npz by it")
+    for person, start in (("p4", 0.0), ("p9", 0.5)):
+        times = trc(output / f"motion_{person}.trc")[1]
+        assert np.allclose(times[[0, -1]], [start, 29 / 30], atol=1e-5)
+        with np.load(output / f"motion_{person}.amass.npz") as file:
+            assert file["start_time"] == pytest.approx(start, abs=1e-6)
+        if C3D:
+            points = pytest.importorskip("ezc3d").c3d(str(output / f"motion_{person}.c3d"))["header"]["points"]
+            assert (points["first_frame"], points["last_frame"]) == (round(30 * start), 29)
 
 
 def test_the_exports_of_an_archive_are_in_each_output(recording, tmp_path, capsys):

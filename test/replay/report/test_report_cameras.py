@@ -4,6 +4,7 @@ import base64
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from scipy.spatial.transform import Rotation  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.demo.synthetic import DISTANCE  # noqa: E402
+from lassokin_ros.replay.report.video_findings import place  # noqa: E402
 from msg_adapters.inputs import rgb_image  # noqa: E402
 
 BACKEND, START_NS, FRAMES = rosbags_backend(), 1_700_000_000_000_000_000, 30
@@ -115,6 +117,13 @@ def test_a_person_far_from_the_origin_of_the_map_is_drawn_and_has_the_distance_t
     assert abs(middle - DISTANCE) < 0.2 and "The median distance of the person" not in text
     assert f"<td>With a skeleton</td><td>{FRAMES} (100.0%)</td>" in text
     assert "<td>Without a skeleton</td><td>0</td>" in text
+
+
+@pytest.mark.parametrize("cameras, word", [([""], "`--camera-info`"), (["left", "right"], "translations are m")])
+def test_an_unlikely_distance_names_what_gives_the_scale(cameras, word):
+    facts = SimpleNamespace(tracks=[SimpleNamespace(depth=0.2)], cameras=dict.fromkeys(cameras))
+    (finding,) = place(facts)
+    assert "is 0.2 m: check" in finding.text and word in finding.text
 
 
 def test_the_body_is_level_by_the_mount_of_tf(tmp_path):
