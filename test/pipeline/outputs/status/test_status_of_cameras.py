@@ -60,6 +60,14 @@ def test_a_camera_that_never_sends_is_reported():
     assert "no keypoints of camera 'right' for more than 2 s" in lines[-1].message
 
 
+def test_a_camera_that_sends_nothing_while_nobody_is_in_view_is_no_warning():
+    scene = Scene(silent_when_empty=True)
+    lines = [scene.second(sends=lambda name, _: name == "left") for _ in range(4)]
+    assert [line.level for line in lines] == [OK] * 4
+    scene.pipeline.detector_connected = False
+    assert "no keypoints of camera 'right'" in scene.second(sends=lambda name, _: name == "left").message
+
+
 def test_nobody_is_in_view_of_the_cameras_that_send():
     pipeline = Scene().pipeline
     assert not pipeline.nobody_in_view
