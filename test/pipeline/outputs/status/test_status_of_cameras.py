@@ -74,9 +74,13 @@ def test_nobody_is_in_view_of_the_cameras_that_send():
     pipeline.frames(crowd(BACKEND, START_NS, [], [], frame_id="left_optical"), START_NS, "left")
     assert pipeline.nobody_in_view
     pipeline.frames(
-        keypoints(BACKEND, EYES["right"], START_NS, 0, TRUTH.landmarks[0], np.random.default_rng(0)), 0, "right"
+        keypoints(BACKEND, EYES["right"], START_NS, 0, TRUTH.landmarks[0], np.random.default_rng(0)), START_NS, "right"
     )
     assert not pipeline.nobody_in_view
+    for later_ns, right_is_silent in ((399_000_000, False), (401_000_000, True)):  # stale_after is 0.4 s
+        later_ns += START_NS
+        pipeline.frames(crowd(BACKEND, later_ns, [], [], frame_id="left_optical"), later_ns, "left")
+        assert pipeline.nobody_in_view is right_is_silent
 
 
 def test_an_old_recording_of_cameras_with_different_rates_has_one_clock():
