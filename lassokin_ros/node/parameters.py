@@ -63,6 +63,8 @@ def _declared(node: Node, config: Any) -> Any:
         given = getattr(node, "_parameter_overrides", {}).get(item.name)
         if given is not None and (value := without_bool(given.value, item.metadata)) != given.value:
             node._parameter_overrides[item.name] = type(given)(item.name, value=value)
+        if given is not None and given.value is None and isinstance(item.default, tuple):
+            del node._parameter_overrides[item.name]  # an empty list in a file: ROS knows no type of its elements
         try:
             default = list(item.default) if isinstance(item.default, tuple) else item.default
             values[item.name] = node.declare_parameter(item.name, default, describe(item)).value

@@ -47,6 +47,11 @@ class SceneOutputs:
         self._as_of_ns = 0  # newest time of the clock of arrivals for which the state was derived
         self._publish_state()
 
+    @property
+    def state(self) -> str:
+        """The newest state on ~/state."""
+        return self._state.value
+
     def publish(self, frames: Sequence[FrameResult], arrival_ns: int) -> None:
         """Publish the people in one keypoint message, if somebody subscribes, and the state if it has changed."""
         pipeline = self._pipeline

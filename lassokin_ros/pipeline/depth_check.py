@@ -27,8 +27,13 @@ LEAST = 15
 """Number of frames before the images are judged."""
 LEAST_POINTS = 6
 """Least number of a person's keypoints with a measured depth."""
+OTHER_UNIT = 100.0
+"""A larger ratio of the measured depths to those of the body is that of mm to m."""
 MISFIT = "depth: left out, does not show the person"
 """Key of the count of keypoint messages whose depth image is left out."""
+
+OF_COLOUR_IMAGE = "registered to the colour image, of the same camera, and of the same time"
+OF_UNIT = f"in m (32FC1) or in mm (16UC1), because they are more than {OTHER_UNIT:g} times as large as expected"
 
 
 class DepthCheck:
@@ -45,24 +50,26 @@ class DepthCheck:
 
     def update(self, sampled: Keypoints, frames: Sequence[FrameResult], camera: str = "") -> None:
         """Judge the depths at the keypoints of one image. frames: its results; camera: its name."""
-        behind = [share for frame in frames if (share := share_behind(sampled, frame, camera)) is not None]
-        if not behind:
+        people = [depths for frame in frames if (depths := depths_of_person(sampled, frame, camera)) is not None]
+        if not people:
             return
+        behind = [np.mean(measured - expected > APART_M) for measured, expected in people]
         self._frames += 1
         weight = 1.0 / min(self._frames, MEMORY)
         self._share += weight * (float(np.mean(behind)) - self._share)
         if self._frames >= LEAST and self._share > WRONG:
+            of_unit = np.mean(np.concatenate([measured > OTHER_UNIT * expected for measured, expected in people])) > 0.5
             self.fault = (
                 f"the depth images do not show the person ({100 * self._share:.0f} % of the keypoints are measured more"
-                f" than {APART_M:g} m behind the body): depth is not used; check that they are registered to the "
-                "colour image, of the same camera, and of the same time"
+                f" than {APART_M:g} m behind the body): depth is not used; check that they are "
+                + (OF_UNIT if of_unit else OF_COLOUR_IMAGE)
             )
         elif self._share < RIGHT:
             self.fault = ""
 
 
-def share_behind(sampled: Keypoints, frame: FrameResult, camera: str = "") -> float | None:
-    """Return the share of a person's measured keypoints that are behind the body; None with too few of them.
+def depths_of_person(sampled: Keypoints, frame: FrameResult, camera: str = "") -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the depths at a person's keypoints: (k,) m measured, (k,) m of the body; None with too few of them.
 
     camera: the name of the camera whose keypoints they are.
     """
@@ -78,4 +85,4 @@ def share_behind(sampled: Keypoints, frame: FrameResult, camera: str = "") -> fl
     if np.count_nonzero(own) < LEAST_POINTS:
         return None
     expected = image.camera.into_camera(estimate.pose.landmarks[ids[own]])[:, 2]
-    return float(np.mean(sampled.depth[own] - expected > APART_M))
+    return sampled.depth[own], expected

@@ -132,9 +132,13 @@ class Pipeline:
 
     @property
     def nobody_in_view(self) -> bool:
-        """True if the last message of each camera that sends messages had no confident keypoint."""
+        """True if the last message of each camera that sends messages had no confident keypoint.
+
+        A camera sends messages if its last one is at most `stale_after` older than the newest one.
+        """
         sending = [one for one in self.cameras.values() if one.received or one.nobody_in_view]
-        return bool(sending) and all(one.nobody_in_view for one in sending)
+        since_ns = max((one.arrival_ns for one in sending), default=0) - 1e9 * self.config.stale_after
+        return bool(sending) and all(one.nobody_in_view for one in sending if one.arrival_ns >= since_ns)
 
     @property
     def unused_confidence(self) -> float:
@@ -192,7 +196,11 @@ class Pipeline:
 
         Raises NoPersonError if there is none, also if the image is older than `stale_after`.
         """
-        _, arrival_ns = self._latest or (0, 0)
+        if not self.enabled:
+            raise NoPersonError("nobody was locked: the node is disabled; call ~/set_enabled with true, then lock")
+        if self._latest is None:
+            raise NoPersonError("nobody was locked: no usable keypoints arrived since the start or the last reset")
+        _, arrival_ns = self._latest
         age_s = (now_ns - arrival_ns) * 1e-9 if arrival_ns else 0.0
         if age_s > self.config.stale_after:
             raise NoPersonError(

@@ -178,7 +178,7 @@ def test_people_leave_when_the_detector_is_silent():
             gone = f"{namespace}/tracker/bodies/{person}/joint_states"
             peer.spin_until(lambda: not peer.node.get_publishers_info_by_topic(gone), what="its end")  # noqa: B023
         values = values_of(peer.next_diagnostics())
-        assert (values["people"], values["state"]) == ("nobody", "searching")
+        assert (values["people"], values["state"]) == ("nobody", "lost")
         assert values["people left"] == values["people come"] != "0"
         lists = len(them.lists())
         peer.keypoints.publish(two(BACKEND, peer.start_ns, them.sent - 1))

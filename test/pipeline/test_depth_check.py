@@ -39,12 +39,12 @@ def scene():
     return pixels, [render(SKELETON, positions) for positions in pose.positions], pose.positions
 
 
-def play(pipeline, pixels, images, start=0):
+def play(pipeline, pixels, images, start=0, encoding="16UC1"):
     """Process all images; return the fault after each message."""
     faults = []
     for i in range(FRAMES):
         stamp_ns = START_NS + round((start + TIMES[i]) * 1e9)
-        pipeline.depth.add(depth_message(BACKEND, stamp_ns, images[i]), stamp_ns)
+        pipeline.depth.add(depth_message(BACKEND, stamp_ns, images[i], encoding), stamp_ns)
         assert pipeline.process(cloud(BACKEND, stamp_ns, pixels[i]), stamp_ns).accepted
         faults.append(pipeline.first.depth_check.fault)
     return faults
@@ -81,6 +81,14 @@ def test_depth_that_does_not_show_the_person_is_left_out_until_it_does(scene, li
     assert not pipeline.process(cloud(BACKEND, START_NS + 21 * 10**8, pixels[-1]), 0).estimate.depth_measured
     faults = play(pipeline, pixels, images, start=3)
     assert not faults[-1]
+
+
+def test_depth_in_mm_in_place_of_m_is_named(scene):
+    """32FC1 is in m; nothing else is wrong with these images."""
+    pixels, images, _ = scene
+    fault = play(pipeline_with_depth(), pixels, [1000 * image for image in images], encoding="32FC1")[-1]
+    assert "do not show the person" in fault and "registered" not in fault
+    assert fault.endswith("in m (32FC1) or in mm (16UC1), because they are more than 100 times as large as expected")
 
 
 def test_good_depth_and_hidden_legs_are_used(scene):

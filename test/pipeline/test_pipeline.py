@@ -231,6 +231,21 @@ def test_nobody_is_locked_who_was_seen_long_ago(pipeline):
     assert pipeline.locked is None
 
 
+def test_why_nobody_can_be_locked_yet(pipeline):
+    with pytest.raises(NoPersonError, match="no usable keypoints arrived since the start or the last reset"):
+        pipeline.lock(START_NS)
+    pipeline.frames(message(0), START_NS)
+    pipeline.enabled = False
+    with pytest.raises(NoPersonError, match="the node is disabled; call ~/set_enabled with true, then lock"):
+        pipeline.lock(START_NS)
+    pipeline.enabled = True
+    assert pipeline.lock(START_NS) == "p1"
+    pipeline.reset()
+    pipeline.people.release()
+    with pytest.raises(NoPersonError, match="since the start or the last reset"):
+        pipeline.lock(START_NS)
+
+
 def test_another_height_resets_and_other_settings_do_not(pipeline):
     pipeline.frames(message(0), 5)
     config = pipeline.tracker.config

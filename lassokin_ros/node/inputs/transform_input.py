@@ -17,7 +17,8 @@ from lassokin_ros.pipeline.outputs import topics
 DEPTH = 100
 """Queue depth of /tf and /tf_static, as in tf2_ros."""
 FIRST_WARNING_S = 3.0
-"""s from the first image without a transform until this is logged, because robots need time to start."""
+"""s from the first image without a transform until this is reported, because robots need time to start. If TF has given
+them before, it is reported at once: the robot moves, and the last ones no longer hold."""
 
 
 class TransformInput:
@@ -54,7 +55,7 @@ class TransformInput:
             return ""
         if self._failing_since is None:
             self._failing_since = now
-        if now - self._failing_since < FIRST_WARNING_S:
+        if not self._success_logged and now - self._failing_since < FIRST_WARNING_S:
             return ""
         if not self._fault_logged:
             self._fault_logged = True

@@ -18,6 +18,7 @@ from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.observation import Status
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.presence import Presence, best
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -67,6 +68,10 @@ class PerBodyPipeline(Pipeline):
     def locked(self) -> str | None:
         """None: with one topic per body the detector decides who is who, and nobody is locked."""
         return None
+
+    def lock(self, now_ns: int) -> str:
+        """Raise NoPersonError."""
+        raise NoPersonError("nobody was locked: each person has a topic of keypoints, and the detector says who is who")
 
     def is_informed_at(self, now_ns: int) -> bool:
         """As Pipeline.is_informed_at. The detector's list says who is there; each listed body must have keypoints."""

@@ -12,6 +12,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
 from transforms import OPTICAL, rpy, tf_message  # noqa: E402
 
+from lassokin_ros.pipeline.outputs import topics  # noqa: E402
+
 PIXELS = pixels_of_motion(40)
 BASE = "base_footprint"
 FIGURE = "camera roll, pitch from TF [rad]"
@@ -21,7 +23,7 @@ class Robot:
     """A head whose pitch can be set, with a camera. Sends TF of it and keypoints of the same stamp."""
 
     def __init__(self, peer, *fixed):
-        self.peer, self.sent, self.pitch = peer, 0, 0.0
+        self.peer, self.sent, self.pitch, self.tells = peer, 0, 0.0, True
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.static = peer.node.create_publisher(TFMessage, "/tf_static", latched)
         self.moving = peer.node.create_publisher(TFMessage, "/tf", 10)
@@ -30,7 +32,8 @@ class Robot:
     def send(self):
         self.sent += 1
         stamp_ns = self.peer.start_ns + self.sent * 20_000_000
-        self.moving.publish(tf_message(BACKEND, stamp_ns, (BASE, "head", rpy(0, self.pitch))))
+        if self.tells:
+            self.moving.publish(tf_message(BACKEND, stamp_ns, (BASE, "head", rpy(0, self.pitch))))
         self.peer.send_camera()
         self.peer.send(stamp_ns, PIXELS[self.sent % 40])
 
@@ -47,6 +50,19 @@ def test_the_mount_follows_a_nodding_head():
             assert "camera_mount_frame" not in status.message
     lines = [line for line in node.said.splitlines() if "mount" in line]
     assert len(lines) == 1 and "[INFO]" in lines[0] and f"follows TF over '{BASE}'" in lines[0], node.said
+
+
+def test_tf_that_ends_is_reported_at_once_and_the_last_mount_stays():
+    namespace, words = "/tf_ends", "more than 0.5 s older than the image"
+    with NodeProcess(namespace, "-p", f"camera_mount_frame:={BASE}") as node, Peer(namespace, outputs=False) as peer:
+        robot = Robot(peer, ("head", FRAME, OPTICAL))
+        robot.pitch = 0.2
+        robot.diagnostics(lambda s: values_of(s).get(FIGURE, "").lstrip("-") == "0.000, 0.200")
+        robot.tells, robot.sent = False, robot.sent + 50  # the next image is 1 s later
+        status = robot.diagnostics(lambda s: words in s.message)
+        assert len(peer.got[topics.DIAGNOSTICS]) <= 2  # the first one may be of the time before
+        assert status.level == b"\x01" and values_of(status)[FIGURE].endswith("0.200")
+    assert node.said.count("until it is received, the last mount from TF is used") == 1, node.said
 
 
 def test_the_floor_follows_tf_and_is_live():

@@ -49,6 +49,16 @@ class Parameters:
         return [result.reason for result in results if not result.successful]
 
 
+def test_an_empty_list_of_cameras_in_a_file_is_one_camera_without_a_name(tmp_path):
+    """ROS gives an empty list without the type of its elements."""
+    namespace, file, written = "/no_names", tmp_path / "empty.yaml", tmp_path / "dump.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    cameras: []\n    height: 1.62\n")
+    with NodeProcess(namespace, "--params-file", str(file)) as node, Peer(namespace, outputs=False) as peer:
+        found = Parameters(peer).dump(written)
+        assert (found["cameras"], found["height"]) == ([""], 1.62)
+    assert "reads /no_names/keypoints, /no_names/camera_info" in node.said
+
+
 def test_a_dump_can_be_loaded(tmp_path):
     """Also with settings that are read at the start, a QoS policy, and `off`, which is a bool in YAML."""
     namespace, file = "/dumped", tmp_path / "tracker.yaml"

@@ -20,6 +20,7 @@ from lassokin_ros.core.observation import Status
 from lassokin_ros.demo.synthetic import motion
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.people_messages import id_of
+from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -114,6 +115,12 @@ def test_new_people_start_with_the_vertical_of_present_people(pipeline):
     assert two.learned_for == one.learned_for > 0 and np.array_equal(two.direction, one.direction)
     pipeline.reset()
     assert two.learned_for == 0
+
+
+def test_nobody_is_locked_because_the_detector_says_who_is_who(pipeline):
+    with pytest.raises(NoPersonError, match="each person has a topic of keypoints"):
+        pipeline.lock(START_NS)
+    assert pipeline.locked is None
 
 
 def test_an_empty_message_is_no_problem_to_report(pipeline):

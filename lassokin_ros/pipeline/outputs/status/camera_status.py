@@ -74,10 +74,11 @@ class CameraStatus:
         yield from pipeline.places.faults.values()
         if len(pipeline.cameras) == 1:
             return
+        silent = pipeline.config.silent_when_empty and pipeline.detector_connected
         for name, camera in pipeline.cameras.items():
             if camera.camera.view is None:
                 yield f"no camera_info of camera '{name}'"
-            elif now - self._changed.get(name, self._since or now) > SILENCE_S:
+            elif not silent and now - self._changed.get(name, self._since or now) > SILENCE_S:
                 yield f"no keypoints of camera '{name}' for more than {SILENCE_S:g} s"
         yield from self._clocks()
         yield from pipeline.agreement.left_out.values()

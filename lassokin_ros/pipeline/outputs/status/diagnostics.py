@@ -22,6 +22,7 @@ from lassokin_ros.pipeline.input_checks.body_direction import BodyDirection
 from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
+from lassokin_ros.pipeline.outputs.status import presence_state
 from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures, height_figures
 from lassokin_ros.pipeline.outputs.status.camera_status import CameraStatus, of_each_camera
 from lassokin_ros.pipeline.outputs.status.doubt_words import doubt_words, unseen_words
@@ -136,11 +137,13 @@ class Diagnostics:
             self._tracked += 1
             self._with_depth += any(f.estimate.depth_measured for f in accepted if f.estimate is not None)
 
-    def line(self, now: float, presence: Presence | None = None, concern: str = "") -> StatusLine:
+    def line(
+        self, now: float, presence: Presence | None = None, concern: str = "", state: str = presence_state.LOST
+    ) -> StatusLine:
         """Return the status of the period since the last call, and start a new one.
 
         presence: the present people, if more time has passed than the messages show; concern: a further reason for a
-        warning, empty if there is none.
+        warning, empty if there is none. state: that of ~/state, for the time when nobody is tracked.
         """
         presence = presence or Presence(self._pipeline.status, self._pipeline.ids)
         period = max(now - self._since, 1e-3)
@@ -150,13 +153,14 @@ class Diagnostics:
         roll = None if self._pipeline.config.fixed_frame else self._pipeline.camera_angles[0]
         self._direction.update(self._newest if tracking else (), roll, now)
         figures = self._cameras.update(now, period)
-        level, message = self._level_and_text(now, recent, presence.status, concern)
-        values = {**self._figures(now, period, recent, presence), **figures}
+        state = presence_state.TRACKING if tracking else state
+        level, message = self._level_and_text(now, recent, state, concern)
+        values = {**self._figures(now, period, recent, presence, state), **figures}
         self._begin(now)
         return StatusLine(level, f"{self._name}: person", message, self._hardware_id or "none", values)
 
-    def _level_and_text(self, now: float, recent: Counter[str], status: Status, concern: str) -> tuple[int, str]:
-        pipeline = self._pipeline
+    def _level_and_text(self, now: float, recent: Counter[str], state: str, concern: str) -> tuple[int, str]:
+        pipeline, tracking = self._pipeline, state == presence_state.TRACKING
         self.concerns, self.inputs = [], []
         if not pipeline.enabled:
             return OK, "disabled by ~/set_enabled"
@@ -167,7 +171,7 @@ class Diagnostics:
         if waiting := self._waiting_for(now):
             return WARN, "; ".join(filter(None, [waiting, concern]))
         refused = recent[f"rejected: {FROZEN}"] + recent[f"rejected: {FROZEN} (a person)"]
-        if repeated_s(self._last) > FROZEN_S or (refused and status is not Status.TRACKING):
+        if repeated_s(self._last) > FROZEN_S or (refused and not tracking):
             return WARN, (
                 f"keypoints are frozen: the same ones for more than {FROZEN_S:g} s; check that "
                 "the camera's image changes and reaches the detector"
@@ -186,7 +190,8 @@ class Diagnostics:
             *self.inputs,
             direction if self._direction.is_down else "",
             self._stale_advice(),
-            self._identity_advice() if status is Status.TRACKING else "",
+            self._identity_advice() if tracking else self._lock_concern(),
+            "" if tracking or unused else self._untrackable_concern(recent),
             *self._cameras.concerns(now),
             self._doubt_concern(),
             concern,
@@ -195,18 +200,20 @@ class Diagnostics:
         self.concerns = [words for words in concerns if words != unused]
         if recent["received"]:
             self._nobody = recent[NOBODY] == recent["received"]
-        nobody = self._nobody and status is not Status.TRACKING
-        level = OK if (nobody or status is Status.TRACKING) and not concerns else WARN
+        nobody = state == presence_state.NOBODY or (self._nobody and not tracking)
+        level = OK if (nobody or tracking) and not concerns else WARN
         if direction and direction not in concerns:
             concerns.append(direction)  # a person who lies is no fault
-        if status is Status.TRACKING:
+        if tracking:
             concerns += unseen_words(self._newest)  # nor is one behind a desk
-        return level, "; ".join([self._nobody_text() if nobody else status.value, *concerns])
+        return level, "; ".join([self._nobody_text() if nobody else state, *concerns])
 
     def _waiting_for(self, now: float) -> str:
         """Return the input that is missing; empty if none is."""
         if not self._pipeline.has_camera:
             return "waiting for camera_info"
+        if self._pipeline.config.silent_when_empty and self._pipeline.detector_connected:
+            return ""
         if self._keypoints_at is None:
             return "waiting for keypoints"
         return f"no keypoints for more than {SILENCE_S:g} s" if now - self._keypoints_at > SILENCE_S else ""
@@ -250,6 +257,27 @@ class Diagnostics:
         if any(frame.guessed for frame in self._newest) and self._pipeline.ids is None:
             return "the followed person was found again by place only, and may be somebody else; ~/lock confirms it"
         return ""
+
+    def _lock_concern(self) -> str:
+        """Return that nobody is followed because somebody is locked; empty if nobody is."""
+        locked = self._pipeline.locked
+        if locked is None:
+            return ""
+        return f"{locked} is locked and not seen: nobody else is followed until ~/lock is called with false"
+
+    def _untrackable_concern(self, recent: Counter[str]) -> str:
+        """Return why nobody whom the images of the period show is tracked, if several people are followed; else empty.
+
+        Of a single person the rejections tell it.
+        """
+        config, settings = self._pipeline.tracker.config, self._pipeline.config
+        shows_nobody = recent[NOBODY] >= recent["received"]
+        if self._tracked or shows_nobody or not settings.several_people or settings.topic_per_body:
+            return ""
+        return (
+            f"the keypoints show somebody who is not tracked: a person needs {config.min_landmarks} landmarks or more "
+            f"(min_landmarks) at or above min_confidence {config.min_confidence:g}"
+        )
 
     def _doubt_concern(self) -> str:
         """Return why poses of the period are doubtful; empty if they are not, or few and by their figures alone."""
@@ -362,11 +390,13 @@ class Diagnostics:
     def _reprojection_px(self) -> float:
         return max((f.estimate.reprojection_px for f in self._newest if f.estimate is not None), default=float("nan"))
 
-    def _figures(self, now: float, period: float, recent: Counter[str], presence: Presence) -> dict[str, str]:
+    def _figures(
+        self, now: float, period: float, recent: Counter[str], presence: Presence, state: str
+    ) -> dict[str, str]:
         counts = self._pipeline.counts
         followed = presence.status is Status.TRACKING  # the last figures of a lost person are outdated
         values = {
-            "state": presence.status.value,
+            "state": state,
             "input rate [Hz]": f"{recent['received'] / period:.2f}",
             "output rate [Hz]": f"{recent['accepted'] / period:.2f}",
             "keypoints age [s]": _age(now, self._keypoints_at),

@@ -90,7 +90,7 @@ def messages(diagnostics, pipeline, count, confidence, stamp_ns, late_ns=0, dept
     """Feed messages at 30 Hz, and return the status of the period. depth: m, a field of all points."""
     for i in range(count):
         stamp = stamp_ns + i * 33_333_333
-        message = cloud(BACKEND, stamp, PIXELS[i], np.full(17, confidence))
+        message = cloud(BACKEND, stamp, PIXELS[i], np.broadcast_to(confidence, 17))
         if depth is not None:
             message = with_depths(BACKEND, message, np.full(17, depth))
         frames = pipeline.frames(message, stamp + late_ns)
@@ -172,7 +172,19 @@ def test_stamps_in_the_future_are_a_warning():
 
 def test_fractions_of_the_image_are_a_warning():
     status = status_of(PIXELS / [640.0, 480.0])
-    assert (status.level, status.message) == (WARN, "searching; keypoints rejected: fractions")
+    assert (status.level, status.message) == (WARN, "lost; keypoints rejected: fractions")
+
+
+def test_the_reason_why_nobody_of_several_people_is_tracked():
+    few = np.where(np.arange(17) < 3, 0.9, 0.0)  # a person who is very near
+    pipeline = Pipeline(TrackerConfig(lost_after=0.5), NodeSettings(max_people=3))
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    status = messages(diagnostics, pipeline, 20, few, 10**12)
+    assert status.level == WARN and status.message.startswith("lost; the keypoints show somebody who is not tracked")
+    assert "4 landmarks or more (min_landmarks) at or above min_confidence 0.2" in status.message
+    assert messages(diagnostics, pipeline, 20, 0.9, 10**12 + 10**9).message == "tracking"
+    assert messages(diagnostics, pipeline, 20, 0.05, 10**12 + 2 * 10**9).message == "nobody in view"
 
 
 @pytest.mark.parametrize("height, depth, words", [(1.75, 3000.0, "check that they are in m"), (0.0, 3000.0, "in m,")])

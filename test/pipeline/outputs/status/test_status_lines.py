@@ -55,6 +55,7 @@ def pipeline():
         config=NodeSettings(),
         reported_lost_after=0.4,
         locked=None,
+        detector_connected=True,
         tracker=tracker,
         trackers={"": tracker},
         places=None,
@@ -144,8 +145,30 @@ def test_frozen_keypoints(diagnostics, seconds, level):
 def test_the_status_of_a_person(pipeline, diagnostics):
     for status in (Status.LOST, Status.SEARCHING):
         pipeline.status = status
-        assert said(diagnostics) == (WARN, status.value)
-    assert said(diagnostics, presence=Presence(Status.TRACKING)) == (OK, "tracking")
+        assert said(diagnostics) == (WARN, "lost")
+        assert said(diagnostics, state="nobody") == (OK, NOBODY)
+    assert said(diagnostics, presence=Presence(Status.TRACKING), state="nobody") == (OK, "tracking")
+
+
+def test_a_silent_detector_of_an_empty_room(pipeline, diagnostics):
+    pipeline.status, pipeline.config = Status.LOST, NodeSettings(silent_when_empty=True)
+    assert said(diagnostics, 12.1) == (WARN, "lost")
+    line = diagnostics.line(13.1, state="nobody")
+    assert (line.level, line.message, line.values["state"]) == (OK, NOBODY, "nobody")
+    pipeline.detector_connected = False
+    assert said(diagnostics, 14.1) == (WARN, "no keypoints for more than 2 s")
+    fresh = Diagnostics(pipeline, "tracker", 0.0)
+    assert said(fresh) == (WARN, "waiting for keypoints")
+    pipeline.detector_connected = True
+    assert said(fresh, state="nobody") == (OK, NOBODY)
+
+
+def test_a_lock_is_the_reason_why_nobody_is_followed(pipeline, diagnostics):
+    pipeline.locked = "p2"
+    assert said(diagnostics) == (OK, "tracking")
+    pipeline.status = Status.LOST
+    words = "p2 is locked and not seen: nobody else is followed until ~/lock is called with false"
+    assert said(diagnostics) == (WARN, f"lost; {words}")
 
 
 def test_nobody_in_view(pipeline, diagnostics):

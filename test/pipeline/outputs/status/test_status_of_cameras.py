@@ -60,15 +60,27 @@ def test_a_camera_that_never_sends_is_reported():
     assert "no keypoints of camera 'right' for more than 2 s" in lines[-1].message
 
 
+def test_a_camera_that_sends_nothing_while_nobody_is_in_view_is_no_warning():
+    scene = Scene(silent_when_empty=True)
+    lines = [scene.second(sends=lambda name, _: name == "left") for _ in range(4)]
+    assert [line.level for line in lines] == [OK] * 4
+    scene.pipeline.detector_connected = False
+    assert "no keypoints of camera 'right'" in scene.second(sends=lambda name, _: name == "left").message
+
+
 def test_nobody_is_in_view_of_the_cameras_that_send():
     pipeline = Scene().pipeline
     assert not pipeline.nobody_in_view
     pipeline.frames(crowd(BACKEND, START_NS, [], [], frame_id="left_optical"), START_NS, "left")
     assert pipeline.nobody_in_view
     pipeline.frames(
-        keypoints(BACKEND, EYES["right"], START_NS, 0, TRUTH.landmarks[0], np.random.default_rng(0)), 0, "right"
+        keypoints(BACKEND, EYES["right"], START_NS, 0, TRUTH.landmarks[0], np.random.default_rng(0)), START_NS, "right"
     )
     assert not pipeline.nobody_in_view
+    for later_ns, right_is_silent in ((399_000_000, False), (401_000_000, True)):  # stale_after is 0.4 s
+        later_ns += START_NS
+        pipeline.frames(crowd(BACKEND, later_ns, [], [], frame_id="left_optical"), later_ns, "left")
+        assert pipeline.nobody_in_view is right_is_silent
 
 
 def test_an_old_recording_of_cameras_with_different_rates_has_one_clock():
