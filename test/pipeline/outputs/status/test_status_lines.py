@@ -15,6 +15,7 @@ from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
+from lassokin_ros.pipeline.people.people_tracker import GONE
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -168,6 +169,9 @@ def test_a_lock_is_the_reason_why_nobody_is_followed(pipeline, diagnostics):
     assert said(diagnostics) == (OK, "tracking")
     pipeline.status = Status.LOST
     words = "p2 is locked and not seen: nobody else is followed until ~/lock is called with false"
+    assert said(diagnostics) == (WARN, f"lost; {words}")
+    pipeline.locked = GONE
+    words = "the locked person was forgotten: nobody is followed until ~/lock is called"
     assert said(diagnostics) == (WARN, f"lost; {words}")
 
 
