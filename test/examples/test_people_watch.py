@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+from collections import deque
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,7 +12,7 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
-from geometry_msgs.msg import TransformStamped  # noqa: E402
+from geometry_msgs.msg import PointStamped, TransformStamped  # noqa: E402
 from rclpy.clock import ClockType  # noqa: E402
 from rclpy.time import Time  # noqa: E402
 from sensor_msgs.msg import PointCloud2  # noqa: E402
@@ -77,6 +78,14 @@ def transforms(monkeypatch):
         buffers[0].set_transform(message)
 
     return send
+
+
+def load(name):
+    """The module of an example."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "examples" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def report(place=(0.0, 0.0, 3.0), deviation_m=0.1, **fields):
@@ -189,3 +198,50 @@ def test_silence_is_logged_with_the_name_of_the_topic(node):
     assert len(node.log) == 2
     check()
     assert len(node.log) == 3
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "examples").glob("*.py")))
+def test_an_example_can_be_started_in_a_namespace(name):
+    """Its topics, and the names of trackers, are relative."""
+    assert '"/' not in (ROOT / "examples" / f"{name}.py").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "left, right, expected",
+    [
+        ([report((3.6, 1.2, 1.0))], [], [3.6, 1.2, 1.0]),
+        ([report((3.6, 1.2, 1.0))], [report((3.8, 1.2, 1.0))], [3.7, 1.2, 1.0]),
+        ([report((3.6, 1.2, 1.0))], [report((3.9, 1.2, 1.0), 0.2)], [3.66, 1.2, 1.0]),  # weighted by 4 to 1
+        ([report((3.6, 1.2, 1.0))], [report((3.8, 1.2, 1.0), guessed=True)], [3.6, 1.2, 1.0]),
+        ([report((3.6, 1.2, 1.0))], [report((4.6, -1.6, 1.0))], None),
+        ([report((3.6, 1.2, 1.0), guessed=True)], [], None),
+        ([], [], None),
+    ],
+)
+def test_two_cameras_merge_one_person_only(left, right, expected):
+    node, module = Node(), load("two_cameras")
+    node.cameras = [PeopleWatch(node, f"{side}/tracker", frame="base_link") for side in ("left", "right")]
+    for side, seen in (("left", left), ("right", right)):
+        if seen:
+            node.calls[f"{side}/tracker/people"](people(NOW_S, *seen, frame="base_link"))
+    module.TwoCameras.on_timer(node)
+    assert node.log == (["the cameras follow two people"] if left and right and expected is None else [])
+    points = [[message.point.x, message.point.y, message.point.z] for message in node.sent]
+    assert points == ([] if expected is None else [pytest.approx(expected, abs=1e-5)])
+
+
+def test_a_wrist_of_the_future_does_not_block_those_of_now(node, transforms):
+    module, known = load("wrist_in_base"), []
+    node.buffer = SimpleNamespace(can_transform=lambda _, __, stamp: stamp in known, transform=lambda wrist, _: wrist)
+    node.waiting = deque()
+    for stamp_s in (NOW_S + 12, NOW_S - 0.6, NOW_S - 0.1, NOW_S):
+        node.waiting.append(PointStamped())
+        node.waiting[-1].header.stamp = Time(nanoseconds=round(stamp_s * 1e9)).to_msg()
+    *_, old, now = node.waiting
+    known.append(old.header.stamp)
+    module.WristInBase.on_timer(node)
+    assert node.sent == [old] and list(node.waiting) == [now]  # TF is late
+    assert len(node.log) == 2 and "dropped" in node.log[0]
+    known.append(now.header.stamp)
+    module.WristInBase.on_timer(node)
+    assert node.sent == [old, now] and not node.waiting
