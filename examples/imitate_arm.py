@@ -7,7 +7,6 @@ Its frame_id is empty, or the parameter shoulder_frame: a frame of the robot wit
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
-from sensor_msgs.msg import PointCloud2
 
 from lassokin_ros import joints
 from lassokin_ros.node.executable import run
@@ -17,19 +16,18 @@ SCALE, LARGEST_DEVIATION = 0.8, 0.2  # robot's arm / person's arm; m
 
 
 class ImitateArm(Node):
-    """Forwards a wrist that is seen, certain, and less than 0.5 s old. The robot must stop if no target comes."""
+    """Forwards a wrist that is seen, certain, and 0.5 s old at most. The robot must stop if no target comes."""
 
     def __init__(self):
         super().__init__("imitate_arm")
-        self.people = PeopleWatch(self)
         self.frame = self.declare_parameter("shoulder_frame", "").value
         self.publisher = self.create_publisher(PoseWithCovarianceStamped, "arm_target", 10)
-        self.create_subscription(PointCloud2, "/tracker/limbs", self.on_limbs, 10)
+        PeopleWatch(self).subscribe("limbs", self.on_limbs)
 
     def on_limbs(self, message):
         """Publish the target, scaled to the robot's arm."""
         (wrist,) = [limb for limb in points(message) if limb["index"] == joints.RIGHT_WRIST]
-        if not self.people.fresh(message.header) or not wrist["observed"] or wrist["deviation"] > LARGEST_DEVIATION:
+        if not wrist["observed"] or wrist["deviation"] > LARGEST_DEVIATION:
             return
         target = PoseWithCovarianceStamped()
         target.header.stamp, target.header.frame_id = message.header.stamp, self.frame

@@ -23,7 +23,7 @@ class WristInBase(Node):
         self.buffer, self.waiting = Buffer(), deque()
         self.listener = TransformListener(self.buffer, self)
         self.publisher = self.create_publisher(PointStamped, "right_wrist", 10)
-        self.create_subscription(PoseArray, "/tracker/joints", self.on_joints, 10)
+        self.create_subscription(PoseArray, "tracker/joints", self.on_joints, 10)
         self.create_timer(0.02, self.on_timer)
 
     def on_joints(self, message):
@@ -31,11 +31,11 @@ class WristInBase(Node):
         self.waiting.append(PointStamped(header=message.header, point=message.poses[joints.RIGHT_WRIST].position))
 
     def on_timer(self):
-        """Publish the wrists whose transform has come, in their order, and drop those that are too old."""
+        """Publish the wrists whose transform has come, in their order, and drop those that are not of now."""
         while self.waiting:
-            wrist = self.waiting[0]
-            if (self.get_clock().now() - Time.from_msg(wrist.header.stamp)).nanoseconds > 5e8:
-                self.get_logger().warn("dropped: no TF, or late keypoints", throttle_duration_sec=5.0)
+            wrist, now = self.waiting[0], self.get_clock().now()
+            if not -1e8 <= (now - Time.from_msg(wrist.header.stamp)).nanoseconds <= 5e8:
+                self.get_logger().warn("dropped: no TF, or not a stamp of now", throttle_duration_sec=5.0)
             elif self.buffer.can_transform("base_link", wrist.header.frame_id, wrist.header.stamp):
                 self.publisher.publish(self.buffer.transform(wrist, "base_link"))
             else:

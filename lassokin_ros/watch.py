@@ -1,6 +1,6 @@
 """For robots: the people whom a tracker sees now. What is too old counts as unknown.
 
-    watch = PeopleWatch(node, frame="camera_optical_frame")  # in a node; reads /tracker/people and /tracker/state
+    watch = PeopleWatch(node, frame="camera_optical_frame")  # in a node; reads tracker/people and tracker/state
     for person in watch.tracked():                    # the nearest one first; empty if nothing is known
         person["x"], person["z"], person["detector_id"]
     watch.state                                       # "tracking", "nobody", or "lost": somebody may be there
@@ -12,13 +12,19 @@ the transform.
 One age decides, that of the newest ~/people by its stamp. The tracker repeats this message with a stamp that advances,
 so that the age is also too large if the tracker was killed or has no processor time, if the keypoints are late, and if
 the clocks of two machines differ. A person who is lost, or a detector that stops, is in the message itself.
+
+The joints of one person come by `watch.subscribe("skeleton", callback)`: only those that are fresh, and whose person is
+neither guessed nor doubtful in the same image.
 """
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.time import Time
@@ -31,10 +37,15 @@ from lassokin_ros.pipeline.settings import NodeSettings
 TRACKING, LOST, NOBODY = "tracking", "lost", "nobody"
 STALE_S = 0.5
 """s: age from which on a message is not used."""
+AHEAD_S = 0.1
+"""s: a stamp may lie so far in the future, since /clock may come 10 times per second only. The same time is lost when a
+tracker dies whose camera's clock is ahead."""
 SPEED, SPREAD = ("vx", "vy", "vz"), ("xx", "xy", "xz", "yy", "yz", "zz")
 """Fields of the velocity, and of the upper triangle of the covariance of the position."""
 LOG_PERIOD_S = 5.0
-"""s between two warnings about a missing transform."""
+"""s between two warnings about a missing transform, or about silence."""
+DEPTH = 10
+"""Messages that are kept of each topic."""
 KINDS = {PointField.FLOAT32: "<f4", PointField.INT32: "<i4"}
 
 
@@ -67,6 +78,17 @@ def _quaternion(transform: Any) -> np.ndarray:
     return np.array([turn.x, turn.y, turn.z, turn.w])
 
 
+def is_fresh(age_s: float, stale_s: float) -> bool:
+    """Return True for an age from -AHEAD_S to stale_s. A stamp far in the future is of another clock."""
+    return -AHEAD_S <= age_s <= stale_s
+
+
+def is_certain(people: np.ndarray) -> bool:
+    """Return True if somebody of ~/people (k,) is tracked, and nobody who is tracked is guessed or doubtful."""
+    seen = people[people["tracked"] == 1]
+    return len(seen) > 0 and not (seen["guessed"] | seen["doubtful"]).any()
+
+
 def camera_frame(node: Node) -> str:
     """Return the parameter `camera_frame` of a node: the optical frame of a camera on the robot."""
     name: str = node.declare_parameter("camera_frame", NodeSettings().base_frame).value
@@ -80,6 +102,7 @@ class IntoFrame:
         """frame: the frame to move into; stale_s: s, largest age of a transform. Static ones have no age."""
         self._node, self._frame, self._stale_s = node, frame, stale_s
         self._buffer: Any = None
+        self._ahead_ns = 0  # ns, stamp of the newest transform that was ahead of the time
 
     def move(self, people: np.ndarray, source: str) -> np.ndarray | None:
         """Return people (k,) of the frame `source` in the wanted one, or None with a warning if TF does not give it.
@@ -91,7 +114,7 @@ class IntoFrame:
         transform, fault = self._newest(source)
         if transform is None:
             self._node.get_logger().warning(
-                f"people are in the frame '{source}', expected '{self._frame}' (in the examples the parameter "
+                f"people are in the frame '{source}', expected '{self._frame}' (in some examples the parameter "
                 f"camera_frame: an optical frame on the robot), or a fresh transform between them in TF: {fault}",
                 throttle_duration_sec=LOG_PERIOD_S,
             )
@@ -119,30 +142,80 @@ class IntoFrame:
             return None, str(error)
         stamp_ns = Time.from_msg(found.header.stamp).nanoseconds
         age_s = (self._node.get_clock().now().nanoseconds - stamp_ns) * 1e-9
-        if stamp_ns and age_s > self._stale_s:
-            return None, f"the newest one is {age_s:.1f} s old"
+        if age_s < -AHEAD_S:
+            self._ahead_ns = stamp_ns  # not used later either: its publisher may have died
+        if stamp_ns and (stamp_ns == self._ahead_ns or not is_fresh(age_s, self._stale_s)):
+            return None, f"the newest one is {abs(age_s):.1f} s " + ("ahead of the time" if age_s < 0 else "old")
         return found.transform, ""
 
 
 class PeopleWatch:
     """Subscribes to ~/people and ~/state of a tracker. `people_type` must be the default, sensor_msgs/PointCloud2."""
 
-    def __init__(self, node: Node, tracker: str = "/tracker", stale_s: float = STALE_S, frame: str = "") -> None:
-        """tracker: name of the tracker's node; stale_s: s, largest age of a message and of a transform that is used.
+    def __init__(self, node: Node, tracker: str = "tracker", stale_s: float = STALE_S, frame: str = "") -> None:
+        """tracker: name of the tracker's node, in the namespace of `node` unless it starts with a slash.
+
+        stale_s: s, largest age of a message and of a transform that is used.
 
         frame: in which people are needed; those in another frame are moved by TF. Empty: as they come, see `frame_id`.
         """
+        self._node, self._tracker = node, tracker
         self._clock, self._stale_s = node.get_clock(), stale_s
         self._into = IntoFrame(node, frame, stale_s) if frame else None
         self._frame = frame
         self._people: PointCloud2 | None = None
         self._state = LOST
+        self._heard = False  # since the last look at silence
+        self._certain: deque[int] = deque(maxlen=DEPTH)  # ns, stamps of images
+        self._waiting: deque[tuple[Callable[[Any], None], Any]] = deque(maxlen=DEPTH)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        node.create_subscription(PointCloud2, f"{tracker}/people", self._on_people, 10)
+        node.create_subscription(PointCloud2, f"{tracker}/people", self._on_people, DEPTH)
         node.create_subscription(String, f"{tracker}/state", self._on_state, latched)
+        node.create_timer(LOG_PERIOD_S, self._warn_of_silence, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _on_people(self, message: PointCloud2) -> None:
-        self._people = message
+        self._heard, ahead_s = True, -self.age(message.header)
+        self._people = message if ahead_s <= AHEAD_S else None  # it would be fresh later, if the tracker dies now
+        if ahead_s > AHEAD_S:
+            self._node.get_logger().warning(
+                f"people are not used: their stamp is {ahead_s:.1f} s ahead; expected the same time on all machines",
+                throttle_duration_sec=LOG_PERIOD_S,
+            )
+        if is_certain(points(message)):
+            self._certain.append(Time.from_msg(message.header.stamp).nanoseconds)
+        self._deliver()
+
+    def _warn_of_silence(self) -> None:
+        """Log a warning if ~/people, which is repeated several times per second, has not come for LOG_PERIOD_S."""
+        if not self._heard:
+            topic = self._node.resolve_topic_name(f"{self._tracker}/people")
+            self._node.get_logger().warning(
+                f"nothing was received on {topic} for {LOG_PERIOD_S:.0f} s: expected a tracker there, with the default "
+                "people_type; a node in another namespace is started with --ros-args -r __ns:=NAMESPACE"
+            )
+        self._heard = False
+
+    def subscribe(self, output: str, callback: Callable[[Any], None]) -> None:
+        """Call back with the messages of ~/skeleton or ~/limbs that are fresh and whose person is certain.
+
+        output: "skeleton" or "limbs". The person is certain if ~/people of the same image says so, see `is_certain`;
+        either message may come first.
+        """
+
+        def on_message(message: Any) -> None:
+            self._waiting.append((callback, message))
+            self._deliver()
+
+        self._node.create_subscription(PointCloud2, f"{self._tracker}/{output}", on_message, DEPTH)
+
+    def _deliver(self) -> None:
+        """Call back with the waiting messages of certain images. The others are pushed out by newer ones."""
+        for _ in range(len(self._waiting)):
+            callback, message = self._waiting.popleft()
+            if Time.from_msg(message.header.stamp).nanoseconds not in self._certain:
+                self._waiting.append((callback, message))
+            elif self.fresh(message.header):
+                callback(message)
 
     def _on_state(self, message: String) -> None:
         self._state = message.data
@@ -153,8 +226,8 @@ class PeopleWatch:
         return (now_ns - Time.from_msg(header.stamp).nanoseconds) * 1e-9
 
     def fresh(self, header: Any) -> bool:
-        """Return True if a std_msgs/Header is `stale_s` old at most by its stamp, or as far in the future."""
-        return abs(self.age(header)) <= self._stale_s
+        """Return True if a std_msgs/Header is `stale_s` old at most by its stamp, and AHEAD_S in the future at most."""
+        return is_fresh(self.age(header), self._stale_s)
 
     @property
     def known(self) -> bool:

@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ from sensor_msgs.msg import PointCloud2  # noqa: E402
 from lassokin_ros import joints as indices  # noqa: E402
 from msg_adapters.backends import RclpyBackend  # noqa: E402
 from msg_adapters.output_messages.limb_cloud import LimbCloudBuilder  # noqa: E402
+from msg_adapters.output_messages.people import PersonReport, people_builder  # noqa: E402
 from msg_adapters.output_messages.skeleton_cloud import SkeletonCloudBuilder  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -104,6 +106,7 @@ def joints(frame_id="camera", **places):
 
 
 CLOUD = SkeletonCloudBuilder(RclpyBackend(), 24)
+PEOPLE = people_builder(RclpyBackend(), "sensor_msgs/msg/PointCloud2")
 
 
 def skeleton(places, deviation=(0.05, 0.05, 0.05), seen=True, late_s=0.0, frame_id="camera"):
@@ -113,6 +116,19 @@ def skeleton(places, deviation=(0.05, 0.05, 0.05), seen=True, late_s=0.0, frame_
     return CLOUD.fill(stamp_ns, frame_id, places, np.zeros((24, 3)), doubt, *rest)
 
 
+def person_of(message, flag=""):
+    """A ~/people with the person of an image. flag: "guessed" or "doubtful" for such a person."""
+    person = PersonReport(
+        "p1", True, 0.9, np.ones(3), np.array([0, 0, 0, 1.0]), np.zeros(3), np.eye(6), np.ones((1, 3))
+    )
+    stamp = message.header.stamp
+    return PEOPLE.fill(
+        stamp.sec * 10**9 + stamp.nanosec,
+        message.header.frame_id,
+        [replace(person, **{flag: True}) if flag else person],
+    )
+
+
 OPTICAL = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 """From axes x front, y left, z up to the optical frame's x right, y down, z forward."""
 
@@ -120,14 +136,16 @@ OPTICAL = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 @pytest.mark.parametrize("axes", [OPTICAL, np.eye(3)], ids=["optical", "fixed"])
 def test_a_raised_hand_is_logged_once(robot, axes):
     tracker = robot.node.create_publisher(PointCloud2, "/tracker/skeleton", 10)
+    people = robot.node.create_publisher(PointCloud2, "/tracker/people", 10)
     places, lines = np.tile([6.0, 4.0, 1.0], (24, 1)), []
     places[indices.HEAD, 2] = 1.6
     hanging, raised, late = places.copy(), places.copy(), places.copy()
     hanging[indices.LEFT_WRIST] = 6.3, 4.2, 0.7
     raised[indices.LEFT_WRIST] = late[indices.LEFT_WRIST] = 6.3, 4.2, 1.9
 
-    def send(body, **options):
-        tracker.publish(skeleton(body @ axes.T, frame_id="any", **options))
+    def send(body, flag="", **options):
+        tracker.publish(message := skeleton(body @ axes.T, frame_id="any", **options))
+        people.publish(person_of(message, flag))
 
     with example("raised_hand", robot) as process:
         reader = threading.Thread(target=lambda: [lines.append(line) for line in process.stdout])
@@ -136,9 +154,11 @@ def test_a_raised_hand_is_logged_once(robot, axes):
         for _ in range(5):
             send(hanging)
             send(raised, late_s=1.5)
+            send(raised, "doubtful")
         robot.spin_until(lambda: tracker.wait_for_all_acked(), "the acknowledgement")
-        assert not lines
-        robot.spin_until(lambda: lines, "the line", lambda: send(raised))  # the first ones may be lost
+        assert not any("raised" in line for line in lines)
+        # the first ones may be lost
+        robot.spin_until(lambda: any("raised" in line for line in lines), "the line", lambda: send(raised))
         for _ in range(3):
             send(raised)
         robot.spin_until(lambda: tracker.wait_for_all_acked(), "the acknowledgement")
@@ -148,19 +168,23 @@ def test_a_raised_hand_is_logged_once(robot, axes):
 
 def test_a_hand_is_published_while_it_is_visible_certain_and_new(robot):
     """The least certain direction may be any one: in a fixed frame it is not z."""
-    robot.listen(PointStamped, "hand")
-    tracker = robot.node.create_publisher(PointCloud2, "/tracker/skeleton", 10)
+    robot.listen(PointStamped, "/robot/hand")
+    tracker = robot.node.create_publisher(PointCloud2, "/robot/tracker/skeleton", 10)
+    people = robot.node.create_publisher(PointCloud2, "/robot/tracker/people", 10)
 
-    def send(mark=3.0, **options):
-        tracker.publish(skeleton(np.full((24, 3), mark) + np.arange(24)[:, None], **options))
+    def send(mark=3.0, flag="", **options):
+        tracker.publish(message := skeleton(np.full((24, 3), mark) + np.arange(24)[:, None], **options))
+        people.publish(person_of(message, flag))
 
-    with example("hand_over", robot, send):  # it is publishing at SIGINT
+    with example("hand_over", robot, send, ("--ros-args", "-r", "__ns:=/robot")):  # it is publishing at SIGINT
         robot.spin_until(lambda: robot.got, "a hand", send)
         send(1.0, seen=False)
         send(2.0, deviation=(0.2, 0.05, 0.2))
         send(5.0, deviation=(0.05, 0.4, 0.05))
         send(6.0, late_s=1.5)
         send(7.0, late_s=-1.5)
+        send(8.0, "doubtful")
+        send(9.0, "guessed")
         send(4.0, deviation=(0.25, 0.05, 0.05))
         robot.spin_until(lambda: robot.got[-1].point.x == 25.0, "the last hand")
     assert {point.point.x for point in robot.got} == {24.0, 25.0}
@@ -172,18 +196,21 @@ def test_the_target_of_an_arm_is_in_a_frame_of_the_robot_or_in_none(robot, frame
     """~/limbs has the frame_id of the camera, and the person's right_shoulder has other axes than the trunk."""
     robot.listen(PoseWithCovarianceStamped, "arm_target")
     tracker = robot.node.create_publisher(PointCloud2, "/tracker/limbs", 10)
+    people = robot.node.create_publisher(PointCloud2, "/tracker/people", 10)
     cloud = LimbCloudBuilder(RclpyBackend(), [indices.RIGHT_WRIST], [indices.RIGHT_SHOULDER])
 
     def send():
-        place, doubt, seen = np.array([[0.5, 0.1, -0.2]]), 1e-4 * np.eye(3)[None], np.array([True])
-        tracker.publish(cloud.fill(time.time_ns(), "camera", place, doubt, seen))
+        place, doubt, seen = np.array([[1.0, 0.2, -0.4]]), 1e-4 * np.eye(3)[None], np.array([True])
+        for count, flag in enumerate(("doubtful", "guessed", "")):
+            tracker.publish(message := cloud.fill(time.time_ns(), "camera", (1.0 - count / 4) * place, doubt, seen))
+            people.publish(person_of(message, flag))
 
     arguments = ("--ros-args", "-p", f"shoulder_frame:={frame}") if frame else ()
     with example("imitate_arm", robot, send, arguments):
         robot.spin_until(lambda: robot.got, "a target", send)
     assert {target.header.frame_id for target in robot.got} == {frame}
-    place = robot.got[0].pose.pose.position
-    assert [place.x, place.y, place.z] == pytest.approx([0.4, 0.08, -0.16])
+    for place in [target.pose.pose.position for target in robot.got]:
+        assert [place.x, place.y, place.z] == pytest.approx([0.4, 0.08, -0.16])
 
 
 SIGNALLED = """

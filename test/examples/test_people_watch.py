@@ -1,0 +1,247 @@
+"""What `lassokin_ros.watch` and the examples take for known, without processes."""
+
+import importlib.util
+import sys
+from collections import deque
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+from geometry_msgs.msg import PointStamped, TransformStamped  # noqa: E402
+from rclpy.clock import ClockType  # noqa: E402
+from rclpy.time import Time  # noqa: E402
+from sensor_msgs.msg import PointCloud2  # noqa: E402
+
+from lassokin_ros.watch import PeopleWatch  # noqa: E402
+from msg_adapters.backends import RclpyBackend  # noqa: E402
+from msg_adapters.output_messages.people import PersonReport, people_builder  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[2]
+NOW_S = 1000.0
+
+
+class Node:
+    """The parts of a node that a watch and the examples use, with a clock that is set."""
+
+    def __init__(self):
+        self.now_s, self.calls, self.timers, self.log, self.sent = NOW_S, {}, [], [], []
+        self.publisher = SimpleNamespace(publish=self.sent.append)
+
+    def get_clock(self):
+        return SimpleNamespace(now=lambda: Time(nanoseconds=round(self.now_s * 1e9), clock_type=ClockType.ROS_TIME))
+
+    def get_logger(self):
+        def log(text, **_):
+            self.log.append(text)
+
+        return SimpleNamespace(warn=log, warning=log)
+
+    def create_subscription(self, _, topic, callback, __):
+        self.calls[topic] = callback
+
+    def create_timer(self, period, callback, clock):
+        self.timers.append(callback)
+
+    def resolve_topic_name(self, topic):
+        return f"/robot/{topic}"
+
+
+@pytest.fixture
+def node():
+    return Node()
+
+
+@pytest.fixture
+def transforms(monkeypatch):
+    """A function that makes a transform known, with tf2_ros and tf2_geometry_msgs replaced."""
+    buffers = []
+    for name in ("tf2_ros", "tf2_geometry_msgs"):
+        spec = importlib.util.spec_from_file_location(
+            name, ROOT / "test" / "support" / "late_tf" / name / "__init__.py"
+        )
+        module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, name, module)
+        spec.loader.exec_module(module)
+    tf = sys.modules["tf2_ros"]
+    monkeypatch.setattr(tf, "TransformListener", lambda buffer, _: buffers.append(buffer))
+
+    def send(stamp_s):
+        message = TransformStamped(child_frame_id="odom")
+        message.header.frame_id = "camera"
+        message.header.stamp = Time(nanoseconds=round(stamp_s * 1e9)).to_msg()
+        message.transform.rotation.w = 1.0
+        buffers[0].set_transform(message)
+
+    return send
+
+
+def load(name):
+    """The module of an example."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "examples" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def report(place=(0.0, 0.0, 3.0), deviation_m=0.1, **fields):
+    """A PersonReport of one person who is tracked."""
+    place, turn, spread = np.array(place), np.array([0, 0, 0, 1.0]), deviation_m**2 * np.eye(6)
+    one = PersonReport("p1", True, 0.9, place, turn, np.zeros(3), spread, place[None])
+    return replace(one, **fields)
+
+
+def people(stamp_s=NOW_S, *reports, frame="camera"):
+    """A ~/people of these people, of one by default."""
+    builder = people_builder(RclpyBackend(), "sensor_msgs/msg/PointCloud2")  # it fills the same message each time
+    return builder.fill(round(stamp_s * 1e9), frame, list(reports) or [report()])
+
+
+def cloud(stamp_s):
+    """A ~/skeleton of which only the stamp is read."""
+    message = PointCloud2()
+    message.header.stamp = Time(nanoseconds=round(stamp_s * 1e9)).to_msg()
+    return message
+
+
+@pytest.mark.parametrize("ahead_s, known", [(-0.6, False), (-0.4, True), (0.0, True), (0.05, True), (0.45, False)])
+def test_people_of_another_clock_are_not_known(node, ahead_s, known):
+    watch = PeopleWatch(node)
+    node.calls["tracker/people"](people(NOW_S + ahead_s))
+    node.calls["tracker/state"](SimpleNamespace(data="tracking"))
+    assert (watch.known, watch.state, len(watch.tracked())) == ((True, "tracking", 1) if known else (False, "lost", 0))
+    assert len(node.log) == (ahead_s > 0.1) and all("s ahead" in text for text in node.log)
+
+
+def test_people_of_the_future_do_not_become_known_after_the_tracker_has_died(node):
+    watch = PeopleWatch(node)
+    node.calls["tracker/people"](people(NOW_S + 0.45))
+    for node.now_s in np.arange(NOW_S, NOW_S + 1.5, 0.05):
+        assert not watch.known and len(watch.everybody()) == 0
+    node.calls["tracker/people"](people(node.now_s))
+    assert watch.known
+
+
+@pytest.mark.parametrize(
+    "ahead_s, words", [(-0.6, "is 0.6 s old"), (-0.4, ""), (0.05, ""), (0.3, "0.3 s ahead"), (3600.0, "3600.0 s ahead")]
+)
+def test_a_transform_of_another_clock_places_nobody(node, transforms, ahead_s, words):
+    watch = PeopleWatch(node, frame="camera")
+    node.calls["tracker/people"](people(frame="odom"))
+    assert not watch.known  # without TF
+    node.log.clear()
+    transforms(NOW_S + ahead_s)
+    assert watch.known == (words == "")
+    assert all(words in text for text in node.log) and len(node.log) == bool(words)
+    for node.now_s in NOW_S + ahead_s + np.arange(0, 0.5, 0.1):  # the publisher of TF has died
+        if ahead_s > 0.1:
+            node.calls["tracker/people"](people(node.now_s, frame="odom"))
+            assert not watch.known
+
+
+def test_a_skeleton_is_delivered_if_people_of_its_image_are_certain_in_any_order(node):
+    got = []
+    PeopleWatch(node).subscribe("skeleton", got.append)
+    skeleton, everybody = node.calls["tracker/skeleton"], node.calls["tracker/people"]
+    first, second, third = cloud(NOW_S - 0.2), cloud(NOW_S - 0.1), cloud(NOW_S)
+    skeleton(first)
+    skeleton(second)
+    assert not got  # nothing is known about their person
+    everybody(people(NOW_S - 0.2))
+    everybody(people(NOW_S - 0.1))
+    everybody(people(NOW_S))
+    skeleton(third)
+    skeleton(cloud(NOW_S - 0.05))
+    assert got == [first, second, third]
+
+
+@pytest.mark.parametrize(
+    "seen",
+    [
+        [report(guessed=True)],
+        [report(doubtful=True)],
+        [report(tracked=False)],
+        [report(), report(id="p2", doubtful=True)],  # ~/skeleton may be that of either
+    ],
+)
+@pytest.mark.parametrize("people_first", [False, True])
+def test_a_skeleton_in_doubt_is_not_delivered(node, seen, people_first):
+    got = []
+    PeopleWatch(node).subscribe("skeleton", got.append)
+    sent = [("tracker/skeleton", cloud(NOW_S)), ("tracker/people", people(NOW_S, *seen))]
+    for topic, message in reversed(sent) if people_first else sent:
+        node.calls[topic](message)
+    assert got == []
+
+
+@pytest.mark.parametrize("age_s, count", [(0.4, 1), (0.6, 0), (-0.05, 1), (-0.3, 0)])
+def test_a_skeleton_of_another_time_is_not_delivered(node, age_s, count):
+    got = []
+    PeopleWatch(node).subscribe("limbs", got.append)
+    node.calls["tracker/people"](people(NOW_S - age_s))
+    node.calls["tracker/limbs"](cloud(NOW_S - age_s))
+    assert len(got) == count
+
+
+def test_silence_is_logged_with_the_name_of_the_topic(node):
+    PeopleWatch(node)
+    (check,) = node.timers
+    check()
+    check()
+    assert len(node.log) == 2 and all("nothing was received on /robot/tracker/people" in text for text in node.log)
+    node.calls["tracker/people"](people())
+    check()
+    assert len(node.log) == 2
+    check()
+    assert len(node.log) == 3
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "examples").glob("*.py")))
+def test_an_example_can_be_started_in_a_namespace(name):
+    """Its topics, and the names of trackers, are relative."""
+    assert '"/' not in (ROOT / "examples" / f"{name}.py").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "left, right, expected",
+    [
+        ([report((3.6, 1.2, 1.0))], [], [3.6, 1.2, 1.0]),
+        ([report((3.6, 1.2, 1.0))], [report((3.8, 1.2, 1.0))], [3.7, 1.2, 1.0]),
+        ([report((3.6, 1.2, 1.0))], [report((3.9, 1.2, 1.0), 0.2)], [3.66, 1.2, 1.0]),  # weighted by 4 to 1
+        ([report((3.6, 1.2, 1.0))], [report((3.8, 1.2, 1.0), guessed=True)], [3.6, 1.2, 1.0]),
+        ([report((3.6, 1.2, 1.0))], [report((4.6, -1.6, 1.0))], None),
+        ([report((3.6, 1.2, 1.0), guessed=True)], [], None),
+        ([], [], None),
+    ],
+)
+def test_two_cameras_merge_one_person_only(left, right, expected):
+    node, module = Node(), load("two_cameras")
+    node.cameras = [PeopleWatch(node, f"{side}/tracker", frame="base_link") for side in ("left", "right")]
+    for side, seen in (("left", left), ("right", right)):
+        if seen:
+            node.calls[f"{side}/tracker/people"](people(NOW_S, *seen, frame="base_link"))
+    module.TwoCameras.on_timer(node)
+    assert node.log == (["the cameras follow two people"] if left and right and expected is None else [])
+    points = [[message.point.x, message.point.y, message.point.z] for message in node.sent]
+    assert points == ([] if expected is None else [pytest.approx(expected, abs=1e-5)])
+
+
+def test_a_wrist_of_the_future_does_not_block_those_of_now(node, transforms):
+    module, known = load("wrist_in_base"), []
+    node.buffer = SimpleNamespace(can_transform=lambda _, __, stamp: stamp in known, transform=lambda wrist, _: wrist)
+    node.waiting = deque()
+    for stamp_s in (NOW_S + 12, NOW_S - 0.6, NOW_S - 0.1, NOW_S):
+        node.waiting.append(PointStamped())
+        node.waiting[-1].header.stamp = Time(nanoseconds=round(stamp_s * 1e9)).to_msg()
+    *_, old, now = node.waiting
+    known.append(old.header.stamp)
+    module.WristInBase.on_timer(node)
+    assert node.sent == [old] and list(node.waiting) == [now]  # TF is late
+    assert len(node.log) == 2 and "dropped" in node.log[0]
+    known.append(now.header.stamp)
+    module.WristInBase.on_timer(node)
+    assert node.sent == [old, now] and not node.waiting
