@@ -31,7 +31,7 @@ class TwoCameras(Node):
 
     def on_timer(self):
         """Merge the people of both cameras. A person found again by a guess may be somebody else."""
-        people = [one for camera in self.cameras for one in camera.tracked()[:1] if not one["guessed"]]
+        people = [one for camera in self.cameras for one in camera.followed()[:1] if not one["guessed"]]
         place, same = merge(people) if people else (None, False)
         if same:
             x, y, z = place.tolist()

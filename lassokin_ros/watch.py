@@ -84,8 +84,12 @@ def is_fresh(age_s: float, stale_s: float) -> bool:
 
 
 def is_certain(people: np.ndarray) -> bool:
-    """Return True if somebody of ~/people (k,) is tracked, and nobody who is tracked is guessed or doubtful."""
-    seen = people[people["tracked"] == 1]
+    """Return True if somebody of ~/people (k,) is tracked, and nobody who is tracked is guessed or doubtful.
+
+    If somebody is locked, only that person counts, whose joints are those of one person.
+    """
+    locked = people["locked"] == 1
+    seen = people[(people["tracked"] == 1) & (locked | ~locked.any())]
     return len(seen) > 0 and not (seen["guessed"] | seen["doubtful"]).any()
 
 

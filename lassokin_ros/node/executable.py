@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
 from typing import Any
 
@@ -105,14 +105,27 @@ def spin(node: Any, stopped: Future[int]) -> None:
 def await_signal() -> Future[int]:
     """Return a future that is done at the first SIGINT or SIGTERM. The signals interrupt nothing from now on.
 
-    The signals are blocked in all threads. One thread waits for the first signal; later signals (ros2 launch sends one
-    to the whole process group) stay pending. rclpy's own handler would end the context at any moment, for example
-    while a message is published, which then fails.
+    The signals are blocked in this thread and in those that it starts. One of them waits for the first signal; later
+    signals (ros2 launch sends one to the whole process group) stay pending. Threads that started earlier, such as those
+    of a BLAS, may get a signal too: its number then arrives by Python's wakeup file. rclpy's own handler would end the
+    context at any moment, for example while a message is published, which then fails.
     """
     signals = (signal.SIGINT, signal.SIGTERM)
     signal.pthread_sigmask(signal.SIG_BLOCK, signals)
     stopped: Future[int] = Future()
-    threading.Thread(target=lambda: stopped.set_result(signal.sigwait(signals)), daemon=True).start()
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    for number in signals:
+        signal.signal(number, lambda *_: None)
+
+    def settle(wait: Callable[[], int]) -> None:
+        number = wait()
+        with suppress(InvalidStateError):  # the other thread was first
+            stopped.set_result(number)
+
+    for wait in (lambda: signal.sigwait(signals), lambda: os.read(reading, 1)[0]):
+        threading.Thread(target=settle, args=(wait,), daemon=True).start()
     return stopped
 
 

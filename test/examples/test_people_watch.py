@@ -16,6 +16,7 @@ from geometry_msgs.msg import PointStamped, TransformStamped  # noqa: E402
 from rclpy.clock import ClockType  # noqa: E402
 from rclpy.time import Time  # noqa: E402
 from sensor_msgs.msg import PointCloud2  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
 
 from lassokin_ros.watch import PeopleWatch  # noqa: E402
 from msg_adapters.backends import RclpyBackend  # noqa: E402
@@ -95,10 +96,10 @@ def report(place=(0.0, 0.0, 3.0), deviation_m=0.1, **fields):
     return replace(one, **fields)
 
 
-def people(stamp_s=NOW_S, *reports, frame="camera"):
-    """A ~/people of these people, of one by default."""
+def people(stamp_s=NOW_S, *reports, frame="camera", untracked=None):
+    """A ~/people of these people, of one by default if nobody is untracked."""
     builder = people_builder(RclpyBackend(), "sensor_msgs/msg/PointCloud2")  # it fills the same message each time
-    return builder.fill(round(stamp_s * 1e9), frame, list(reports) or [report()])
+    return builder.fill(round(stamp_s * 1e9), frame, list(reports) or [report()] * (untracked is None), untracked or 0)
 
 
 def cloud(stamp_s):
@@ -178,6 +179,14 @@ def test_a_skeleton_in_doubt_is_not_delivered(node, seen, people_first):
     assert got == []
 
 
+def test_a_skeleton_is_that_of_the_locked_person_if_somebody_is_locked(node):
+    got = []
+    PeopleWatch(node).subscribe("skeleton", got.append)
+    node.calls["tracker/people"](people(NOW_S, report(locked=True), report(id="p2", doubtful=True)))
+    node.calls["tracker/skeleton"](cloud(NOW_S))
+    assert len(got) == 1
+
+
 @pytest.mark.parametrize("age_s, count", [(0.4, 1), (0.6, 0), (-0.05, 1), (-0.3, 0)])
 def test_a_skeleton_of_another_time_is_not_delivered(node, age_s, count):
     got = []
@@ -198,6 +207,39 @@ def test_silence_is_logged_with_the_name_of_the_topic(node):
     assert len(node.log) == 2
     check()
     assert len(node.log) == 3
+
+
+def test_the_locked_person_alone_is_followed(node):
+    watch, near, far = PeopleWatch(node), (0.0, 0.0, 2.0), (0.0, 0.0, 4.0)
+
+    def followed(*reports, state="tracking", untracked=0):
+        node.calls["tracker/people"](people(NOW_S, *reports, untracked=untracked))
+        node.calls["tracker/state"](String(data=state))
+        return watch.followed()["z"].tolist()
+
+    assert followed(report(near), report(far)) == [2.0, 4.0]
+    assert followed(report(near), report(far, locked=True)) == [4.0]
+    assert followed(report(near), report(far, locked=True, tracked=False), state="lost") == []
+    assert followed(report(near), state="lost") == []  # the locked person is not in the message any more
+    assert followed(report(near), untracked=2) == [2.0] and len(watch.everybody()) == 3 and len(watch.tracked()) == 1
+    assert not watch.everybody()["tracked"][1:].any()
+
+
+@pytest.mark.parametrize(
+    ("reports", "untracked", "verdict"),
+    [
+        ([(0.0, 0.0, 7.0)], 0, "safe"),
+        ([(0.0, 0.0, 2.0)], 0, "occupied"),
+        ([(0.0, 0.0, 7.0)], 1, "unknown"),
+        ([(0.0, 0.0, 2.0)], 1, "occupied"),
+        ([], 1, "unknown"),
+    ],
+)
+def test_a_zone_with_somebody_who_is_not_tracked_is_not_safe(node, reports, untracked, verdict):
+    zone = SimpleNamespace(people=PeopleWatch(node))
+    node.calls["tracker/people"](people(NOW_S, *map(report, reports), untracked=untracked))
+    node.calls["tracker/state"](String(data="tracking"))
+    assert load("safety_zone").SafetyZone.verdict(zone) == verdict
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "examples").glob("*.py")))
@@ -224,6 +266,7 @@ def test_two_cameras_merge_one_person_only(left, right, expected):
     for side, seen in (("left", left), ("right", right)):
         if seen:
             node.calls[f"{side}/tracker/people"](people(NOW_S, *seen, frame="base_link"))
+            node.calls[f"{side}/tracker/state"](String(data="tracking"))
     module.TwoCameras.on_timer(node)
     assert node.log == (["the cameras follow two people"] if left and right and expected is None else [])
     points = [[message.point.x, message.point.y, message.point.z] for message in node.sent]

@@ -10,7 +10,17 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
 from cases import copied_body  # noqa: E402
 from depth_camera import depth_message  # noqa: E402
-from messages import FRAME, HEIGHT, WIDTH, camera_info, cloud, crowd, pixels_of_motion, raw_cloud, rosbags_backend  # noqa: E402
+from messages import (  # noqa: E402
+    FRAME,
+    HEIGHT,
+    WIDTH,
+    camera_info,
+    cloud,
+    crowd,
+    pixels_of_motion,
+    raw_cloud,
+    rosbags_backend,
+)
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.errors import ConfigurationError  # noqa: E402

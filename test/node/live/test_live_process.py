@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+import sys
 
 import pytest
 
@@ -25,6 +26,21 @@ def test_a_signal_ends_the_node_with_exit_code_0(signals):
         code, said = node.stop(*signals)
     assert code == 0, said
     assert "Traceback" not in said
+
+
+def test_a_signal_that_an_earlier_thread_gets_interrupts_nothing():
+    """Such as those of a BLAS, which numpy starts as it is imported."""
+    code = (
+        "import threading, time; threading.Thread(target=time.sleep, args=(60,), daemon=True).start()\n"
+        "from lassokin_ros.node.executable import await_signal; stopped = await_signal(); print('ready', flush=True)\n"
+        "while not stopped.done(): time.sleep(0.01)\n"
+        "print(stopped.result(), flush=True)"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=60)
+    assert (output, process.returncode) == (f"{signal.SIGINT.value}\n", 0)
 
 
 @pytest.mark.parametrize(
