@@ -270,7 +270,7 @@ def test_a_raised_hand_in_old_keypoints_is_not_logged(robot, name):
 
 PERSON_FIELDS = {
     **dict.fromkeys(("x", "y", "z", "vx", "vy", "vz", "xx", "xy", "xz", "yy", "yz", "zz", "confidence", "age"), "<f4"),
-    **dict.fromkeys(("person", "tracked", "detector_id", "guessed", "doubtful"), "<i4"),
+    **dict.fromkeys(("person", "tracked", "detector_id", "guessed", "doubtful", "locked"), "<i4"),
 }
 
 

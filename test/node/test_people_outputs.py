@@ -131,7 +131,7 @@ def test_the_locked_person_has_the_topics_of_one_person_too():
             for topic in (topics.FRAME_OUTPUTS[2], topics.DESCRIPTION_OUTPUT):
                 them.listen(topic.name, topic)
             refused = peer.call(SetBool, "lock", SetBool.Request(data=True))
-            assert not refused.success and "shows nobody" in refused.message
+            assert not refused.success and "no usable keypoints" in refused.message
             them.send_until(lambda: them.got["tracker/bodies/p9/joints"], "both people")
             assert not them.got["tracker/joints"]
             answer = peer.call(SetBool, "lock", SetBool.Request(data=True))
