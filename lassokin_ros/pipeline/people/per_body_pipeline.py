@@ -48,6 +48,7 @@ class PerBodyPipeline(Pipeline):
             pipeline.places = self.places
         self._all = tuple(self._idle)
         self._present: dict[str, Pipeline] = {}
+        self._beyond = 0  # bodies of the list that have no tracker
         self.config = node_config.checked()
 
     @property
@@ -79,6 +80,10 @@ class PerBodyPipeline(Pipeline):
             return False
         return all(pipeline.is_informed_at(now_ns) for pipeline in self._present.values())
 
+    def untracked_at(self, stamp_ns: int) -> int:
+        """As Pipeline.untracked_at: the bodies of the detector's list that were never tracked."""
+        return self._beyond + sum(pipeline.status is Status.SEARCHING for pipeline in self._present.values())
+
     def image_at(self, now_ns: int) -> tuple[int, str]:
         """As Pipeline.image_at, of the newest message of all bodies."""
         images = [pipeline.image_at(now_ns) for pipeline in self._present.values() if pipeline.image is not None]
@@ -102,8 +107,10 @@ class PerBodyPipeline(Pipeline):
                 pipeline.forget_people()  # the depth images are also those of the others
             self._idle.append(pipeline)
             self.counts["people left"] += 1
+        self._beyond = 0
         for person in [person for person in dict.fromkeys(ids) if person not in self._present]:
             if not self._idle:
+                self._beyond += 1
                 self.counts["people beyond max_people"] += 1
                 continue
             newcomer = self._idle.pop()

@@ -106,6 +106,16 @@ def test_listed_bodies_appear_and_leave(pipeline):
     assert (counts["people come"], counts["people left"], counts["resets"]) == (3, 1, 0)
 
 
+def test_listed_bodies_that_were_never_tracked_are_counted(pipeline):
+    assert pipeline.untracked_at(START_NS) == 0
+    pipeline.keep(["abc", "xyz", "third"])
+    assert pipeline.untracked_at(START_NS) == 3
+    feed(pipeline, "abc", 0)
+    assert pipeline.untracked_at(START_NS) == 2
+    pipeline.keep(["abc"])
+    assert pipeline.untracked_at(START_NS) == 0
+
+
 def test_new_people_start_with_the_vertical_of_present_people(pipeline):
     pipeline.keep(["abc"])
     for i in range(10):
