@@ -40,6 +40,9 @@ from lassokin_ros.video.track import HEIGHT_ASSUMED, Tracked, height_given, lens
 from lassokin_ros.video.track_outputs import TrackOutputs
 from msg_adapters.backends import RosbagsBackend
 
+LARGEST_DIFFERENCE_S = 0.02
+"""s, half of the time between two images: files whose images begin with a larger difference are named."""
+
 
 @dataclass
 class Filmed:
@@ -82,7 +85,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
                 _detect(camera, detector, backend, outputs, stopped)
         if stopped:
             _keep_common_part(cameras)
-        remarks = [_keep_largest(camera) for camera in cameras if detector.several]
+        remarks = [_begins(cameras), *(_keep_largest(camera) for camera in cameras if detector.several)]
         outputs.remarks += filter(None, remarks)
         if (unplaced or tracker_config.calibrate and tracker_config.height > 0) and not options.causal:
             with TemporaryDirectory(prefix="lassokin_") as folder:
@@ -117,7 +120,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
             written.append(options.save_cameras)
         files.check()
     summary = _summary(options, cameras, second, written, time.monotonic() - began)
-    summary = "\n".join([summary, *(f"{'people':<15} {remark}" for remark in remarks if remark)])
+    summary = "\n".join([summary, *(f"{'note':<15} {remark}" for remark in remarks if remark)])
     faults = [camera.detections.fault for camera in cameras if camera.detections is not None]
     return Tracked("\n".join([summary, *outputs.doubts]), not stopped, "; ".join(filter(None, faults)))
 
@@ -202,6 +205,15 @@ def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutp
             progress.advance(note=camera.name)
     finally:
         detector.close()
+
+
+def _begins(cameras: Sequence[Filmed]) -> str:
+    """Return that the images of the files begin at different times; empty if they begin together."""
+    begins = {camera.name: camera.source.begin for camera in cameras}
+    if max(begins.values()) - min(begins.values()) <= LARGEST_DIFFERENCE_S:
+        return ""
+    times = ", ".join(f"{name} at {begin:.2f} s" for name, begin in begins.items())
+    return f"The images begin at different times of their files ({times}), but are tracked as if they began together."
 
 
 def _keep_largest(camera: Filmed) -> str:

@@ -165,6 +165,14 @@ def test_of_several_people_the_largest_in_each_video_is_tracked_all_the_time(rig
     assert len(frames) > FRAMES - 4 and np.linalg.norm(np.diff(pelvis, axis=0), axis=1).max() < 0.06
 
 
+@pytest.mark.parametrize(("begin", "told"), [(0.0, False), (0.01, False), (0.5, True)])
+def test_files_whose_images_begin_at_different_times_are_named(begin, told):
+    places = {"left": 0.0, "right": begin}
+    cameras = [several_videos.Filmed(name, SimpleNamespace(begin=at), None, None) for name, at in places.items()]
+    words = several_videos._begins(cameras)
+    assert ("(left at 0.00 s, right at 0.50 s), but are tracked as if" in words) == told == bool(words)
+
+
 @pytest.mark.parametrize("bystander", [False, True])
 def test_a_person_who_was_out_of_view_for_a_while_is_tracked_again(bystander):
     """Longer than a person is remembered. Somebody else is small, and there all the time."""

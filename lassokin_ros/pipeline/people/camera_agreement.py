@@ -37,7 +37,7 @@ MIRRORED = 9
 """Of JUDGED comparisons: number with a mirrored person from which the images are exchanged. With right cameras it is
 reached in 0 of 708 periods, with exchanged ones in 481 of 639 (Shelf, Wildflower)."""
 TRUNK = ("nose", "left_shoulder", "right_shoulder", "left_hip", "right_hip")
-CHECK = "check TF, and that the topics of keypoints and camera_info are those of the camera"
+CHECK = "check the places (TF or a file, m), and that keypoints and lens are those of the camera"
 
 
 @dataclass

@@ -80,7 +80,7 @@ def turned(one, degrees):
 WRONG = {
     "images of another camera": ({"instead": {"right": "back"}}, {}, "they are those of 'back': check its topics"),
     "inverse transform": ({}, {"right": inverse(RIGHT)}, "they do with the inverse transform"),
-    "another pose": ({}, {"right": turned(RIGHT, 40)}, "check TF, and that the topics"),
+    "another pose": ({}, {"right": turned(RIGHT, 40)}, "check the places (TF or a file, m), and that"),
 }
 
 
