@@ -261,6 +261,8 @@ def test_an_audit_of_accessibility_finds_nothing(chromium, report, width):
     page = Page(chromium, report / "page.html")
     page.page.set_viewport_size({"width": width, "height": 800})
     page.value("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    fits = "[...document.querySelectorAll('section, .pair > div')].every((one) => one.scrollWidth <= one.clientWidth)"
+    page.reach(fits, "plots that have followed the page's width")
     found = audit.Axe().run(page.page).response
     assert [(rule["id"], rule["nodes"][0]["html"]) for rule in found["violations"]] == []
     assert len(found["passes"]) > 20
