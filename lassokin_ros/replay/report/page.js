@@ -70,13 +70,9 @@ async function choosePerson(index, time) {
   element("slider").max = Math.max(me.time.length - 1, 0);
   showMarks();
   showTime();
-  await Promise.all([drawSpace(), drawImage()]);
-  document.body.dataset.shown = "yes";
-  await painted();
-  await Promise.all([drawSeries(), drawLandmarks()]);
+  await Promise.all([drawSpace(), drawImage(), drawSeries(), drawLandmarks()]);
   document.body.dataset.frame = String(frame);
 }
-const painted = () => new Promise((done) => requestAnimationFrame(() => setTimeout(done)));  // what is drawn is on the screen
 
 function showMarks() {                                  // spans on the slider, whose thumb keeps half its width to both ends
   const last = Math.max(me.time.length - 1, 1), marks = [];

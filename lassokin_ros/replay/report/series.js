@@ -93,7 +93,6 @@ async function drawSeries() {
 }
 async function moveCursor(always) {
   const moment = performance.now();
-  if (!element("series").layout) return;                 // not drawn yet
   if (!always && moment - cursorAt < CURSOR_EVERY) return;
   cursorAt = moment;
   await Plotly.relayout("series", { "shapes[0].x0": now(), "shapes[0].x1": now() });
