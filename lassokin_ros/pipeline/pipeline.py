@@ -483,8 +483,7 @@ class Pipeline:
         for image in sorted(images, key=lambda image: order.index(image.camera.name)):
             name = image.camera.name
             try:
-                pose = self.places.pose(name, image.frame_id, image.stamp_ns)
-                placed.append(replace(image, camera=pose))
+                placed.append(replace(image, camera=self.places.pose(name, image.frame_id, image.stamp_ns)))
             except AdapterError as error:
                 if self.tracker.config.extrinsics == LEARN and self.places.newest:
                     pose = self.places.adopt(name, self._found_pose(name))

@@ -134,12 +134,6 @@ def test_a_loop_and_invalid_transforms_do_no_harm():
     transforms.add(bad, static=True)
     with pytest.raises(TransformError, match="no transform of 'x'"):
         transforms.pose("x", BASE, SECOND, continued=False)[0]
-    bad.transforms[0].transform.rotation.w = 1.0
-    for place in (float("nan"), float("inf"), 1e308, -1e200):
-        bad.transforms[0].transform.translation.y = place
-        transforms.add(bad, static=True)
-        with pytest.raises(TransformError, match="no transform of 'x'"):
-            transforms.pose("x", BASE, SECOND, continued=False)[0]
     transforms.add(tf_message(BACKEND, 0, ("a", "b", rpy(0, 0)), ("b", "a", rpy(0, 0))), static=True)
     with pytest.raises(TransformError, match="not connected"):
         transforms.pose("a", BASE, SECOND, continued=False)[0]
