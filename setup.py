@@ -24,8 +24,7 @@ VIEW = [
     "pyarrow<25; python_version < '3.13'",  # later ones need numpy 2 without saying so
     *VIDEO,
 ]
-REPORT = ["plotly>=6.0", *REPLAY]
-DEMO = [*ROS, *REPORT]
+DEMO = [*ROS, *REPLAY]
 TEST = [
     "pytest>=7.4,<9.2",  # 3.8 of pytest-xdist groups nothing under pytest 9.2
     "pytest-xdist>=3.6",
@@ -119,7 +118,7 @@ setup(
         "lassokin_ros.core.evidence": ["priors/*.yaml"],
         "lassokin_ros.core.network": ["*.npz"],
         "lassokin_ros.skeleton_readers": ["names.yaml"],
-        "lassokin_ros.replay.report": ["page.html", "page.css", "*.js"],
+        "lassokin_ros.replay.report": ["page.html", "page.css", "*.js", "*.LICENSE"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
@@ -133,7 +132,7 @@ setup(
     extras_require={
         "ros": ROS,
         "replay": REPLAY,
-        "report": REPORT,
+        "report": REPLAY,  # plotly.js is in the package
         "video": VIDEO,
         "view": VIEW,
         "mediapipe": MEDIAPIPE,

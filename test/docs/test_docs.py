@@ -71,7 +71,7 @@ def test_every_block_is_run_or_marked_as_not_run():
 @pytest.fixture(scope="module")
 def workplace(tmp_path_factory):
     """A folder that looks like the repository after `make test`, for the files that the pages write."""
-    for module in ("rclpy", "rosbags", "matplotlib", "distributed", "plotly"):
+    for module in ("rclpy", "rosbags", "matplotlib", "distributed"):
         pytest.importorskip(module, reason=f"{module} is needed by what the pages show")
     environment = Path(sys.prefix)
     if not (environment / "bin" / "activate").is_file():

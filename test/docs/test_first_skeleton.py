@@ -84,7 +84,6 @@ def test_the_track_commands_of_the_page_run(line, tmp_path):
     if "--view" in line:
         pytest.importorskip("rerun", reason="--view needs rerun-sdk")
     pytest.importorskip("mediapipe", reason="the detector of the page needs mediapipe")
-    pytest.importorskip("plotly", reason="the report needs plotly")
     given = [str(VIDEO) if word == "0" else word for word in line]
     command = [sys.executable, "-m", "lassokin_ros.cli.lassokin", "track", *given]
     environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}

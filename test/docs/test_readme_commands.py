@@ -53,7 +53,6 @@ def test_track_options_are_those_of_the_command():
 
 
 def test_the_replay_command_runs_and_writes_its_report(tmp_path, monkeypatch):
-    pytest.importorskip("plotly", reason="the report needs plotly")
     monkeypatch.chdir(tmp_path)
     write_recording(tmp_path / "BAG", frames=10)
     (line,) = starting_with("lassokin", "replay")

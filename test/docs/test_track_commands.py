@@ -16,7 +16,6 @@ from lassokin_ros.video import several_videos, track
 from lassokin_ros.video.command import main
 
 cv2 = pytest.importorskip("cv2")
-pytest.importorskip("plotly", reason="the reports need plotly")
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = ("README.md", "docs/first-skeleton.md", "docs/files.md", "docs/gait.md", "docs/questions.md")

@@ -65,6 +65,7 @@ def test_all_files_are_installed(workspace):
     assert list(prefix.rglob("core/body/skeletons/anthropometric.yaml"))
     assert list(prefix.rglob("core/body/layouts/coco17.yaml"))
     assert list(prefix.rglob("core/network/depth_network.npz"))
+    assert {path.suffix for path in prefix.rglob("replay/report/plotly-gl3d.*")} == {".js", ".LICENSE"}
     assert not list(prefix.rglob("training"))
     can_compile = shutil.which("cc") and Path(sysconfig.get_path("include"), "Python.h").is_file()
     assert bool(list(prefix.rglob("core/_kernel*.so"))) == bool(can_compile)

@@ -102,7 +102,7 @@ def test_make_installs_extras_that_exist():
     setup = (ROOT / "setup.py").read_text(encoding="utf-8")
     assert all(f'"{extra}": ' in setup for extra in targets.values())
     wanted = re.search(r"^DEMO = \[(.*?)\]$", setup, re.MULTILINE | re.DOTALL)[1]
-    assert set(re.findall(r"\*(\w+)", wanted)) == {"ROS", "REPORT"}  # nothing of the test tools
+    assert set(re.findall(r"\*(\w+)", wanted)) == {"ROS", "REPLAY"}  # nothing of the test tools
 
 
 def test_the_demo_needs_neither_opencv_nor_matplotlib(monkeypatch):
@@ -112,7 +112,7 @@ def test_the_demo_needs_neither_opencv_nor_matplotlib(monkeypatch):
     monkeypatch.chdir(ROOT)
     runpy.run_path("setup.py")
     demo = " ".join(setup[0]["install_requires"] + setup[0]["extras_require"]["demo"])
-    assert "plotly" in demo and "opencv" not in demo and "matplotlib" not in demo
+    assert "rosbags" in demo and "opencv" not in demo and "matplotlib" not in demo
     for room in ("core", "pipeline", "node", "demo"):
         for path in (ROOT / "lassokin_ros" / room).rglob("*.py"):
             assert not {"cv2", "matplotlib"} & {module.partition(".")[0] for module in imports_of(path)}, path

@@ -23,7 +23,7 @@ APT = {
     **{"numpy": "python3-numpy", "cv2": "python3-opencv", "scipy": "python3-scipy", "yaml": "python3-yaml"},
     "tf2_ros": "tf2_ros_py",
 }
-PIP = {"av", "distributed", "ezc3d", "mediapipe", "onnxruntime", "plotly", "proxsuite", "qpsolvers", "rerun", "rosbags"}
+PIP = {"av", "distributed", "ezc3d", "mediapipe", "onnxruntime", "proxsuite", "qpsolvers", "rerun", "rosbags"}
 """Modules without a rosdep key. All but proxsuite are imported where they are used."""
 TYPING = {"typing_extensions"}
 """Read by type checkers only."""

@@ -28,16 +28,20 @@ def browser():
 
 
 class Page:
-    """An opened file; `errors` are those of its scripts, `requests` the addresses that it requested."""
+    """An opened file; `errors` are those of its scripts and what the console warns of, `requests` what it requested."""
 
     def __init__(self, running, path, hash=""):
         self.errors, self.requests = [], []
         self.page = running.new_page(viewport={"width": 1280, "height": 900})
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.on("console", lambda m: self.errors.append(m.text) if m.type == "error" else None)
+        self.page.on("console", self._heard)
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.goto(f"file://{path}{hash}")
         self.page.wait_for_selector("body[data-drawn], body[data-error]", state="attached", timeout=60_000)
+
+    def _heard(self, message):
+        if message.type in ("error", "warning") and "GL Driver Message" not in message.text:  # of the driver
+            self.errors.append(message.text)
 
     def value(self, script):
         """The value of a script in the page."""

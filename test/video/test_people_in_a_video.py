@@ -118,7 +118,6 @@ def test_the_lengths_of_all_people_are_learned_in_a_first_pass(monkeypatch, long
 
 
 def test_the_page_says_who_is_tracked(two, long_video, tmp_path):  # noqa: F811
-    pytest.importorskip("plotly", reason="the report needs plotly")
     page = tmp_path / "page.html"
     assert main([str(long_video), "--height", "1.8", "--report", str(page)]) == 0
     assert '<li class="note">2 people in the images, number 1 is tracked (<code>--person</code>)' in page.read_text()

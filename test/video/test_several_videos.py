@@ -218,7 +218,6 @@ def test_saving_the_cameras_of_one_video_is_refused(rig, capsys):
 
 
 def test_the_report_has_the_images_of_both(rig):
-    pytest.importorskip("plotly", reason="the report is drawn with plotly")
     command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--causal", "--report", "walk.html"]
     assert main(command) == 0
     page = Path("walk.html").read_text(encoding="utf-8")

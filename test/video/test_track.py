@@ -50,7 +50,6 @@ def images(tmp_path):
 
 def test_images_give_motion_and_video(images, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
-    pytest.importorskip("plotly", reason="the report needs plotly")
     motion, video, page = (tmp_path / name for name in ("motion.npz", "out.mp4", "page.html"))
     files = ["--export", str(motion), "--video", str(video), "--report", str(page)]
     assert main([str(images), "--height", "1.8", *files]) == 0
@@ -332,7 +331,6 @@ def test_the_users_settings_replace_those_for_files(long_video, tmp_path, monkey
 
 
 def test_findings_of_a_video_give_no_advice_about_ros(long_video, tmp_path, monkeypatch, capsys):
-    pytest.importorskip("plotly", reason="the report needs plotly")
     monkeypatch.setattr(track_module, "make_detector", lambda name: Walking())
     page = tmp_path / "page.html"
     assert main([str(long_video), "--report", str(page)]) == 0

@@ -38,10 +38,9 @@ function usual(values, outlying) {                       // minimum and maximum;
 const none = (value) => (Number.isNaN(value) ? null : value);
 
 function unpack(packed) {
-  const bytes = Uint8Array.from(atob(packed.data), (letter) => letter.charCodeAt(0));
-  const view = new DataView(bytes.buffer), values = new Float64Array(bytes.length / 2);
-  for (let i = 0; i < values.length; i++) {
-    const count = view.getInt16(2 * i, true);
+  const bytes = atob(packed.data), values = new Float64Array(bytes.length / 2);
+  for (let i = 0; i < values.length; i++) {             // 16 bits with a sign, the low byte first
+    const count = ((bytes.charCodeAt(2 * i) << 16) | (bytes.charCodeAt(2 * i + 1) << 24)) >> 16;
     values[i] = count === -32768 ? NaN : count * packed.step;
   }
   const width = packed.shape.length > 2 ? packed.shape[2] : 1, rows = packed.shape[1];

@@ -21,6 +21,9 @@ from lassokin_ros.replay.report.page_json import page_data, timing_data
 SCRIPTS = ("common", "body", "space", "image", "series", "page")
 """The scripts are concatenated in this order, into one function."""
 
+PLOTLY = "plotly-gl3d.min.js"
+"""The part of plotly.js that has scatter, scatter3d and mesh3d, as npm has it; see CONTRIBUTING.md."""
+
 FIRST_DATE_NS = 946_684_800_000_000_000
 """ns: the year 2000. Earlier stamps are no dates: those of a simulation or of a video begin with zero."""
 
@@ -31,12 +34,11 @@ class ReportError(LassokinError):
 
 def check_report(path: Path, replace: bool = False) -> None:
     """Raise ReportError if a report cannot be created at `path`. Call it before the replay starts."""
-    _plotly()
     refuse_existing(path, replace, ReportError)
 
 
 def page(facts: Facts, findings: Sequence[Finding], images: dict[str, Any]) -> str:
-    """Return the HTML text. Raises ReportError if plotly is not installed.
+    """Return the HTML text.
 
     findings: in their order on the page. images: see `ReportImages.data`.
     """
@@ -56,7 +58,7 @@ def page(facts: Facts, findings: Sequence[Finding], images: dict[str, Any]) -> s
         data=_script_json(page_data(facts)),
         times=_script_json(timing_data(facts)),
         images=_script_json(images),
-        plotly=_plotly().replace("</script", "<\\/script"),
+        plotly=_file(PLOTLY),
         script="\n".join(_file(f"{name}.js") for name in SCRIPTS),
     )
 
@@ -81,12 +83,3 @@ def _script_json(data: dict[str, Any]) -> str:
 
 def _file(name: str) -> str:
     return resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
-
-
-def _plotly() -> str:
-    """Return plotly.js, which is part of the package plotly."""
-    try:
-        from plotly.offline import get_plotlyjs
-    except ImportError:
-        raise ReportError("--report needs plotly; install it with: pip install plotly") from None
-    return str(get_plotlyjs())

@@ -99,12 +99,18 @@ async function moveCursor(always) {
 }
 
 function drawLandmarks() {
-  const order = data.landmarks.map((_, i) => i).reverse(), { error, seen } = me.landmarks;
-  return Plotly.react("landmarks", [{ type: "bar", orientation: "h", x: order.map((i) => error[i]),
-    y: order.map((i) => plain(data.landmarks[i])), marker: { color: order.map((i) => COLOUR[side(data.landmarks[i])]) },
-    text: order.map((i) => `${Math.round(seen[i])} %`), textposition: "outside", cliponaxis: false,
-    hovertemplate: "%{y}: %{x:.1f} px, detected in %{text}<extra></extra>" }],
-  { xaxis: { title: { text: "median, px (label: % of frames in which it was detected)" }, gridcolor: LINE, rangemode: "tozero" },
-    yaxis: { automargin: true, dtick: 1, tickfont: { size: 11 } }, margin: { l: 60, r: 46, t: 4, b: 40 }, height: 90 + 19 * L, bargap: 0.3,
+  const names = data.landmarks.map(plain), sides = data.landmarks.map(side), { error, seen } = me.landmarks;
+  const margin = { l: 60, r: 46, t: 4, b: 54 }, height = 104 + 19 * L, width = (0.7 * (height - margin.t - margin.b)) / L;
+  const bars = SIDES.map((s) => {                        // thick lines: this plotly.js has no bars
+    const own = names.map((_, i) => i).filter((i) => sides[i] === s);
+    return { type: "scatter", mode: "lines", x: own.flatMap((i) => [0, error[i], null]), y: own.flatMap((i) => [names[i], names[i], null]),
+      line: { color: COLOUR[s], width }, hoverinfo: "skip" };
+  });
+  const labels = { type: "scatter", mode: "text", x: error, y: names, text: seen.map((share) => ` ${Math.round(share)} %`),
+    textposition: "middle right", cliponaxis: false, hoverlabel: { bgcolor: sides.map((s) => COLOUR[s]) },
+    hovertemplate: "%{y}: %{x:.1f} px, detected in%{text}<extra></extra>" };
+  return Plotly.react("landmarks", [...bars, labels], { margin, height, showlegend: false, hovermode: "y", hoverdistance: width / 2,
+    xaxis: { title: { text: "median, px<br>(label: % of frames in which it was detected)", font: { size: 12 } }, gridcolor: LINE, rangemode: "tozero" },
+    yaxis: { automargin: true, dtick: 1, tickfont: { size: 11 }, showgrid: false, categoryarray: names, range: [L - 0.5, -0.5] },
     font: FONT, paper_bgcolor: "#fff", plot_bgcolor: "#fff", dragmode: false }, { ...QUIET, scrollZoom: false });
 }

@@ -34,8 +34,8 @@ function ranges() {
   return found;
 }
 
-function scene() {
-  const centred = element("follow").checked, sides = ranges();
+function scene(sides) {
+  const centred = element("follow").checked;
   const sizes = sides.map(([low, high]) => high - low), largest = Math.max(...sizes), diagonal = Math.hypot(...sizes);
   const dtick = largest > 12 ? 2 : largest > 5 ? 1 : 0.5;
   const axis = (text, range) => ({ title: { text, font: { size: 12 } }, range, autorange: false, dtick, gridcolor: "#dfe4e9",
@@ -55,22 +55,22 @@ function path() {                                       // path of the pelvis, d
     hoverinfo: "skip", line: { color: "#7b8794", width: 3 }, connectgaps: false };
 }
 
-function floor() {                                      // it fills the axes, so it also keeps them when there is no skeleton
-  const [[left, right], [near, far]] = ranges(), z = ground();
+function floor([[left, right], [near, far]]) {          // it fills the axes, so it also keeps them when there is no skeleton
+  const z = ground();
   return { type: "mesh3d", x: [left, right, right, left], y: [near, near, far, far], z: [z, z, z, z], i: [0, 0], j: [1, 2], k: [2, 3],
     color: "#d5dce3", opacity: 0.65, hoverinfo: "skip", lighting: { ambient: 1, diffuse: 0, specular: 0 } };
 }
 
 function drawSpace() {
-  const get = jointPlaces(), places = data.joints.map((_, j) => get(j).map(none));
+  const get = jointPlaces(), places = data.joints.map((_, j) => get(j).map(none)), sides = ranges();
   const traces = bodyMeshes(get).map((mesh, n) => ({ type: "mesh3d", ...mesh, color: COLOUR[SEEN[n % 3]], opacity: n < 3 ? 1 : 0.22,
     flatshading: false, hoverinfo: "skip", lighting: LIGHT, lightposition: { x: -500, y: -2000, z: 3000 }, name: SEEN[n % 3] }));
   traces.push({ type: "scatter3d", mode: "markers", x: places.map((p) => p[0]), y: places.map((p) => p[1]), z: places.map((p) => p[2]),
     text: data.joints.map(plain),
     hovertemplate: "%{text}<br>%{x:.2f}, %{y:.2f}, %{z:.2f} m<br>uncertainty %{customdata:.0f} mm<extra></extra>",
     customdata: deviations(), marker: { size: 4, color: "#fff", opacity: 0.9, line: { color: INK, width: 1 } } });
-  traces.push(path(), floor());
-  return Plotly.react("space", traces, { scene: scene(), showlegend: false, margin: { l: 0, r: 0, t: 0, b: 0 }, font: FONT,
+  traces.push(path(), floor(sides));
+  return Plotly.react("space", traces, { scene: scene(sides), showlegend: false, margin: { l: 0, r: 0, t: 0, b: 0 }, font: FONT,
     paper_bgcolor: "#fff", uirevision: "space" }, HOME);
 }
 const JOINTS_TRACE = 6;

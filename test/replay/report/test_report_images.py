@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
-pytest.importorskip("plotly", reason="the report is drawn with plotly")
 cv2 = pytest.importorskip("cv2")
 
 from browser import Page, browser  # noqa: E402

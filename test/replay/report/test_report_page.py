@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
-pytest.importorskip("plotly", reason="the report is drawn with plotly")
 
 from browser import Page, browser  # noqa: E402
 from messages import crowd  # noqa: E402
@@ -82,6 +81,9 @@ def test_everything_is_drawn(page):
     assert page.value("document.body.dataset.drawn") == "yes"
     for plot in PLOTS:
         assert page.value(f"document.querySelectorAll('#{plot} .main-svg').length") > 0, plot
+        kinds = f"['data', '_fullData'].map((key) => document.getElementById('{plot}')[key].map((t) => t.type))"
+        wanted, known = page.value(kinds)  # of a type that it does not know, plotly.js makes a scatter
+        assert wanted == known and set(wanted) <= {"scatter", "scatter3d", "mesh3d"}, plot
     assert page.value("document.querySelectorAll('#series .scatterlayer .trace path.js-line').length") >= 8
     assert page.value("document.querySelectorAll('#image .scatterlayer .trace').length") == 6
     assert page.value("document.documentElement.scrollWidth <= 1280")  # nothing exceeds the page
@@ -225,6 +227,31 @@ def test_limbs_without_keypoints_are_faint(chromium, tmp_path):
     (left, solid), (faint_left, faint) = meshes[0], meshes[3]
     assert faint < 0.5 < solid and left > 0  # the arm
     assert faint_left == left  # thigh, shank and foot; upper arm, forearm and hand
+    page.page.close()
+
+
+def test_bars_show_the_error_of_each_landmark(chromium, tmp_path):
+    def without_legs(stamps, pixels, confidence):
+        confidence[:, 13:17] = 0
+
+    bag = write_recording(tmp_path / "bag", 10, spoil=without_legs)
+    assert main([str(bag), "--output", str(tmp_path / "out"), "--report", str(tmp_path / "page.html")]) == 0
+    page = Page(chromium, tmp_path / "page.html")
+    errors = page.value("JSON.parse(document.getElementById('data').textContent).people[0].landmarks.error")
+    assert errors[13:] == [None] * 4 and None not in errors[:13]
+    colours = picture(page, "#landmarks .nsewdrag")
+    row = len(colours) / len(errors)
+    most = page.value("document.getElementById('landmarks')._fullLayout.xaxis.range")[1]
+    for i, error in enumerate(errors):
+        line = colours[round((i + 0.2) * row)]  # above the text
+        long = max(len(where(line[None], colour)) for colour in (LEFT, RIGHT, (0x4D,) * 3))
+        assert abs(long - (error or 0) / most * colours.shape[1]) < 4, i
+    box = page.page.locator("#landmarks .nsewdrag").bounding_box()
+    label = "document.querySelector('#landmarks .hovertext')?.textContent"
+    for i, seen in ((12, f"right_hip: {errors[12]:.1f} px, detected in 100 %"), (14, None), (3, "left_ear: ")):
+        page.page.mouse.move(box["x"] + 40, box["y"] + box["height"] * (i + 0.4) / len(errors), steps=4)
+        page.reach(f"{label}?.startsWith('{seen}')" if seen else f"!{label}", f"the label of landmark {i}")
+    assert not page.page.is_visible("#landmarks .axistext") and page.errors == []
     page.page.close()
 
 
