@@ -5,8 +5,9 @@
 The tracker keeps the skeleton in a fixed frame with z up. MPJPE / PA / absolute error are in mm, over 12 joints of the
 limbs, with the middle of the hips aligned, after a similarity, and in the fixed frame. The first half second is not
 scored. `dlt` triangulates the same keypoints in each frame: raw, with a causal second-order filter of 6 Hz, and with a
-zero-phase Butterworth filter of 6 Hz, which looks ahead. It waits for all images of a frame (--late), and needs them at
-one instant (not with --phase). The reference is the motion capture itself, which is not circular.
+zero-phase Butterworth filter of 6 Hz, which looks ahead. `lasso file` looks ahead, too: the tracker as for a
+file (lassokin_ros/core/recording.py). DLT waits for all images of a frame (--late), and needs them at one instant (not
+with --phase). The reference is the motion capture itself, which is not circular.
 
 Height: mean error after 0.1 s, 3 s and at the end, with --unknown-height and --scaled. It is the height that the
 tracker publishes; if it is given, that of the lengths as they are learned.
@@ -38,9 +39,11 @@ from benchmarks.data.rig import Rig, moved, rig_of
 from benchmarks.data.simulated_camera import Condition
 from benchmarks.data.strangers import with_peoples_proportions
 from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.learned.bone_lengths import Calibration
 from lassokin_ros.core.observation import CameraPose, Observation
+from lassokin_ros.core.recording import WHOLE_FILE, track_recording
 from lassokin_ros.core.tracker import Tracker
 
 DETECTOR = Condition(1.5, fps=30.0, wander_px=2.5, offset_px=2.5)
@@ -50,7 +53,7 @@ SCORED_FROM = 0.5
 LONGEST = 10.0
 """s of a clip that are used."""
 SIDES = {"l": "left", "r": "right"}
-METHODS = ("lasso", "dlt", "dlt causal", "dlt offline")
+METHODS = ("lasso", "lasso file", "dlt", "dlt causal", "dlt offline")
 COLUMNS = {"method": "<", "clips": "d", "mpjpe_mm": ".1f", "pa_mpjpe_mm": ".1f", "abs_mm": ".1f", "accel_error": ".1f",
            "over_100mm_percent": ".1f", "height_0.1s_percent": ".1f", "height_3s_percent": ".1f",
            "height_percent": ".1f", "frame_ms_p50": ".2f"}  # fmt: skip
@@ -171,6 +174,10 @@ def run(job: Job) -> list[Record]:
     scored = score(estimates[:, joints], truth, rig.fps, begin)
     records = [{**base, "method": "lasso", **scored, **heights,
                 "frame_ms_p50": 1000 * float(np.median(times))}]  # fmt: skip
+    if not (o.phase or o.late or o.unknown_places):
+        found = _as_file(config, None if o.unknown_height else given, rig, poses, count)
+        records += [{**base, "method": "lasso file", **score(found[:, joints], truth, rig.fps, begin),
+                     **dict.fromkeys((*heights, "frame_ms_p50"), np.nan)}]  # fmt: skip
     if o.cameras > 1 and not o.phase and not o.unknown_places:
         raw = _filled(triangulated(rig, poses, layout, count))
         b, a = butter(2, 6 / (rig.fps / 2))
@@ -226,6 +233,18 @@ def _follow(
         if np.isnan(positions[frame, 0, 0]):
             positions[frame] = positions[frame - 1]
     return positions, times, heights
+
+
+def _as_file(config: TrackerConfig, skeleton: Skeleton | None, rig: Rig, poses: list[Any], count: int) -> np.ndarray:
+    """(f, n, 3) joints at each frame, tracked as a whole recording, whose later frames are known."""
+    seen = [[rig.observation(camera, frame, pose) for camera, pose in enumerate(poses)] for frame in range(count)]
+    usable = [[one for one in instant if np.count_nonzero(one.confidence) > 0] for instant in seen]
+    config, up = replace(config, **WHOLE_FILE), np.array([0.0, 0.0, 1.0])
+    estimates = track_recording(config, [one for one in usable if one], skeleton, up)
+    frames = {round(one.stamp * rig.fps): one.pose.positions for one in estimates if one.pose is not None}
+    positions = np.full((count, *next(iter(frames.values())).shape), np.nan)
+    positions[list(frames)] = list(frames.values())
+    return _filled(positions)
 
 
 def _stature(lengths: Calibration) -> float:

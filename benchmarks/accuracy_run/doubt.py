@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,11 +25,11 @@ from benchmarks.common.report import Record, table  # noqa: E402
 from benchmarks.data.detections import JOINTS, DetectionJob, Recording, detection_jobs, prepared  # noqa: E402
 from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.estimate import Estimate  # noqa: E402
+from lassokin_ros.core.recording import WHOLE_FILE, published, track_recording  # noqa: E402
 from lassokin_ros.core.tracker import Tracker  # noqa: E402
 from lassokin_ros.doubt.doubt import Doubt  # noqa: E402
 from lassokin_ros.doubt.monitor import DoubtMonitor  # noqa: E402
 from lassokin_ros.doubt.signs import signs_of  # noqa: E402
-from lassokin_ros.replay.first_pass import WHOLE_FILE  # noqa: E402
 from lassokin_ros.replay.report.doubt_findings import MOST_MARKED  # noqa: E402
 from lassokin_ros.replay.report.wrong_spans import wrong_spans  # noqa: E402
 
@@ -54,10 +54,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table and the totals."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE")
-    parser.add_argument("--two-pass", action="store_true", help="learn the lengths first, smooth with later frames")
+    parser.add_argument("--two-pass", action="store_true", help="as a file, see lassokin_ros.core.recording")
     options = parser.parse_args(arguments)
-    settings = WHOLE_FILE if options.two_pass else {}
-    jobs = detection_jobs(options.files, ["lasso"], False, settings)
+    jobs = detection_jobs(options.files, ["lasso"], False, {})
     records = [record(job, options.two_pass) for job in jobs]
     print(table(records, COLUMNS))
     print("\n".join(totals(records)))
@@ -66,12 +65,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def record(job: DetectionJob, two_pass: bool) -> Record:
     """Track one camera and mark its frames."""
     recording, config, skeleton = prepared(job)
-    if two_pass:
-        first = Tracker(replace(config, smoothing_lag=0.0), skeleton)
-        for observation in recording.observations:
-            first.track(observation)
-        skeleton = first.skeleton
-    rows = _rows(Tracker(config, skeleton), recording)
+    tracker, instants = Tracker(config, skeleton), [[one] for one in recording.observations]
+    estimates = (
+        track_recording(replace(config, **WHOLE_FILE), instants, skeleton) if two_pass else published(tracker, instants)
+    )
+    rows = _rows(estimates, tracker, recording)
     times, error = np.array([row.time for row in rows]), np.array([row.error for row in rows])
     spans = wrong_spans(rows)  # type: ignore[arg-type]
     marked = np.array([any(span.contains(time) for span in spans) for time in times], dtype=bool)
@@ -91,27 +89,20 @@ def record(job: DetectionJob, two_pass: bool) -> Record:
     }
 
 
-def _rows(tracker: Tracker, recording: Recording) -> list[Row]:
-    """Track a recording, and follow its doubts."""
+def _rows(estimates: Iterable[Estimate], tracker: Tracker, recording: Recording) -> list[Row]:
+    """Follow the doubts of the estimates. tracker: any, of this layout and height."""
     monitor = DoubtMonitor(tracker.layout.names, tracker.skeleton.joint_names)
     frame_of = {observation.stamp: frame for frame, observation in enumerate(recording.observations)}
     rows = []
-
-    def take(estimates: Sequence[Estimate]) -> None:
-        for estimate in estimates:
-            if estimate.pose is None or estimate.visible is None:
-                continue
-            frame, joints = frame_of[estimate.stamp], estimate.pose.positions
-            height = tracker.skeleton.height
-            doubt = monitor.update(signs_of(estimate, recording.points[frame], recording.focal, height))
-            ends = joints[[tracker.skeleton.index(name) for name in ENDS]] - joints[0]
-            error = _error(estimate.pose.landmarks, recording.reference[frame], tracker.layout)
-            rows.append(Row(estimate.stamp, doubt, error, ends))
-
-    for observation in recording.observations:
-        tracker.track(observation)
-        take(tracker.published)
-    take(tracker.flush())
+    for estimate in estimates:
+        if estimate.pose is None or estimate.visible is None:
+            continue
+        frame, joints = frame_of[estimate.stamp], estimate.pose.positions
+        height = tracker.skeleton.height
+        doubt = monitor.update(signs_of(estimate, recording.points[frame], recording.focal, height))
+        ends = joints[[tracker.skeleton.index(name) for name in ENDS]] - joints[0]
+        error = _error(estimate.pose.landmarks, recording.reference[frame], tracker.layout)
+        rows.append(Row(estimate.stamp, doubt, error, ends))
     return rows
 
 

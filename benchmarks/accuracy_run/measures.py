@@ -3,7 +3,7 @@
     python benchmarks/accuracy_run/measures.py ../shared/data/detections/opencap*.npz
     python benchmarks/accuracy_run/measures.py --walks ../shared/data/mocap
 
-The tracker gets one camera's keypoints and the height, in two passes. The same functions measure the tracked joints and
+The tracker gets one camera's keypoints and the height, as a file. The same functions measure the tracked joints and
 the reference's, for which the pelvis is the middle of the hips and the neck that of the shoulders. Files whose name has
 `squat` are measured as squats, the others as gaits. A row per camera: estimate / reference.
 
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,16 +24,18 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import numpy as np  # noqa: E402
 
 from benchmarks.accuracy_run.experiment import Job, scene_of  # noqa: E402
-from benchmarks.accuracy_run.runs import follow  # noqa: E402
 from benchmarks.data.detections import JOINTS, DetectionJob, Recording, detection_jobs, prepared  # noqa: E402
 from benchmarks.data.mocap import EVALUATED, SMPL_NAME  # noqa: E402
 from benchmarks.data.simulated_camera import Condition  # noqa: E402
 from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
+from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.core.observation import Observation  # noqa: E402
+from lassokin_ros.core.recording import WHOLE_FILE, published, track_recording  # noqa: E402
 from lassokin_ros.core.tracker import Tracker  # noqa: E402
 from lassokin_ros.measure.gait import measure_gait  # noqa: E402
 from lassokin_ros.measure.poses import MeasureError, Poses  # noqa: E402
 from lassokin_ros.measure.squat import Squat, measure_squats  # noqa: E402
-from lassokin_ros.replay.first_pass import WHOLE_FILE  # noqa: E402
 
 WALKS = ("02_01", "02_02", "07_05", "12_01", "exp_walking_1")
 VIEWS = 8
@@ -48,13 +50,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
     parser.add_argument("files", type=Path, nargs="*", metavar="FILE")
     parser.add_argument("--walks", type=Path, metavar="DIR", help="folder of motion capture, for simulated cameras")
-    parser.add_argument("--smoothed", action="store_true", help="with the smoothing that `track` uses for files")
+    parser.add_argument("--live", action="store_true", help="as images of a camera, not as `track` tracks a file")
     options = parser.parse_args(arguments)
-    settings = WHOLE_FILE if options.smoothed else {}
     if options.walks is not None:
-        print("\n".join(simulated_walks(options.walks, settings)))
-    for job in detection_jobs(options.files, ["lasso"], False, settings):
-        estimate, truth = both(job)
+        print("\n".join(simulated_walks(options.walks, options.live)))
+    for job in detection_jobs(options.files, ["lasso"], False, {}):
+        estimate, truth = both(job, options.live)
         measure = squat_figures if "squat" in job.file.name else gait_figures
         try:
             words = ", ".join(f"{name} {values}" for name, values in measure(estimate, truth).items())
@@ -63,18 +64,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"{job.file.stem}:{job.camera}  {words}")
 
 
-def simulated_walks(folder: Path, settings: Mapping[str, float]) -> list[str]:
-    """Return a line per direction of walking: mean absolute differences of the walks before simulated cameras.
-
-    settings: of the tracker.
-    """
+def simulated_walks(folder: Path, live: bool = False) -> list[str]:
+    """Return a line per direction of walking: mean absolute differences of the walks before simulated cameras."""
     condition = Condition(noise_px=1.5, wander_px=2.5, offset_px=2.5, landmark_mm=15.0)
     found: dict[str, list[dict[str, float]]] = {name: [] for name in DIRECTIONS}
     for clip in WALKS:
         for view in range(VIEWS):
-            used = {"noise_px": 3.0, **settings}
+            used = {"noise_px": 3.0}
             job = Job(folder / f"{clip}.npz", view, "lasso", condition, generic_skeleton=True, settings=used)
-            direction, differences = _walk(job)
+            direction, differences = _walk(job, live)
             name = next(name for name, (low, high) in DIRECTIONS.items() if low <= direction < high)
             found[name].append(differences)
     lines = []
@@ -94,11 +92,12 @@ def simulated_walks(folder: Path, settings: Mapping[str, float]) -> list[str]:
     return lines
 
 
-def _walk(job: Job) -> tuple[float, dict[str, float]]:
+def _walk(job: Job, live: bool) -> tuple[float, dict[str, float]]:
     """Return the angle between line of sight and way, degrees, and the absolute differences; none without a stride."""
     scene = scene_of(job)
-    track = scene.follow("lasso")
-    seconds = np.arange(len(track.positions)) / scene.view.fps
+    observations = scene.observations
+    stamps, positions = _tracked(scene.config, scene.skeleton, observations, live)
+    seconds = np.array([one.stamp for one in observations])
     names = [SMPL_NAME[name] for name in EVALUATED]
     wrong = np.zeros(len(seconds), dtype=bool)
     truth = Poses(
@@ -107,9 +106,8 @@ def _walk(job: Job) -> tuple[float, dict[str, float]]:
     way, sight = (scene.view.root[-1] - scene.view.root[0])[[0, 2]], scene.view.root.mean(axis=0)[[0, 2]]
     cosine = abs(way @ sight) / (np.linalg.norm(way) * np.linalg.norm(sight))
     direction = float(np.degrees(np.arccos(min(cosine, 1.0))))
-    known = np.isfinite(track.positions[:, 0, 0])
     try:
-        one = measure_gait(Poses(seconds[known], scene.skeleton.joint_names, track.positions[known], wrong[known]))
+        one = measure_gait(Poses(stamps, scene.skeleton.joint_names, positions, np.zeros(len(stamps), dtype=bool)))
         other = measure_gait(truth)
     except MeasureError:
         return direction, {}
@@ -122,24 +120,28 @@ def _walk(job: Job) -> tuple[float, dict[str, float]]:
     }
 
 
-def both(job: DetectionJob) -> tuple[Poses, Poses]:
+def both(job: DetectionJob, live: bool) -> tuple[Poses, Poses]:
     """Return the tracked motion, and the reference's in the frames in which it is whole."""
     recording, config, skeleton = prepared(job)
-    first = Tracker(replace(config, smoothing_lag=0.0), skeleton)
-    for observation in recording.observations:
-        first.track(observation)
-    layout = Layout.load(recording.layout, first.skeleton)
-    tracker = Tracker(config, first.skeleton)
-    track = follow(tracker, recording.observations, first.skeleton.joint_count, len(layout.names))
-    truth = reference(recording, layout)
-    known = np.isfinite(track.positions[:, 0, 0])
-    wrong = np.zeros(len(known), dtype=bool)
+    stamps, positions = _tracked(config, skeleton, recording.observations, live)
+    truth = reference(recording, Layout.load(recording.layout, skeleton))
     whole = np.isfinite(truth).all(axis=(1, 2))
-    names = (*JOINTS.values(), "pelvis", "neck")
+    wrong = np.zeros(len(truth), dtype=bool)
     return (
-        Poses(recording.stamps[known], first.skeleton.joint_names, track.positions[known], wrong[known]),
-        Poses(recording.stamps[whole], names, truth[whole], wrong[whole]),
+        Poses(stamps, skeleton.joint_names, positions, np.zeros(len(stamps), dtype=bool)),
+        Poses(recording.stamps[whole], (*JOINTS.values(), "pelvis", "neck"), truth[whole], wrong[whole]),
     )
+
+
+def _tracked(
+    config: TrackerConfig, skeleton: Skeleton, observations: Sequence[Observation], live: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the stamps (f,) s and the joints (f, n, 3) m of the accepted estimates."""
+    instants = [[one] for one in observations]
+    file = replace(config, **WHOLE_FILE)
+    tracked = published(Tracker(config, skeleton), instants) if live else track_recording(file, instants, skeleton)
+    estimates = [(one.stamp, one.pose.positions) for one in tracked if one.pose is not None]
+    return np.array([stamp for stamp, _ in estimates]), np.array([positions for _, positions in estimates])
 
 
 def reference(recording: Recording, layout: Layout) -> np.ndarray:

@@ -15,7 +15,7 @@ estimates that have become due.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial, reduce
 from typing import Any
@@ -141,6 +141,9 @@ class Tracker:
         self._ankle_points = np.equal.outer(self._ankles, self.layout.joints)  # (2, l)
         self.floor_below = None
         self._uncertainty = UncertaintyModel(self.frame_model, prior, self.learned.lengths.proportions, observed)
+        self.backward: Callable[[float], BodyState | None] | None = None
+        """The state at a stamp, s, by a track backward in time; `published` then holds the midpoint of the two, see
+        `recording`."""
         self.reset()
 
     def _depth_estimator(self) -> DepthEstimator | None:
@@ -640,12 +643,13 @@ class Tracker:
 
     def _publish(self, estimate: Estimate, measured: dict[Camera, Measurement]) -> None:
         """Collect the estimates that are due."""
-        if self.config.smoothing_lag == 0 and self._lag.empty:
+        if self.config.smoothing_lag == 0 and self._lag.empty and self.backward is None:
             self.published = [estimate]
             return
         assert self._output_filter.forward is not None
         reprojection_px = partial(_reprojection_px, measured)
-        self._lag.add(estimate, self._output_filter.forward, self.kinematics.vectors, reprojection_px)
+        backward = None if self.backward is None else self.backward(estimate.stamp)
+        self._lag.add(estimate, self._output_filter.forward, self.kinematics.vectors, reprojection_px, backward)
         self.published = self._lag.due(estimate.stamp, self.config.smoothing_lag)
 
     def _reject(

@@ -12,7 +12,7 @@ from lassokin_ros.core.body.rotations import to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.observation import HERE, CameraPose
+from lassokin_ros.core.observation import HERE, CameraPose, Observation
 from lassokin_ros.core.output.uncertainty import JointUncertainty
 from lassokin_ros.core.record import record
 from lassokin_ros.doubt.doubt import Doubt
@@ -56,6 +56,7 @@ class FrameResult:
     lens: the lens of the image. None if the message was refused before tracking.
     camera: which camera took the image, and where it is in the frame of the skeleton.
     others: the images of further cameras that were processed together with this one.
+    observations: what the tracker was given. Empty if the message was refused before tracking.
     skeleton: the skeleton with the lengths used for this result. None if the message was refused before tracking.
     earlier: s since the result before, and its joint positions (n, 3) m; see `joint_velocities`. None after
     initialisation, and for a step of the stamps below 1 ms.
@@ -81,6 +82,7 @@ class FrameResult:
     lens: Lens | None = None
     camera: CameraPose = HERE
     others: Sequence[ImageOfPerson] = ()
+    observations: Sequence[Observation] = ()
     skeleton: Skeleton | None = None
     earlier: tuple[float, np.ndarray] | None = None
     velocity: np.ndarray | None = None

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import LEARN, TrackerConfig
 from lassokin_ros.core.evidence.evidence import Evidence
@@ -114,6 +115,11 @@ class Pipeline:
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
         self.image: tuple[int, str] | None = None
         """Stamp (ns) and frame_id of the last message that was not refused as a whole."""
+
+    def use_backward(self, states: Mapping[int | None, Mapping[int, BodyState]]) -> None:
+        """See `TrackedPerson.use_backward`. states: by the person's number in the messages, None without a number."""
+        for tracked in self._trackable:
+            tracked.use_backward(states.get(tracked.number, {}))
 
     @property
     def camera(self) -> Camera:

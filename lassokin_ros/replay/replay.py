@@ -18,6 +18,7 @@ from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.skeleton_file import check_skeleton_file
@@ -27,10 +28,10 @@ from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.bags import BagReader, BagWriter, RecordedTopic
 from lassokin_ros.replay.camera_source import RecordedCamera, messages_of, poses_in, recorded_cameras
 from lassokin_ros.replay.exports.exports import Exports, is_inside_name
-from lassokin_ros.replay.first_pass import WHOLE_FILE, Inputs, check_two_passes, learn_lengths
 from lassokin_ros.replay.motion import MotionRecorder
 from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME, OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError, check_output_paths
+from lassokin_ros.replay.passes.first_pass import Inputs, KnownPerson, check_two_passes, learn_person
 from lassokin_ros.replay.record import KEY, Figures, Record, origin_of
 from lassokin_ros.replay.recorded_images import recorded_images
 from lassokin_ros.replay.recording_files import recording_name
@@ -67,13 +68,14 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         others = _other_topics(bag, node_config)
         read = [*(topic for one in cameras for topic in one.topics), *others]
         poses = poses_in(cameras)
-        given = None
+        given, known = None, KnownPerson(tracker_config, {})
         if options.two_pass:
             first = OfflineTracker(tracker_config, node_config, bag.types, only_track=True, poses=poses)
             given = first.pipeline.tracker.skeleton
             inputs, messages = _inputs(first, cameras, others), messages_of(cameras, bag, read)
-            tracker_config = learn_lengths(messages, inputs, first, tracker_config, Path(folder))
-        tracker = OfflineTracker(tracker_config, node_config, bag.types, serialised=True, poses=poses)
+            known = learn_person(messages, inputs, first, tracker_config, Path(folder))
+        tracker = OfflineTracker(known.config, node_config, bag.types, serialised=True, poses=poses)
+        tracker.pipeline.use_backward({None: known.backward})
         report = _report(options, tracker, given)
         exports = _exports(options, tracker)
         images = recorded_images(bag, options, report, {one.name: one.keypoints for one in cameras})

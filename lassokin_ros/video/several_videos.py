@@ -24,14 +24,15 @@ from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.config import CHECK
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.observation import CameraPose
+from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.detector.backend import Detected, Detector, make_detector
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
 from lassokin_ros.replay.bags import typestore
-from lassokin_ros.replay.first_pass import WHOLE_FILE, Inputs, learn_lengths
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
+from lassokin_ros.replay.passes.first_pass import Inputs, learn_person
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.found_cameras import calibration_toml, found_poses, where_in_words
 from lassokin_ros.video.people import PersonError, people_in
@@ -90,7 +91,8 @@ def track_videos(options: argparse.Namespace) -> Tracked:
         if (unplaced or tracker_config.calibrate and tracker_config.height > 0) and not options.causal:
             with TemporaryDirectory(prefix="lassokin_") as folder:
                 inputs = _inputs(first, cameras)
-                tracker_config = learn_lengths(_messages(cameras, backend), inputs, first, tracker_config, Path(folder))
+                known = learn_person(_messages(cameras, backend), inputs, first, tracker_config, Path(folder))
+                tracker_config = known.config
                 if unplaced:
                     try:
                         poses = found_poses(first.pipeline)
@@ -100,6 +102,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
                         raise
                     tracker_config = replace(tracker_config, extrinsics=CHECK)
                 second = make(tracker_config, poses=poses)
+            second.pipeline.use_backward({None: known.backward})
         else:
             second = make(tracker_config, poses=poses)
         outputs.follow(second)

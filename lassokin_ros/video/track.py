@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,17 +18,19 @@ import numpy as np
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
+from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import CameraError, ConfigurationError
+from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
 from lassokin_ros.replay.bags import typestore
-from lassokin_ros.replay.first_pass import WHOLE_FILE, learn_lengths
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
+from lassokin_ros.replay.passes.first_pass import KnownPerson, learn_person
 from lassokin_ros.skeleton_readers.load import load_skeleton
 from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.camera import Calibration, assumed_fov_warning, choose_camera
@@ -152,7 +154,7 @@ class Run:
         return tracker
 
     def whole_file(self, first: OfflineTracker, configs: Configs, options: argparse.Namespace) -> OfflineTracker:
-        """Detect all images, learn the person's lengths from them, and track them anew with these lengths."""
+        """Detect all images, learn the person's lengths from them, and track them backward and forward with these."""
         tracker, node = configs
         self._detect()
         messages: Callable[[], Messages] = self.detections.of_all
@@ -161,13 +163,19 @@ class Run:
             people = self._chosen(options.person, node)
             messages = partial(self.detections.of_people, people, node.several_people)
         bodies: dict[int, Skeleton] = {}
+        backward: dict[int | None, Mapping[int, BodyState]] = {}
         with TemporaryDirectory(prefix="lassokin_") as folder:
             if tracker.calibrate and tracker.height > 0:
                 if node.several_people:
-                    bodies = {number: self._body(number, seen, configs, Path(folder)) for number, seen in people}
+                    for number, seen in people:
+                        known = self._learn_alone(number, seen, configs, Path(folder))
+                        bodies[number] = load_skeleton(known.config.skeleton, known.config.height)
+                        backward[number] = known.backward
                 else:
-                    tracker = self._learn(messages(), first, tracker, Path(folder))
+                    known = self._learn(messages(), first, tracker, Path(folder))
+                    tracker, backward[None] = known.config, known.backward
             second = OfflineTracker(tracker, node, self._types, only_track=True, bodies=bodies)
+        second.pipeline.use_backward(backward)
         self._outputs.follow(second)
         self._track_again(second, messages(), options)
         return second
@@ -180,17 +188,16 @@ class Run:
                 self._outputs.add_report_image(image)
                 progress.advance(note=f"{len(self.detections.found[-1][1])} in view")
 
-    def _learn(self, messages: Messages, tracker: OfflineTracker, config: TrackerConfig, folder: Path) -> TrackerConfig:
-        """Return the settings with the lengths of the person in the messages. tracker: is used for this alone."""
+    def _learn(self, messages: Messages, tracker: OfflineTracker, config: TrackerConfig, folder: Path) -> KnownPerson:
+        """Return what is known of the person in the messages. tracker: is used for this alone."""
         inputs = {CAMERA: tracker.camera_info, KEYPOINTS: tracker.keypoints}
-        return learn_lengths(self._first_pass(messages, tracker), inputs, tracker, config, folder)
+        return learn_person(self._first_pass(messages, tracker), inputs, tracker, config, folder)
 
-    def _body(self, number: int, seen: Seen, configs: Configs, folder: Path) -> Skeleton:
-        """Return the skeleton of one of several people, with the lengths learned from that person's keypoints alone."""
+    def _learn_alone(self, number: int, seen: Seen, configs: Configs, folder: Path) -> KnownPerson:
+        """Return what is known of one of several people, from that person's keypoints alone."""
         config, node = configs
         alone = OfflineTracker(config, replace(node, max_people=1, rep155=False), self._types, only_track=True)
-        learned = self._learn(self.detections.of_people([(number, seen)], False), alone, config, folder)
-        return load_skeleton(learned.skeleton, learned.height)
+        return self._learn(self.detections.of_people([(number, seen)], False), alone, config, folder)
 
     def _chosen(self, person: str | None, node: NodeSettings) -> list[tuple[int, Seen]]:
         """Choose among the people in the images, and return their numbers and images."""
@@ -218,7 +225,7 @@ class Run:
             if self._outputs.needs_images:
                 self._outputs.add_image(_next_image(images, self._source.name))
             _drop(tracker.keypoints(message, stamp_of(seconds)))
-            progress.advance(note="second pass")
+            progress.advance(note="last pass")
         _drop(tracker.finish())
         progress.close()
 
@@ -237,7 +244,7 @@ class Run:
         if self._who:
             lines["people"] = self._who
         if not _is_live(options, self._source):
-            lines["passes"] = "two, smoothed with later frames (--causal tracks as a camera's images)"
+            lines["passes"] = "lengths, backward, forward; smoothed (--causal tracks as a camera's images)"
         lines["written"] = ", ".join(map(str, written)) or "nothing"
         facts = [f"{name:<15} {text}" for name, text in lines.items()]
         return "\n".join([self._source.name, *facts, *self._outputs.doubts])

@@ -12,8 +12,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.detector.backend import Detected, DetectorError
-from lassokin_ros.replay.first_pass import WHOLE_FILE
 from lassokin_ros.video import track as track_module
 from lassokin_ros.video.camera import from_file, from_fov
 from lassokin_ros.video.command import main
@@ -285,7 +285,7 @@ def test_a_file_is_smoothed_with_later_frames_and_detected_once(long_video, tmp_
     for name, options in (("whole", []), ("causal", ["--causal"])):
         files = ["--export", str(tmp_path / f"{name}.npz"), "--video", str(tmp_path / f"{name}.mp4")]
         assert main([str(long_video), "--fov", "60", *files, *options]) == 0
-        assert ("passes          two, smoothed" in capsys.readouterr().out) == (name == "whole")
+        assert ("passes          lengths, backward, forward; smoothed" in capsys.readouterr().out) == (name == "whole")
     assert detector.count == 2 * 120
     (stamps, whole), (causal_stamps, causal) = positions(tmp_path / "whole.npz"), positions(tmp_path / "causal.npz")
     assert stamps[0] == 0 and np.array_equal(stamps, causal_stamps)

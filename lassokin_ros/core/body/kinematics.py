@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from lassokin_ros.core.body.landmarks import Layout
-from lassokin_ros.core.body.rotations import exponential, hat
+from lassokin_ros.core.body.rotations import exponential, hat, logarithm
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.record import record
@@ -40,6 +40,11 @@ class BodyState:
                 return BodyState(moved, self.translation + translation_step)
         steps = exponential(omega.reshape(self.rotations.shape[:-1]))
         return BodyState(self.rotations @ steps, self.translation + translation_step)
+
+    def midpoint(self, other: BodyState) -> BodyState:
+        """The state halfway to another one, by the shortest rotation of each joint."""
+        turns = logarithm(self.rotations.swapaxes(-1, -2) @ other.rotations)
+        return self.retract(turns.reshape(*turns.shape[:-2], -1) / 2, (other.translation - self.translation) / 2)
 
 
 @record

@@ -4,6 +4,8 @@
 state is then corrected with the later frames by the backward pass of Rauch, Tung and Striebel (Bar-Shalom, Li,
 Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, sec. 8.6). The backward pass stops where the
 filter was restarted: there the state was replaced, or the motion was not observed.
+
+In a recording that is also tracked backward in time (`recording`), the published pose is halfway between both tracks.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
+from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.output.output_filter import Forward, is_too_far_in_depth, moved
 from lassokin_ros.core.record import record
@@ -25,12 +27,16 @@ TOLERANCE = 0.003
 
 @record
 class _Waiting:
-    """A frame that waits: estimate, forward pass, `Kinematics.vectors` of its body, and its reprojection error."""
+    """A frame that waits: estimate, forward pass, `Kinematics.vectors` of its body, and its reprojection error.
+
+    backward: the frame's state by a track backward in time; None without one.
+    """
 
     estimate: Estimate
     forward: Forward
     vectors: np.ndarray
     reprojection_px: Callable[[BodyPose], float]
+    backward: BodyState | None
 
 
 class FixedLag:
@@ -55,9 +61,10 @@ class FixedLag:
         forward: Forward,
         vectors: np.ndarray,
         reprojection_px: Callable[[BodyPose], float],
+        backward: BodyState | None = None,
     ) -> None:
         """Add the accepted estimate of the newest frame. Arguments: see `_Waiting`."""
-        self._waiting.append(_Waiting(estimate, forward, vectors, reprojection_px))
+        self._waiting.append(_Waiting(estimate, forward, vectors, reprojection_px, backward))
 
     def due(self, now: float, lag: float) -> list[Estimate]:
         """Release the estimates that are older than the lag, s, at the stamp `now`, s; all with a lag of 0."""
@@ -72,8 +79,6 @@ class FixedLag:
         """Release the oldest `count` estimates, each smoothed with all later ones."""
         if count == 0:
             return []
-        if len(self._waiting) == 1:  # always so without a lag
-            return [self._waiting.popleft().estimate]
         waiting, released = list(self._waiting), []
         for _ in range(count):
             self._waiting.popleft()
@@ -86,14 +91,20 @@ class FixedLag:
             else:
                 offset, velocity = _corrected(this.forward, after, offset, velocity)
             if index < count:
-                released.append(this.estimate if alone else self._smoothed(this, offset))
+                as_it_is = alone and this.backward is None
+                released.append(this.estimate if as_it_is else self._smoothed(this, offset))
         return released[::-1]
 
     def _smoothed(self, waiting: _Waiting, offset: np.ndarray) -> Estimate:
-        """A frame's estimate moved by its offset (2, n + 1, 3); unchanged if the result is too far off in depth."""
+        """A frame's estimate moved by its offset (2, n + 1, 3), and halfway to the backward track.
+
+        It is unchanged if the result is too far off in depth.
+        """
         estimate = waiting.estimate
         assert estimate.solved is not None
         state = moved(estimate.solved, offset[0] + offset[1])
+        if waiting.backward is not None:
+            state = state.midpoint(waiting.backward)
         if is_too_far_in_depth(state, estimate.solved, estimate.solved.translation - estimate.centre):
             return estimate
         pose = self._kinematics.pose(state, waiting.vectors)

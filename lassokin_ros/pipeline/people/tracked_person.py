@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
@@ -120,6 +121,15 @@ class TrackedPerson:
             self._place, self._landmarks = frame.into_camera(self._place), frame.into_camera(self._landmarks)
         self._frame_moved_ns = stamp_ns
 
+    def use_backward(self, states: Mapping[int, BodyState]) -> None:
+        """Publish the midpoint of the track and of one backward in time. states: of the latter, by stamp, ns."""
+
+        def at(stamp: float) -> BodyState | None:
+            assert self._origin_ns is not None
+            return states.get(self._origin_ns + round(1e9 * stamp))
+
+        self.tracker.backward = at
+
     def track(self, sights: Sequence[Sight], frame_id: str, person: str = "", **identity: Any) -> list[FrameResult]:
         """Track the detections of this person in the images of one instant, one of each camera.
 
@@ -132,6 +142,8 @@ class TrackedPerson:
         stamp_ns = max(sight.stamp_ns for sight in sights)
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
+        frozen = [self._frozen_s(sight) for sight in sights]
+        observations = [self._observation(sight, bool(old)) for sight, old in zip(sights, frozen)]
         frame = partial(
             FrameResult,
             stamp_ns,
@@ -143,10 +155,9 @@ class TrackedPerson:
             lens=first.lens,
             camera=camera,
             others=tuple(ImageOfPerson(pose, o.lens, o.seen.pixels, o.seen.points) for o, pose in others),
+            observations=observations,
             skeleton=self.tracker.skeleton,  # calibration changes the lengths for the next frame only
         )
-        frozen = [self._frozen_s(sight) for sight in sights]
-        observations = [self._observation(sight, bool(old)) for sight, old in zip(sights, frozen)]
         estimate = self.tracker.track(observations)
         self.status = estimate.status
         if estimate.rejection is not None:

@@ -7,7 +7,7 @@ from cases import body, central_difference, image_rows, posed, prior_rows, rando
 from benchmarks.methods.rows import linearise
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
-from lassokin_ros.core.body.rotations import exponential, to_quaternion
+from lassokin_ros.core.body.rotations import exponential, logarithm, to_quaternion
 from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.image.projection import project, projection_jacobian
@@ -297,3 +297,14 @@ def test_live_rows_equal_the_rows_of_live_degrees_of_freedom():
     assert np.array_equal(z, posture.residual)
     assert np.allclose(np.swapaxes(columns, -1, -2), A[..., live[rows.first :]], rtol=0, atol=1e-12)
     assert not A[..., live[: rows.first]].any()
+
+
+def test_the_midpoint_is_halfway_and_the_same_from_both_sides():
+    random = np.random.default_rng(5)
+    one, other = (BodyState(exponential(0.9 * random.normal(size=(24, 3))), random.normal(size=3)) for _ in range(2))
+    middle, back = one.midpoint(other), other.midpoint(one)
+    angle = np.linalg.norm(logarithm(np.swapaxes(one.rotations, -1, -2) @ other.rotations), axis=-1)
+    half = np.linalg.norm(logarithm(np.swapaxes(one.rotations, -1, -2) @ middle.rotations), axis=-1)
+    assert np.abs(half - angle / 2).max() < 1e-9 and angle.max() > 1.5
+    assert np.abs(middle.rotations - back.rotations).max() < 1e-9
+    assert np.abs(middle.translation - (one.translation + other.translation) / 2).max() < 1e-12

@@ -1,0 +1,72 @@
+"""Keep what the tracker is given in the first pass, to track it backward in time."""
+
+from __future__ import annotations
+
+import pickle
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+from lassokin_ros.common.array_spool import clear_errors
+from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.recording import backward_states
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.pipeline.frame_result import FrameResult
+
+
+class KeptObservations:
+    """The observations of one person, in a temporary file. Methods raise SpoolError if it cannot be written."""
+
+    def __init__(self) -> None:
+        with clear_errors():
+            self._file = tempfile.TemporaryFile()
+        self._people: list[tuple[str, list[tuple[int, int]]]] = []
+        """The person's ids in order; of each the stamps, ns, and places in the file of what was seen under it."""
+        self._first_ns = self._newest_ns = 0
+        self.in_order = True
+        """False if a stamp was before the last one, such as of a recording that was looped."""
+
+    def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
+        """Keep the observations of a message; a listener of OfflineTracker."""
+        for frame in frames:
+            if frame.observations:
+                self._append(frame.label, frame.stamp_ns, frame.observations)
+
+    def _append(self, person: str, stamp_ns: int, observations: Sequence[Observation]) -> None:
+        if not self._people:
+            self._first_ns = stamp_ns
+        elif stamp_ns <= self._newest_ns:
+            self.in_order = False
+        if not self._people or self._people[-1][0] != person:
+            self._people.append((person, []))
+        self._newest_ns = stamp_ns
+        with clear_errors():
+            self._people[-1][1].append((stamp_ns, self._file.tell()))
+            pickle.dump(list(observations), self._file, pickle.HIGHEST_PROTOCOL)
+
+    def states(
+        self, tracker: Tracker, placed: Callable[[Sequence[Observation]], list[Observation]]
+    ) -> dict[int, BodyState]:
+        """Return the states by a track backward in time, by stamp in ns; none if the stamps were not in order.
+
+        tracker: a new one, with the person's lengths. placed: gives the observations of an instant their cameras.
+        """
+        states: dict[int, BodyState] = {}
+        if not self.in_order:
+            return states
+        for _, places in reversed(self._people):
+            tracker.reset(same_camera=True)
+            instants = (placed(instant) for instant in self._latest_first(places))
+            found = backward_states(tracker, (instant for instant in instants if instant))
+            seconds = ((stamp_ns, self._seconds(stamp_ns)) for stamp_ns, _ in places)
+            states |= {stamp_ns: found[stamp] for stamp_ns, stamp in seconds if stamp in found}
+        return states
+
+    def _seconds(self, stamp_ns: int) -> float:
+        return 1e-9 * (stamp_ns - self._first_ns)
+
+    def _latest_first(self, places: Sequence[tuple[int, int]]) -> Iterator[list[Observation]]:
+        for stamp_ns, place in reversed(places):
+            self._file.seek(place)
+            yield [replace(one, stamp=self._seconds(stamp_ns)) for one in pickle.load(self._file)]

@@ -1,0 +1,106 @@
+"""A whole recording: lengths first, then backward in time, then forward; published is the midpoint of both tracks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sequences import CONFIG, RATE, observations
+
+from lassokin_ros.core.observation import CameraPose
+from lassokin_ros.core.recording import WHOLE_FILE, backward_states, published, track_recording
+from lassokin_ros.core.tracker import Tracker
+
+FRAMES = 45
+SMOOTHED = replace(CONFIG, **WHOLE_FILE, calibrate=False)
+
+
+def instants(frames=FRAMES):
+    """[[observation]] of the synthetic motion."""
+    return [[one] for _, one in observations(Tracker(CONFIG), frames / RATE)]
+
+
+@pytest.fixture(scope="module")
+def tracks():
+    """The forward track alone, the states backward, and what is published; all by stamp."""
+    forward = {one.stamp: one for one in published(Tracker(SMOOTHED), instants())}
+    backward = backward_states(Tracker(SMOOTHED), reversed(instants()))
+    both = {one.stamp: one for one in track_recording(SMOOTHED, instants())}
+    return forward, backward, both
+
+
+def test_each_frame_is_published_once_with_its_own_stamp(tracks):
+    forward, backward, both = tracks
+    stamps = [instant[0].stamp for instant in instants()]
+    assert list(forward) == list(both) == stamps and sorted(backward) == stamps
+
+
+def test_the_published_state_is_halfway_between_both_tracks(tracks):
+    forward, backward, both = tracks
+    for stamp, estimate in both.items():
+        one, other = forward[stamp].state, backward[stamp]
+        middle = (one.translation + other.translation) / 2
+        assert np.abs(estimate.state.translation - middle).max() < 1e-12
+        before = np.swapaxes(one.rotations, -1, -2) @ estimate.state.rotations
+        after = np.swapaxes(estimate.state.rotations, -1, -2) @ other.rotations
+        assert np.abs(before - after).max() < 1e-9
+
+
+def test_pose_and_reprojection_error_are_those_of_the_published_state(tracks):
+    forward, _, both = tracks
+    tracker = Tracker(SMOOTHED)
+    for stamp in list(both)[::7]:
+        estimate = both[stamp]
+        assert np.abs(estimate.pose.positions - tracker.kinematics.pose(estimate.state).positions).max() < 1e-12
+        assert estimate.reprojection_px != forward[stamp].reprojection_px
+        assert vars(estimate.certificate) == vars(forward[stamp].certificate)
+
+
+def test_the_lengths_are_those_of_a_first_pass():
+    config = replace(SMOOTHED, calibrate=True)
+    long = instants(150)
+    first = Tracker(replace(config, smoothing_lag=0.0))
+    for instant in long:
+        first.track(instant)
+    learned = track_recording(config, long)
+    ends = [first.skeleton.index(name) for name in ("left_shoulder", "left_elbow")]
+    arm = np.linalg.norm(np.diff(learned[0].pose.positions[ends], axis=0))
+    known = np.linalg.norm(first.skeleton.offsets[ends[1]])
+    given = np.linalg.norm(Tracker(config).skeleton.offsets[ends[1]])
+    assert abs(arm - known) < abs(given - known)
+
+
+def test_frames_that_only_one_track_has_are_published_as_they_are(tracks):
+    forward, backward, _ = tracks
+    tracker, stamps = Tracker(SMOOTHED), list(backward)
+    tracker.backward = {stamp: backward[stamp] for stamp in stamps[::2]}.get
+    mixed = {one.stamp: one for one in published(tracker, instants())}
+    ahead = {stamp: np.array_equal(mixed[stamp].state.translation, forward[stamp].state.translation) for stamp in mixed}
+    assert [stamp for stamp in ahead if not ahead[stamp]] == sorted(stamps[::2])
+
+
+def test_a_backward_track_at_another_distance_changes_nothing(tracks):
+    forward, backward, _ = tracks
+    tracker = Tracker(SMOOTHED)
+    tracker.backward = lambda stamp: replace(backward[stamp], translation=3 * backward[stamp].translation)
+    for one in published(tracker, instants()):
+        assert one.state.translation[2] == pytest.approx(forward[one.stamp].state.translation[2], rel=0.05)
+
+
+def test_images_of_several_cameras_that_are_milliseconds_apart_are_one_instant():
+    side = CameraPose("side", np.eye(3), np.array([0.0, 0.0, 0.5]))
+    pairs = [[one, replace(one, stamp=one.stamp + 0.004, camera=side)] for (one,) in instants(20)]
+    states = backward_states(Tracker(SMOOTHED), reversed(pairs))
+    latest = {max(one.stamp for one in pair) for pair in pairs}
+    assert states and set(states) <= latest
+    assert len(track_recording(SMOOTHED, pairs)) == len(pairs)
+
+
+def test_without_a_lag_each_frame_is_halfway_and_published_at_once():
+    config, backward = replace(SMOOTHED, smoothing_lag=0.0), backward_states(Tracker(SMOOTHED), reversed(instants()))
+    forward, tracker = Tracker(config), Tracker(config)
+    tracker.backward = backward.get
+    for (one,) in instants():
+        alone, _ = forward.track(one), tracker.track(one)
+        (estimate,) = tracker.published
+        middle = (alone.state.translation + backward[one.stamp].translation) / 2
+        assert estimate.stamp == one.stamp and np.abs(estimate.state.translation - middle).max() < 1e-12
