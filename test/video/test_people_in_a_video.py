@@ -6,6 +6,7 @@ from two_people import RATE, scene
 
 from benchmarks.common.report import data_folder
 from lassokin_ros.detector.backend import Detected
+from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.video import track as track_module
 from lassokin_ros.video.command import main
 from lassokin_ros.video.people import PersonError, choose, people_in, settings_for
@@ -115,6 +116,17 @@ def test_the_lengths_of_all_people_are_learned_in_a_first_pass(monkeypatch, long
     for person in first:
         file, live = (np.ptp(shanks[name, person]) for name in ("file", "causal"))
         assert file < 0.5 * live, (person, file, live)
+
+
+def test_each_person_is_tracked_backward_too(monkeypatch, two, long_video, tmp_path):  # noqa: F811
+    given, use = [], Pipeline.use_backward
+    monkeypatch.setattr(Pipeline, "use_backward", lambda self, states: (given.append(states), use(self, states)))
+    found = run(long_video, tmp_path, "--person", "all")
+    (states,) = given
+    for number, (person, (seconds, x)) in enumerate(sorted(found.items()), 1):
+        assert len(states[number]) >= len(seconds) > 50, person
+        roots = np.array([state.translation[0] for state in states[number].values()])
+        assert abs(np.median(roots) - np.median(x)) < 0.3, person
 
 
 def test_the_page_says_who_is_tracked(two, long_video, tmp_path):  # noqa: F811
