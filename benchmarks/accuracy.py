@@ -27,7 +27,7 @@ from typing import Any, Callable, Sequence, TypeVar
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.accuracy_run import failure_probability
-from benchmarks.accuracy_run.experiment import METHODS, Job, run
+from benchmarks.accuracy_run.experiment import FILE, METHODS, Job, run
 from benchmarks.accuracy_run.leave_one_out import under_its_prior
 from benchmarks.accuracy_run.options import depth_sensor, parsed, told, unheeded
 from benchmarks.accuracy_run.people import person_of, seen_by_network, test_clips, validation_clips
@@ -240,8 +240,8 @@ def _check_methods(options: argparse.Namespace) -> None:
         raise SystemExit(f"no method {', '.join(unknown)}; expected some of: {', '.join(METHODS)}")
     if "mediapipe_world" in options.methods and not options.detections:
         raise SystemExit("mediapipe_world is for --detections; no clip holds MediaPipe's own 3D")
-    if options.initialisation and "smplify" in options.methods:
-        raise SystemExit("--initialisation is for methods that go frame by frame; smplify starts from lasso's")
+    if options.initialisation and {"smplify", FILE} & set(options.methods):
+        raise SystemExit("--initialisation is for methods that go frame by frame; smplify and file look ahead")
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.accuracy_run import anatomy
 from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, joint_errors, mpjpe, pa_mpjpe
 from benchmarks.accuracy_run.people import person_of
-from benchmarks.accuracy_run.runs import Follower, Track, follow
+from benchmarks.accuracy_run.runs import Follower, Track, follow, follow_file
 from benchmarks.common.report import Record
 from benchmarks.data.mocap import EVALUATED, SMPL_NAME, Clip, clip_height, clip_skeleton, load_clip
 from benchmarks.data.simulated_camera import Condition, Told, View, view_of
@@ -23,8 +23,9 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation
 
-METHODS = (*FOLLOWERS, "smplify", "mediapipe_world")
-"""`mediapipe_world` is for real recordings only."""
+FILE = "file"
+METHODS = (*FOLLOWERS, FILE, "smplify", "mediapipe_world")
+"""`file` is the tracker as for a file, whose later frames are known. `mediapipe_world` is for real recordings only."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,8 @@ class Scene:
         """Run one method over the clip, or over `observations`."""
         observations = self.observations if observations is None else observations
         landmarks = len(Layout.load(self.config.landmarks, self.skeleton).names)
+        if method == FILE:
+            return follow_file(self.config, self.skeleton, observations, landmarks)
         if method == "smplify":
             return fit_clip(self.config, self.skeleton, observations)
         return follow(self.follower(method), observations, self.skeleton.joint_count, landmarks)

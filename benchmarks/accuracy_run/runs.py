@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, Sequence
 
 import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.recording import WHOLE_FILE, track_recording
 from lassokin_ros.core.tracker import Tracker
 
 
@@ -80,6 +82,24 @@ def follow(follower: Follower, observations: Sequence[Observation], joints: int,
     return Track(
         held(positions), held(points), reprojection, rejected, frame_ms, float(init_ms), float(height), learned
     )
+
+
+def follow_file(
+    config: TrackerConfig, skeleton: Skeleton, observations: Sequence[Observation], landmarks: int
+) -> Track:
+    """Process the observations as those of a file, whose later frames are known. `init_ms` is unknown."""
+    count = len(observations)
+    frame_of = {observation.stamp: frame for frame, observation in enumerate(observations)}
+    positions, points = np.full((count, skeleton.joint_count, 3), np.nan), np.full((count, landmarks, 3), np.nan)
+    reprojection = np.full(count, np.nan)
+    start = time.perf_counter()
+    for estimate in track_recording(replace(config, **WHOLE_FILE), [[one] for one in observations], skeleton):
+        frame, pose = frame_of[estimate.stamp], estimate.pose
+        assert pose is not None
+        positions[frame], points[frame] = pose.positions, pose.landmarks
+        reprojection[frame] = estimate.reprojection_px
+    frame_ms = np.full(count, 1000 * (time.perf_counter() - start) / count)
+    return Track(held(positions), held(points), reprojection, np.isnan(reprojection), frame_ms, float("nan"))
 
 
 def held(values: np.ndarray) -> np.ndarray:

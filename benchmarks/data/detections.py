@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.accuracy_run import anatomy
 from benchmarks.accuracy_run.experiment import FIGURES
 from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, joint_errors, mpjpe, pa_mpjpe
-from benchmarks.accuracy_run.runs import Track, follow
+from benchmarks.accuracy_run.runs import Track, follow, follow_file
 from benchmarks.common.report import Record
 from benchmarks.data.body_lengths import landmark_lengths, rms_difference, skeleton_lengths
 from benchmarks.data.recordings import recorded_person
@@ -292,6 +292,8 @@ def _followed(method: str, recording: Recording, config: TrackerConfig, skeleton
         world = recording.world * config.height / height_of(recording.world, layout)
         hips = [layout.index(f"{side}_hip") for side in SIDES]
         return world_track(world, recording.points, recording.confidence, hips, recording.focal)
+    if method == "file":
+        return follow_file(config, skeleton, recording.observations, len(layout.names))
     if method == "smplify":
         return fit_clip(config, skeleton, recording.observations)
     follower = FOLLOWERS[method](config, skeleton)
