@@ -493,6 +493,9 @@ class Pipeline:
                 self.counts[f"no transform of {name}" if name else "no transform"] += 1
         if fault is not None and not placed:
             raise fault
+        others = self.places.others([image.camera.name for image in images], stamp_of_set(images))
+        for tracked in self._trackable:
+            tracked.tracker.place_cameras(others)
         if len(self.cameras) == 1 and (moved := self.jumps.update(placed[0].stamp_ns, placed[0].camera)) is not None:
             self.counts[JUMPS] += 1
             for tracked in self._trackable:

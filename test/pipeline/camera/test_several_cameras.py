@@ -141,6 +141,14 @@ def test_a_robot_that_turns_does_not_move_the_person(tf):
     assert np.median([abs(one.root[0]) for one in fixed.results[30:]]) < 0.01
 
 
+@pytest.mark.parametrize("hz, phase", [(10, 0.05), (30, 0.0)], ids=["in turn", "some images are lost"])
+def test_cameras_on_a_robot_that_turns_are_where_they_are_at_each_image_of_the_others(hz, phase):
+    """The keypoints of a camera without an image are predicted, and so is its pose."""
+    robot, lost = [turning_eye("left", 0.5), turning_eye("right", 0.5, (1.0, 0.2, 1.5))], np.random.default_rng(1)
+    play = Play(robot, still=True).run(4.0, hz, phase, silent=lambda *_: not phase and lost.random() < 0.4)
+    assert len(play.results) > 60 and play.error() < 25  # with the poses of their last images: 89 and 52
+
+
 @pytest.mark.parametrize("lag", [0.0, 0.1])
 @pytest.mark.parametrize("degrees, metres", [(0, (-5.0, -3.0, 0.0)), (115, (-5.0, -3.0, 0.0)), (20, (0.0, 0.0, 0.0))])
 def test_a_jump_of_the_fixed_frame_moves_the_person_with_it(degrees, metres, lag):
