@@ -15,6 +15,7 @@ from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.camera_selection import Camera
+from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, camera_commands, save_cameras
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
@@ -149,24 +150,50 @@ def test_cameras_on_a_robot_that_turns_are_where_they_are_at_each_image_of_the_o
     assert len(play.results) > 60 and play.error() < 25  # with the poses of their last images: 89 and 52
 
 
+def jumping(one, degrees, metres):
+    """A camera in a frame that is turned about the vertical and shifted, (3,) m, after 1 s."""
+    turn, before = Rotation.from_euler("z", degrees, degrees=True).as_matrix(), one.pose_at(0)
+    after = CameraPose(one.name, before.rotation @ turn.T, before.translation - before.rotation @ turn.T @ metres)
+    return Eye(one.name, lambda seconds: before if seconds < 1.0 else after)
+
+
+@pytest.mark.parametrize("phase", [0.0, 1 / 60])
+@pytest.mark.parametrize("eyes", [[LEFT], [LEFT, RIGHT]], ids=["one camera", "two cameras"])
 @pytest.mark.parametrize("lag", [0.0, 0.1])
 @pytest.mark.parametrize("degrees, metres", [(0, (-5.0, -3.0, 0.0)), (115, (-5.0, -3.0, 0.0)), (20, (0.0, 0.0, 0.0))])
-def test_a_jump_of_the_fixed_frame_moves_the_person_with_it(degrees, metres, lag):
+def test_a_jump_of_the_fixed_frame_moves_the_person_with_it(degrees, metres, lag, eyes, phase):
     """Odometry is reset: the person is before the robot as before, as fast as before, and not in doubt."""
-    turn, before = Rotation.from_euler("z", degrees, degrees=True).as_matrix(), LEFT.pose_at(0)
-    after = CameraPose("left", before.rotation @ turn.T, before.translation - before.rotation @ turn.T @ metres)
-    odometry = Eye(LEFT.name, lambda seconds: before if seconds < 1.0 else after)
-    play = Play([LEFT], NodeSettings(fixed_frame=MAP), TrackerConfig(smoothing_lag=lag))
-    for index in range(60):
-        play.pipeline.transforms.add(tf_of(BACKEND, odometry, START_NS, index / 30), static=False)
-        play.image(0, index / 30)
+    odometry, before = [jumping(one, degrees, metres) for one in eyes], eyes[0].pose_at(0)
+    settings = TWO if len(eyes) > 1 else NodeSettings(fixed_frame=MAP)
+    play = Play(eyes, settings, TrackerConfig(smoothing_lag=lag))
+    for index in range(60 * len(eyes)):
+        number, now = index % len(eyes), index // len(eyes) / 30 + index % len(eyes) * phase
+        for one in odometry:
+            play.pipeline.transforms.add(tf_of(BACKEND, one, START_NS, now), static=False)
+        play.image(number, now)
     assert not play.refused and play.pipeline.counts[JUMPS] == 1
     for one in play.results[15:]:
-        seen = odometry.pose_at(one.seconds).into_camera(one.frame.estimate.pose.positions)
+        seen = odometry[0].pose_at(one.seconds).into_camera(one.frame.estimate.pose.positions)
         assert np.linalg.norm(seen - before.into_camera(play.truth(one.seconds).positions[0]), axis=1).mean() < 0.1
         assert np.linalg.norm(one.frame.velocity) < 0.5 and np.abs(one.frame.joint_velocities).max() < 3.0
         assert np.abs(one.frame.joint_states()[1]).max() < 10.0 and not one.frame.judge().doubt.likely_wrong
     assert play.pipeline.jumps.words in "; ".join(input_concerns(play.pipeline, play.pipeline.counts))
+
+
+def test_a_camera_that_jumps_alone_was_moved_and_the_person_was_not():
+    play = Play([LEFT, RIGHT])
+    for index in range(60):
+        for number, one in enumerate((LEFT, jumping(RIGHT, 0, (-0.5, -0.5, 0.0)))):
+            play.pipeline.transforms.add(tf_of(BACKEND, one, START_NS, index / 30), static=False)
+            play.image(number, index / 30)
+    assert not play.pipeline.counts[JUMPS] and len(play.results) == 60
+
+
+def test_a_late_image_from_before_a_jump_is_no_second_jump():
+    jumps, turned = PoseJumps(), jumping(LEFT, 90, (0.0, 0.0, 0.0))
+    stamps = (0.9, 1.0, 0.95, 1.05)
+    moved = [jumps.update(round(1e9 * s), [turned.pose_at(s)]) for s in stamps]
+    assert [one is not None for one in moved] == [False, True, False, False]
 
 
 def test_a_fast_robot_is_no_jump():
