@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from camera_rig import MAP, Eye, eye, keypoints, pixels, tf_of, truth_at, turning_eye
+from depth_camera import depth_message
 from messages import camera_info, crowd, rosbags_backend
 from scipy.spatial.transform import Rotation
 
@@ -16,6 +17,7 @@ from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.camera_selection import Camera
 from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
+from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, camera_commands, save_cameras
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
@@ -287,6 +289,28 @@ def status(play, diagnostics=None):
     diagnostics.count_camera_info(0.9)
     diagnostics.count_message([play.results[-1].frame], 0, 0.9, 0.001)
     return diagnostics.line(1.0)
+
+
+def test_depth_images_are_counted_for_each_camera():
+    """Those of the left camera are of the keypoints' time, those of the right one 1 s older."""
+    settings = NodeSettings(cameras=("left", "right"), fixed_frame=MAP, depth="depth")
+    play, depth = Play([LEFT, RIGHT], settings), np.full((48, 64), 3.6)
+    diagnostics = Diagnostics(play.pipeline, "tracker", 0.0)
+    for index in range(30):
+        for number, name in enumerate(play.names):
+            stamp_ns = START_NS + round(1e9 * (index / 30 - number))
+            message = depth_message(BACKEND, stamp_ns, depth, frame_id=play.eyes[number].frame)
+            play.pipeline.cameras[name].depth.add(message, 0)
+            play.transforms(number, index / 30)
+            play.image(number, index / 30)
+    line = status(play, diagnostics)
+    figures = {
+        name: [line.values[f"{name}: {key} [messages]"] for key in (RECEIVED, MATCHED, UNMATCHED)]
+        for name in play.names
+    }
+    assert figures == {"left": ["30", "30", "0"], "right": ["30", "0", "30"]}
+    assert "camera 'right': most keypoint messages had no depth image of their time" in line.message
+    assert "camera 'left'" not in line.message
 
 
 def off(camera, degrees, metres):
