@@ -331,6 +331,25 @@ def test_a_camera_that_was_moved_is_noticed_and_with_learn_corrected(extrinsics)
     assert exact.pipeline.tracker.learned.extrinsics.moved("right") is None and exact.error(3.0) < 20
 
 
+@pytest.mark.parametrize(
+    "degrees, metres, walks, words",
+    [
+        (0, 1.0, True, "about 1.0 m off its given pose"),
+        (8, 0.0, True, "about 8 degrees off its given pose"),
+        (8, 0.5, True, "about 8 degrees and 0.5 m off its given pose"),
+        (0, 0.5, False, "about 9 degrees or 0.5 m off its given pose"),  # they look alike from one place
+        (8, 0.0, False, "about 8 degrees or 0.5 m off its given pose"),
+    ],
+)
+def test_a_turn_and_a_shift_of_a_camera_are_told_apart_by_a_person_who_walks(degrees, metres, walks, words):
+    poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, degrees, metres)}
+    play = Play([LEFT, RIGHT], poses=poses)
+    walk = np.array([1.0, 1.2, 0.0]) * walks
+    play.truth = lambda seconds: truth_at([seconds], shift=walk * np.sin([seconds, 0.7 * seconds, 0.0]))
+    play.run(6.0)
+    assert words in play.pipeline.extrinsics.in_words("right")
+
+
 @pytest.mark.parametrize("moved", ["right", "back"])
 def test_of_three_cameras_each_one_is_checked(moved):
     eyes = [LEFT, RIGHT, eye("back", 180)]
