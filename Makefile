@@ -4,7 +4,8 @@
 # make fuzz   run the fuzz tests alone, with 100,000 new cases and more, then fuzz every decoder and file reader guided by
 #             coverage (atheris), each for SECONDS; takes an hour
 # make mutants   put faults into the code, one at a time, and count those that the tests notice; see CONTRIBUTING.md
-# make messages  build the message packages that PyPI does not have (tf2_msgs, hri_msgs, ...), for the tests that need them
+# make messages  build the message packages that PyPI does not have (tf2_msgs, hri_msgs, ...), for the tests that need them;
+#             PACKAGES=tf2_msgs builds that one
 # Each target creates .venv on first use and installs what it needs (an extra of setup.py); ROS is not needed.
 # PYTHON=python3.12 make test selects another Python. Bytecode is made of the modules that are used, in .venv.
 
@@ -33,7 +34,7 @@ mutants: $(VENV)/.installed-mutants
 	$(RUN) $(VENV)/bin/python benchmarks/mutants.py --sample $(or $(SAMPLE),40) --seed $(or $(SEED),0) $(if $(ROOMS),--rooms $(ROOMS))
 
 messages: $(VENV)/.installed-test $(VENV)/.installed-messages
-	$(VENV)/bin/python test/support/installation/message_packages.py
+	$(VENV)/bin/python test/support/installation/message_packages.py $(PACKAGES)
 
 lint: $(VENV)/.installed-test
 	$(VENV)/bin/ruff check .

@@ -164,7 +164,11 @@ class Cameras:
         """The camera of this name; None if it is new."""
         if self._names[0] is None:
             self._names[0] = pose.name
-        return self._all[self._names.index(pose.name)] if pose.name in self._names else None
+        return self.named(pose.name)
+
+    def named(self, name: str) -> Camera | None:
+        """The camera of this name; None if it has had no image."""
+        return self._all[self._names.index(name)] if name in self._names else None
 
     def add(self, name: str, camera: Camera) -> None:
         """Add a further camera."""

@@ -54,7 +54,7 @@ from lassokin_ros.core.learned.height import PEOPLE_DEVIATION
 from lassokin_ros.core.learned.learned import Learned
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
 from lassokin_ros.core.network.depth_network import shipped_network
-from lassokin_ros.core.observation import HERE, Observation, Rejection, Status
+from lassokin_ros.core.observation import HERE, CameraPose, Observation, Rejection, Status
 from lassokin_ros.core.output.fixed_lag import FixedLag
 from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.output_filter import OutputFilter
@@ -241,6 +241,13 @@ class Tracker:
         if not (math.isfinite(roll) and math.isfinite(pitch)):
             raise ConfigurationError(f"the mount has roll {roll} and pitch {pitch}; expected finite angles, rad")
         self.learned.vertical.move_mount(roll, pitch)
+
+    def place_cameras(self, poses: Sequence[CameraPose]) -> None:
+        """Tell where cameras that have no image of the next instant are then: their keypoints are predicted to it."""
+        extrinsics = self.learned.extrinsics
+        for pose in poses:
+            if (camera := self._cameras.named(pose.name)) is not None:
+                camera.pose = pose if extrinsics is None else extrinsics.corrected(pose)
 
     def move_frame(self, rotation: np.ndarray, translation: np.ndarray) -> None:
         """Keep the body where it is although its frame has moved: x is at rotation x + translation from now on.

@@ -14,7 +14,7 @@ from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
 from lassokin_ros.pipeline.depth_check import MISFIT, DepthCheck
-from lassokin_ros.pipeline.depth_images import DepthImages
+from lassokin_ros.pipeline.depth_images import DepthImages, key_of_camera
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
 from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH, check_layout, has_leading_slash
@@ -56,7 +56,7 @@ class CameraImages:
         self.camera = Camera(config.rectified)
         """The camera of each image, from camera_info."""
         depth = config.depth_topic(name)
-        self.depth = DepthImages(counts, depth, config.depth_registered) if depth else None
+        self.depth = DepthImages(counts, depth, config.depth_registered, name) if depth else None
         """The depth images, None if the setting `depth` names no topic."""
         self.depth_check = DepthCheck()
         """Whether the depth images show the tracked people."""
@@ -130,7 +130,7 @@ class CameraImages:
 
     def key(self, count: str) -> str:
         """Return the key of the count of this camera alone; count: the key of that of all cameras."""
-        return f"{count}: {self.name}" if self.name else count
+        return key_of_camera(count, self.name)
 
     def reset(self) -> None:
         """Forget the stamps; everything that concerns the people was forgotten."""

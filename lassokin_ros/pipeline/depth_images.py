@@ -37,16 +37,22 @@ COUNTS = (RECEIVED, REPEATED, MATCHED, EARLIER, UNMATCHED, REFUSED, NOT_REGISTER
 Those with the image of the period before are part of MATCHED."""
 
 
+def key_of_camera(key: str, camera: str) -> str:
+    """Return the key of the count of one camera; camera: its name, empty for the only one. key: of that of all."""
+    return f"{key}: {camera}" if camera else key
+
+
 class DepthImages:
     """Keeps the newest depth images. No content raises an error: see `fault`."""
 
-    def __init__(self, counts: Any, topic: str = "", registered: bool = False) -> None:
-        """counts: a Counter that receives the numbers of messages, see COUNTS.
+    def __init__(self, counts: Any, topic: str = "", registered: bool = False, camera: str = "") -> None:
+        """counts: a Counter that receives the numbers of messages, see COUNTS; with the name of one of several cameras
+        they are also counted for it, see `key_of_camera`.
 
         topic: of the images. registered: whether images with another frame_id than the colour image's are registered to
         it nevertheless; they are in any case if the topic's name is one of REGISTERED_NAMES.
         """
-        self._counts = counts
+        self._counts, self._camera = counts, camera
         self._registered = registered or any(name in topic for name in REGISTERED_NAMES)
         self._images: deque[DepthImage | CompressedDepth] = deque(maxlen=KEPT)
         self._period_ns = LONGEST_PERIOD_NS
@@ -86,7 +92,7 @@ class DepthImages:
         arrival_ns: ns, the stamp of an image that has none.
         """
         self.received += 1
-        self._counts[RECEIVED] += 1
+        self._count(RECEIVED)
         try:
             image = decode_compressed_depth(message) if hasattr(message, "format") else decode_depth_image(message)
         except AdapterError as error:
@@ -109,7 +115,7 @@ class DepthImages:
         content = image.values if isinstance(image, DepthImage) else np.frombuffer(image.data, np.uint8)
         before, self._newest = self._newest, (stamp_ns, content)
         if before is not None and same_image(content, before[1]):
-            self._counts[REPEATED] += 1
+            self._count(REPEATED)
             return
         if self._images:
             first_ns = self._images[-1].stamp_ns
@@ -133,7 +139,7 @@ class DepthImages:
             return keypoints
         image = self._nearest(stamp_ns)
         if image is None:
-            self._counts[UNMATCHED] += 1
+            self._count(UNMATCHED)
             return keypoints
         try:
             image = self._unpacked(image)
@@ -142,21 +148,24 @@ class DepthImages:
             return keypoints
         if fault := self._registration_fault(image, size, (keypoints.frame_id, frame_id)):
             self.fault, self._refused = fault, False
-            self._counts[NOT_REGISTERED] += 1
+            self._count(NOT_REGISTERED)
             return keypoints
-        self._counts[MATCHED] += 1
+        self._count(MATCHED)
         self.fault, self._refused = "", False
         depth = sample_depth(image, keypoints.xy, size)
         assert image.stamp_ns is not None
         age_ns = stamp_ns - image.stamp_ns
         if age_ns > self.tolerance_ns:
-            self._counts[EARLIER] += 1
+            self._count(EARLIER)
         if not np.isfinite(depth).any():
             return keypoints
         return replace(keypoints, depth=depth, depth_of_surface=True, depth_age=1e-9 * age_ns)
 
+    def _count(self, key: str) -> None:
+        self._counts.update({key, key_of_camera(key, self._camera)})
+
     def _refuse(self, error: AdapterError) -> str:
-        self._counts[REFUSED] += 1
+        self._count(REFUSED)
         self.fault, self._refused = f"depth image refused: {error}", True
         return error.reason
 

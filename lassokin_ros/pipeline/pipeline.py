@@ -48,8 +48,8 @@ from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 from msg_adapters.errors import AdapterError
 
-JUMPS = "jumps of the camera in fixed_frame"
-"""Key of the count of images before which the camera's pose in TF has jumped."""
+JUMPS = "jumps of the cameras in fixed_frame"
+"""Key of the count of images before which the poses of all cameras in TF have jumped."""
 
 
 class Pipeline:
@@ -98,7 +98,7 @@ class Pipeline:
         self.places = CameraPlaces(self.config.fixed_frame, names, poses) if placed else None
         """Where the cameras are; None for one camera in whose frame the skeleton is kept."""
         self.jumps = PoseJumps()
-        """Jumps of the only camera in its fixed frame."""
+        """Jumps of all cameras in their fixed frame."""
         for tracked in self._trackable:
             if (extrinsics := tracked.tracker.learned.extrinsics) is not None and self.config.several_cameras:
                 extrinsics.anchor = names[0]
@@ -499,10 +499,15 @@ class Pipeline:
                 self.counts[f"no transform of {name}" if name else "no transform"] += 1
         if fault is not None and not placed:
             raise fault
-        if len(self.cameras) == 1 and (moved := self.jumps.update(placed[0].stamp_ns, placed[0].camera)) is not None:
+        stamp_ns = stamp_of_set(images)
+        others = self.places.others([image.camera.name for image in images], stamp_ns)
+        moved = self.jumps.update(stamp_ns, [*(image.camera for image in placed), *others])
+        for tracked in self._trackable:
+            tracked.tracker.place_cameras(others)
+            if moved is not None:
+                tracked.move_frame(moved, stamp_ns)
+        if moved is not None:
             self.counts[JUMPS] += 1
-            for tracked in self._trackable:
-                tracked.move_frame(moved, placed[0].stamp_ns)
         return placed + unplaced, self.places.base
 
     def _found_pose(self, name: str) -> CameraPose:

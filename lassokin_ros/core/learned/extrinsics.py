@@ -27,6 +27,14 @@ one. From exact poses it rises from 21 to 22 mm. A larger deviation of the trans
 observed, the translation hardly."""
 FOUND_DEVIATION = np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])
 """rad and m: standard deviation of a pose that was found from the person: it does not count."""
+TURNED, SHIFTED = np.array(3 * [1.0] + 3 * [1e-6]), np.array(3 * [1e-6] + 3 * [3.0])
+"""rad and m: as FOUND_DEVIATION, for a camera that was only turned, and for one that was only shifted."""
+CLEARLY = 2.0
+"""Ratio of the median distances from the epipolar lines from which one explanation is said to be right. A turn and a
+shift look alike if the person stays in one place: 1 m and 15 degrees at 3.6 m have ratios of up to 2, with a person who
+walks 2 m to and fro 8 to 10."""
+THINNED = 4
+"""Of so many kept frames, one is used for these explanations. They then take about 15 ms, each CHECKED_EVERY frames."""
 SIZE_DEVIATION = 0.1
 """Standard deviation of the logarithm of the person's size, with that of the proportions."""
 PERIOD_S, LONGEST = 0.1, 200
@@ -72,6 +80,8 @@ class Extrinsics:
         self.anchor: str | None = None
         """Name of the camera whose pose is right; None to choose it by the poses."""
         self._solutions: dict[str, np.ndarray] = {}
+        self._explanations: dict[str, list[tuple[np.ndarray, float]]] = {}
+        # (6,) correction and misfit of a camera that was turned, one that was shifted, and one that was both, by name
         self._given: dict[str, CameraPose] = {}
         self.found: dict[str, CameraPose] = {}
         """Poses of cameras without a given one, by name, from the first frames with the person."""
@@ -99,7 +109,7 @@ class Extrinsics:
 
     def _forget(self, name: str) -> None:
         """Forget the pose that was found of a camera, and the frames that belong to it."""
-        for known in (self.found, self._frames, self._solutions, self.corrections):
+        for known in (self.found, self._frames, self._solutions, self._explanations, self.corrections):
             known.pop(name, None)  # type: ignore[attr-defined]
 
     def find(
@@ -146,16 +156,30 @@ class Extrinsics:
     def solution(self, name: str) -> tuple[float, float] | None:
         """Return by how much a camera's pose differs from the given one, rad and m; None before it is known."""
         found = self._solutions.get(name)
-        return None if found is None else (float(np.linalg.norm(found[:3])), float(np.linalg.norm(found[3:])))
+        return None if found is None else (math.radians(_degrees(found)), _metres(found))
 
     def in_words(self, name: str) -> str:
         """Return what is wrong with the given pose of a camera; empty if nothing is."""
         moved = self.moved(name)
         if self.wrong.get(name) or moved is None or name in self.found:
             return self.wrong.get(name, "")
-        done = "" if self._used else "not "
-        off = f"{math.degrees(moved[0]):.1f} degrees and {moved[1]:.2f} m off its given pose"
-        return f"camera '{name}' is {off}, as the person shows; this is {done}corrected (see extrinsics)"
+        if self._used:
+            off, done = f"{math.degrees(moved[0]):.1f} degrees and {moved[1]:.2f} m", ""
+        else:
+            off, done = f"about {self._explained(name)}", "not "
+        done = f"this is {done}corrected (see extrinsics)"
+        return f"camera '{name}' is {off} off its given pose, as the person shows; {done}"
+
+    def _explained(self, name: str) -> str:
+        """Return by how much a camera is turned or shifted, in words: both values if it cannot be told which."""
+        (turned, turn), (shifted, shift), (moved, both) = self._explanations[name]
+        if min(turn, shift) > CLEARLY * both:
+            return f"{_degrees(moved):.0f} degrees and {_metres(moved):.1f} m"
+        if turn > CLEARLY * shift:
+            return f"{_metres(shifted):.1f} m"
+        if shift > CLEARLY * turn:
+            return f"{_degrees(turned):.0f} degrees"
+        return f"{_degrees(turned):.0f} degrees or {_metres(shifted):.1f} m"
 
     def update(self, stamp: float, frame: FrameData) -> None:
         """Use a frame with the views of all cameras. stamp: s."""
@@ -180,6 +204,8 @@ class Extrinsics:
                 deviation = FOUND_DEVIATION if name in self.found else GIVEN_DEVIATION
                 self._solutions[name] = self._solved(frames, self._solutions.get(name, np.zeros(6)), deviation, STEPS)
                 self.wrong[name] = self._what_is_wrong(frames, first.camera.name, name)
+                if not self._used and self.moved(name) is not None:
+                    self._explain(deque(list(frames)[::THINNED]), name)
         for name, solution in self._solutions.items():
             before = self.corrections.get(name, np.zeros(6))
             self.corrections[name] = before + FOLLOWING * (solution - before)
@@ -220,6 +246,16 @@ class Extrinsics:
         extent = np.linalg.norm(np.nanmax(shown, axis=1) - np.nanmin(shown, axis=1), axis=-1)[:, None]
         apart = float(np.median((np.abs(distances) / np.maximum(weights, 1e-9) / extent)[seen]))
         return apart + 0.5 * abs(size) * self.size_known
+
+    def _explain(self, frames: deque[tuple[np.ndarray, ...]], name: str) -> None:
+        """Fit a turn, a shift, and both, without regard to the given pose."""
+        a, b, weights, rotation, translation = (np.stack(parts) for parts in zip(*frames))
+        before, found = self._explanations.get(name, 3 * [(np.zeros(6), 0.0)]), []
+        for (start, _), deviation in zip(before, (TURNED, SHIFTED, FOUND_DEVIATION)):
+            solution = self._solved(frames, start, deviation, STEPS)
+            distances, *_ = self._residuals(a, b, weights, rotation, translation, solution)
+            found.append((solution, float(np.median(np.abs(distances[weights > 0])))))
+        self._explanations[name] = found
 
     def _solved(
         self, frames: deque[tuple[np.ndarray, ...]], start: np.ndarray, deviation: np.ndarray, steps: int
@@ -305,6 +341,14 @@ def _common(a: FrameData, b: FrameData) -> np.ndarray:
     """(l,) weights of the landmarks that both views show, for their difference."""
     both = (a.weights > 0) & (b.weights > 0)
     return np.where(both, 1 / np.hypot(1 / np.maximum(a.weights, 1e-9), 1 / np.maximum(b.weights, 1e-9)), 0.0)
+
+
+def _degrees(correction: np.ndarray) -> float:
+    return math.degrees(float(np.linalg.norm(correction[:3])))
+
+
+def _metres(correction: np.ndarray) -> float:
+    return float(np.linalg.norm(correction[3:]))
 
 
 def _moved(pose: CameraPose, correction: np.ndarray) -> CameraPose:

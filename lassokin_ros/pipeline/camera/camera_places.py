@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -39,6 +39,7 @@ class CameraPlaces:
         """The pose at the last image of each camera, by name."""
         self.faults: dict[str, str] = {}
         """Why the last image of a camera could not be placed, in words, by name."""
+        self._frame_ids: dict[str, str] = {}  # of the last image of each camera
 
     def pose(self, name: str, frame_id: str, stamp_ns: int) -> CameraPose:
         """Return the pose of a camera at the time of its image, and keep it in `newest`.
@@ -46,26 +47,43 @@ class CameraPlaces:
         name: of the camera; frame_id: its optical frame; stamp_ns: ns, of the image. Raises AdapterError with the
         reason `no_transform`.
         """
-        self.newest[name] = self._pose(name, frame_id.lstrip("/"), stamp_ns)
-        return self.newest[name]
-
-    def _pose(self, name: str, frame_id: str, stamp_ns: int) -> CameraPose:
-        if not self._fixed and name == self._first:
-            self.base = frame_id
-            return CameraPose(name)
-        if self._given is not None and self._given[name].known:
-            return self._given[name]
+        self._frame_ids[name] = frame_id = frame_id.lstrip("/")
         try:
-            if not frame_id:
-                raise TransformError("neither keypoints nor camera_info have a frame_id")
-            if not self.base:
-                raise TransformError(f"nothing was received of the first camera '{self._first}', in whose frame it is")
-            rotation, centre = self.transforms.pose(frame_id, self.base, stamp_ns)
+            self.newest[name] = self._pose(name, frame_id, stamp_ns)
         except TransformError as error:
             where = f"fixed_frame '{self.base}'" if self._fixed else f"the frame '{self.base}' of '{self._first}'"
             self.faults[name] = f"no pose of {f'camera {name!r}' if name else 'the camera'} in {where}: {error}"
             raise AdapterError("no_transform", self.faults[name]) from None
         self.faults.pop(name, None)
+        return self.newest[name]
+
+    def others(self, names: Collection[str], stamp_ns: int) -> list[CameraPose]:
+        """Return where the cameras without an image are at a time, as far as TF tells it. They may be on a robot.
+
+        names: of the cameras with an image; stamp_ns: ns.
+        """
+        found = []
+        for name in self.newest:
+            if name in names:
+                continue
+            try:
+                found.append(self._pose(name, self._frame_ids[name], stamp_ns))
+            except TransformError:
+                continue  # its next image will tell
+        return found
+
+    def _pose(self, name: str, frame_id: str, stamp_ns: int) -> CameraPose:
+        """Return the pose of a camera at a time. Raises TransformError."""
+        if not self._fixed and name == self._first:
+            self.base = frame_id
+            return CameraPose(name)
+        if self._given is not None and self._given[name].known:
+            return self._given[name]
+        if not frame_id:
+            raise TransformError("neither keypoints nor camera_info have a frame_id")
+        if not self.base:
+            raise TransformError(f"nothing was received of the first camera '{self._first}', in whose frame it is")
+        rotation, centre = self.transforms.pose(frame_id, self.base, stamp_ns)
         self.known = True
         return CameraPose(name, rotation.T, -rotation.T @ centre)
 

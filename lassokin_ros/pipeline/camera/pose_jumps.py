@@ -1,40 +1,58 @@
-"""Jumps of a camera in its fixed frame that no robot makes: odometry was reset, or the robot was localised anew."""
+"""Jumps of all cameras in their fixed frame that no robot makes: odometry was reset, or the robot localised anew."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.pipeline.camera.transforms import FASTEST_M_S, FASTEST_RAD_S
+from lassokin_ros.pipeline.camera.transforms import FASTEST_M_S, FASTEST_RAD_S, HISTORY_NS
 
 SHORTEST_S = 0.05
 """s: images that follow each other faster are judged as if they did not: poses of TF have noise."""
 
 
 class PoseJumps:
-    """Compares the pose of one camera from image to image."""
+    """Compares the poses of the cameras from instant to instant."""
 
     def __init__(self) -> None:
-        self._last: tuple[int, CameraPose] | None = None
+        self._last: tuple[int, dict[str, CameraPose]] | None = None
         self.words = ""
-        """By how much the camera has jumped the last time; empty before the first jump."""
+        """By how much the cameras have jumped the last time; empty before the first jump."""
 
-    def update(self, stamp_ns: int, pose: CameraPose) -> CameraPose | None:
-        """Return how the frame has moved since the last image if the camera has jumped; None if it has not.
+    def update(self, stamp_ns: int, poses: Sequence[CameraPose]) -> CameraPose | None:
+        """Return how the frame has moved since the last images if all cameras have jumped with it; None otherwise.
 
-        stamp_ns: ns. What was at x in the frame is at `into_camera(x)` of the result now, because the camera has hardly
-        moved.
+        stamp_ns: ns; poses: of the cameras at this time. What was at x in the frame is at `into_camera(x)` of the
+        result now, because the cameras have hardly moved. A camera that jumps alone was moved.
         """
-        last, self._last = self._last, (stamp_ns, pose)
+        if self._last is not None and stamp_ns <= self._last[0] < stamp_ns + HISTORY_NS:
+            return None  # a late image; long before, time has started again
+        last, self._last = self._last, (stamp_ns, {pose.name: pose for pose in poses})
         if last is None or stamp_ns <= last[0]:
             return None
         seconds, before = max((stamp_ns - last[0]) * 1e-9, SHORTEST_S), last[1]
-        rotation = pose.rotation.T @ before.rotation
-        angle = math.acos(min(max((float(np.trace(rotation)) - 1) / 2, -1.0), 1.0))
-        shift = math.dist(pose.centre, before.centre)
-        if shift < FASTEST_M_S * seconds and angle < FASTEST_RAD_S * seconds:
+        steps = [(before[pose.name], pose) for pose in poses if pose.name in before]
+        if not steps or not all(_jumps(*step, seconds) for step in steps):
             return None
-        self.words = f"{shift:.1f} m and {math.degrees(angle):.0f} degrees"
-        return CameraPose(pose.name, rotation, pose.rotation.T @ (before.translation - pose.translation))
+        old, new = steps[0]
+        rotation = new.rotation.T @ old.rotation
+        moved = CameraPose(new.name, rotation, new.rotation.T @ (old.translation - new.translation))
+        if any(_jumps(old.relative_to(moved), new, seconds) for old, new in steps[1:]):
+            return None
+        self.words = "{:.1f} m and {:.0f} degrees".format(*_step(*steps[0]))
+        return moved
+
+
+def _step(old: CameraPose, new: CameraPose) -> tuple[float, float]:
+    """Return m and degrees from one pose of a camera to another one."""
+    cosine = (float(np.vdot(new.rotation, old.rotation)) - 1) / 2
+    return math.dist(new.centre, old.centre), math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
+
+
+def _jumps(old: CameraPose, new: CameraPose, seconds: float) -> bool:
+    """Return True if no robot moves a camera from one pose to another one in this time, s."""
+    shift, degrees = _step(old, new)
+    return shift >= FASTEST_M_S * seconds or math.radians(degrees) >= FASTEST_RAD_S * seconds

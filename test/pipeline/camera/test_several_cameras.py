@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from camera_rig import MAP, Eye, eye, keypoints, pixels, tf_of, truth_at, turning_eye
+from depth_camera import depth_message
 from messages import camera_info, crowd, rosbags_backend
 from scipy.spatial.transform import Rotation
 
@@ -15,6 +16,8 @@ from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.camera_selection import Camera
+from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
+from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, camera_commands, save_cameras
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
@@ -141,24 +144,58 @@ def test_a_robot_that_turns_does_not_move_the_person(tf):
     assert np.median([abs(one.root[0]) for one in fixed.results[30:]]) < 0.01
 
 
+@pytest.mark.parametrize("hz, phase", [(10, 0.05), (30, 0.0)], ids=["in turn", "some images are lost"])
+def test_cameras_on_a_robot_that_turns_are_where_they_are_at_each_image_of_the_others(hz, phase):
+    """The keypoints of a camera without an image are predicted, and so is its pose."""
+    robot, lost = [turning_eye("left", 0.5), turning_eye("right", 0.5, (1.0, 0.2, 1.5))], np.random.default_rng(1)
+    play = Play(robot, still=True).run(4.0, hz, phase, silent=lambda *_: not phase and lost.random() < 0.4)
+    assert len(play.results) > 60 and play.error() < 25  # with the poses of their last images: 89 and 52
+
+
+def jumping(one, degrees, metres):
+    """A camera in a frame that is turned about the vertical and shifted, (3,) m, after 1 s."""
+    turn, before = Rotation.from_euler("z", degrees, degrees=True).as_matrix(), one.pose_at(0)
+    after = CameraPose(one.name, before.rotation @ turn.T, before.translation - before.rotation @ turn.T @ metres)
+    return Eye(one.name, lambda seconds: before if seconds < 1.0 else after)
+
+
+@pytest.mark.parametrize("phase", [0.0, 1 / 60])
+@pytest.mark.parametrize("eyes", [[LEFT], [LEFT, RIGHT]], ids=["one camera", "two cameras"])
 @pytest.mark.parametrize("lag", [0.0, 0.1])
 @pytest.mark.parametrize("degrees, metres", [(0, (-5.0, -3.0, 0.0)), (115, (-5.0, -3.0, 0.0)), (20, (0.0, 0.0, 0.0))])
-def test_a_jump_of_the_fixed_frame_moves_the_person_with_it(degrees, metres, lag):
+def test_a_jump_of_the_fixed_frame_moves_the_person_with_it(degrees, metres, lag, eyes, phase):
     """Odometry is reset: the person is before the robot as before, as fast as before, and not in doubt."""
-    turn, before = Rotation.from_euler("z", degrees, degrees=True).as_matrix(), LEFT.pose_at(0)
-    after = CameraPose("left", before.rotation @ turn.T, before.translation - before.rotation @ turn.T @ metres)
-    odometry = Eye(LEFT.name, lambda seconds: before if seconds < 1.0 else after)
-    play = Play([LEFT], NodeSettings(fixed_frame=MAP), TrackerConfig(smoothing_lag=lag))
-    for index in range(60):
-        play.pipeline.transforms.add(tf_of(BACKEND, odometry, START_NS, index / 30), static=False)
-        play.image(0, index / 30)
+    odometry, before = [jumping(one, degrees, metres) for one in eyes], eyes[0].pose_at(0)
+    settings = TWO if len(eyes) > 1 else NodeSettings(fixed_frame=MAP)
+    play = Play(eyes, settings, TrackerConfig(smoothing_lag=lag))
+    for index in range(60 * len(eyes)):
+        number, now = index % len(eyes), index // len(eyes) / 30 + index % len(eyes) * phase
+        for one in odometry:
+            play.pipeline.transforms.add(tf_of(BACKEND, one, START_NS, now), static=False)
+        play.image(number, now)
     assert not play.refused and play.pipeline.counts[JUMPS] == 1
     for one in play.results[15:]:
-        seen = odometry.pose_at(one.seconds).into_camera(one.frame.estimate.pose.positions)
+        seen = odometry[0].pose_at(one.seconds).into_camera(one.frame.estimate.pose.positions)
         assert np.linalg.norm(seen - before.into_camera(play.truth(one.seconds).positions[0]), axis=1).mean() < 0.1
         assert np.linalg.norm(one.frame.velocity) < 0.5 and np.abs(one.frame.joint_velocities).max() < 3.0
         assert np.abs(one.frame.joint_states()[1]).max() < 10.0 and not one.frame.judge().doubt.likely_wrong
     assert play.pipeline.jumps.words in "; ".join(input_concerns(play.pipeline, play.pipeline.counts))
+
+
+def test_a_camera_that_jumps_alone_was_moved_and_the_person_was_not():
+    play = Play([LEFT, RIGHT])
+    for index in range(60):
+        for number, one in enumerate((LEFT, jumping(RIGHT, 0, (-0.5, -0.5, 0.0)))):
+            play.pipeline.transforms.add(tf_of(BACKEND, one, START_NS, index / 30), static=False)
+            play.image(number, index / 30)
+    assert not play.pipeline.counts[JUMPS] and len(play.results) == 60
+
+
+def test_a_late_image_from_before_a_jump_is_no_second_jump():
+    jumps, turned = PoseJumps(), jumping(LEFT, 90, (0.0, 0.0, 0.0))
+    stamps = (0.9, 1.0, 0.95, 1.05)
+    moved = [jumps.update(round(1e9 * s), [turned.pose_at(s)]) for s in stamps]
+    assert [one is not None for one in moved] == [False, True, False, False]
 
 
 def test_a_fast_robot_is_no_jump():
@@ -254,6 +291,28 @@ def status(play, diagnostics=None):
     return diagnostics.line(1.0)
 
 
+def test_depth_images_are_counted_for_each_camera():
+    """Those of the left camera are of the keypoints' time, those of the right one 1 s older."""
+    settings = NodeSettings(cameras=("left", "right"), fixed_frame=MAP, depth="depth")
+    play, depth = Play([LEFT, RIGHT], settings), np.full((48, 64), 3.6)
+    diagnostics = Diagnostics(play.pipeline, "tracker", 0.0)
+    for index in range(30):
+        for number, name in enumerate(play.names):
+            stamp_ns = START_NS + round(1e9 * (index / 30 - number))
+            message = depth_message(BACKEND, stamp_ns, depth, frame_id=play.eyes[number].frame)
+            play.pipeline.cameras[name].depth.add(message, 0)
+            play.transforms(number, index / 30)
+            play.image(number, index / 30)
+    line = status(play, diagnostics)
+    figures = {
+        name: [line.values[f"{name}: {key} [messages]"] for key in (RECEIVED, MATCHED, UNMATCHED)]
+        for name in play.names
+    }
+    assert figures == {"left": ["30", "30", "0"], "right": ["30", "0", "30"]}
+    assert "camera 'right': most keypoint messages had no depth image of their time" in line.message
+    assert "camera 'left'" not in line.message
+
+
 def off(camera, degrees, metres):
     """The pose of a camera, turned about its vertical and shifted to its right."""
     pose, angle = camera.pose_at(0), np.radians(degrees)
@@ -270,6 +329,25 @@ def test_a_camera_that_was_moved_is_noticed_and_with_learn_corrected(extrinsics)
     assert (play.error(5.0) < 40) if extrinsics == "learn" else (play.error(5.0) > 100)
     exact = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics=extrinsics)).run(4.0)
     assert exact.pipeline.tracker.learned.extrinsics.moved("right") is None and exact.error(3.0) < 20
+
+
+@pytest.mark.parametrize(
+    "degrees, metres, walks, words",
+    [
+        (0, 1.0, True, "about 1.0 m off its given pose"),
+        (8, 0.0, True, "about 8 degrees off its given pose"),
+        (8, 0.5, True, "about 8 degrees and 0.5 m off its given pose"),
+        (0, 0.5, False, "about 9 degrees or 0.5 m off its given pose"),  # they look alike from one place
+        (8, 0.0, False, "about 8 degrees or 0.5 m off its given pose"),
+    ],
+)
+def test_a_turn_and_a_shift_of_a_camera_are_told_apart_by_a_person_who_walks(degrees, metres, walks, words):
+    poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, degrees, metres)}
+    play = Play([LEFT, RIGHT], poses=poses)
+    walk = np.array([1.0, 1.2, 0.0]) * walks
+    play.truth = lambda seconds: truth_at([seconds], shift=walk * np.sin([seconds, 0.7 * seconds, 0.0]))
+    play.run(6.0)
+    assert words in play.pipeline.extrinsics.in_words("right")
 
 
 @pytest.mark.parametrize("moved", ["right", "back"])

@@ -9,13 +9,15 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from lassokin_ros.pipeline.camera_images import CameraImages
+from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT
 from lassokin_ros.pipeline.pipeline import Pipeline
 
 SILENCE_S = 2.0
 """s: a longer period without keypoints of one of several cameras is a warning."""
 
-
+OF_DEPTH = RECEIVED, MATCHED, UNMATCHED
+"""Counts of depth images that are shown of each camera."""
 APART_S = 0.06
 """s: difference of the delays of two cameras that is a warning. Prediction over it costs a quarter of the accuracy."""
 
@@ -53,6 +55,9 @@ class CameraStatus:
             figures[f"{prefix}no transform [messages]"] = str(count)
             if left_out := self._pipeline.counts[f"{name}: {LEFT_OUT}"]:
                 figures[f"{prefix}{LEFT_OUT} [messages]"] = str(left_out)
+            if name and camera.depth is not None:
+                for key in OF_DEPTH:
+                    figures[f"{prefix}{key} [messages]"] = str(self._pipeline.counts[camera.key(key)])
             figures |= {f"{prefix}{key}": value for key, value in self._pose_figures(name)}
         return figures
 

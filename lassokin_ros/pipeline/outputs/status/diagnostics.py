@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -341,11 +342,8 @@ class Diagnostics:
             return fault
         if any(camera.depth is not None and camera.depth.frozen for camera in pipeline.cameras.values()):
             return ""  # see input_concerns
-        if recent[UNMATCHED] > recent[MATCHED]:
-            return (
-                "most keypoint messages had no depth image of their time: check that both have the stamp of the "
-                "camera, and that depth images arrive before the keypoints"
-            )
+        if fault := of_each_camera(pipeline, partial(_unmatched_depth, recent)):
+            return fault
         if recent[MATCHED] and unused:
             return (
                 "the depth images have no depth near the person at the keypoints: check that they are in mm (16UC1) "
@@ -467,6 +465,16 @@ def _camera_fault(camera: CameraImages) -> str:
         return ""
     kept = "" if camera.camera.view is None else "; the last good one is used"
     return f"camera_info refused: {camera.camera.fault}{kept}"
+
+
+def _unmatched_depth(recent: Counter[str], camera: CameraImages) -> str:
+    """Return that most messages of a camera had no depth image; empty if that is not the case."""
+    if recent[camera.key(UNMATCHED)] <= recent[camera.key(MATCHED)]:
+        return ""
+    return (
+        "most keypoint messages had no depth image of their time: check that both have the stamp of the camera, and "
+        "that depth images arrive before the keypoints"
+    )
 
 
 def _unused(recent: Counter[str]) -> str:

@@ -64,8 +64,9 @@ def _frozen_depth(pipeline: Pipeline) -> str:
 def _jump(pipeline: Pipeline, recent: Counter[str]) -> str:
     if not recent[JUMPS]:
         return ""
+    cameras = "cameras have" if len(pipeline.cameras) > 1 else "camera has"
     return (
-        f"TF: the camera has jumped in fixed_frame '{pipeline.config.fixed_frame}' by {pipeline.jumps.words} from one "
+        f"TF: the {cameras} jumped in fixed_frame '{pipeline.config.fixed_frame}' by {pipeline.jumps.words} from one "
         "image to the next, and people with it; expected a frame without jumps: was odometry reset, or the robot "
         "localised anew?"
     )
