@@ -16,6 +16,7 @@ from lassokin_ros.common.array_spool import SpoolError  # noqa: E402
 from lassokin_ros.core.body.kinematics import Kinematics  # noqa: E402
 from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
+from lassokin_ros.core.observation import CameraPose  # noqa: E402
 from lassokin_ros.core.recording import WHOLE_FILE  # noqa: E402
 from lassokin_ros.core.tracker import Tracker  # noqa: E402
 from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion  # noqa: E402
@@ -136,6 +137,22 @@ def test_a_recording_whose_stamps_go_back_is_not_tracked_backward():
     for stamp_ns in (START_NS, START_NS + 10**8, START_NS):
         kept.add([frame(stamp_ns)], 0, 0.0)
     assert times_backward(kept) == ({}, {})
+
+
+@pytest.mark.parametrize(("step_m", "together", "usable"), [(0.0, False, True), (0.1, False, False), (0.1, True, True)])
+def test_several_cameras_that_move_must_be_in_step(step_m, together, usable):
+    """Nothing in an image of one camera says where the other one was then."""
+    kept = KeptObservations()
+    for n in range(4):
+        seen = [
+            replace(
+                frame(START_NS).observations[0], camera=CameraPose(name, translation=np.array([step_m * n, 0, side]))
+            )
+            for name, side in (("left", 0.0), ("right", 1.0))
+        ]
+        seen = seen if together else [seen[n % 2]]
+        kept.add([FrameResult(START_NS + n * 10**8, "map", label="p1", observations=seen)], 0, 0.0)
+    assert kept.usable == usable
 
 
 def test_a_full_disk_is_named(monkeypatch):

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from lassokin_ros.common.array_spool import clear_errors
 from lassokin_ros.core.body.kinematics import BodyState
-from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.observation import CameraPose, Observation
 from lassokin_ros.core.recording import backward_states
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.frame_result import FrameResult
+
+STILL = 0.01
+"""m, and rad: a camera whose pose in TF changes by less stands still."""
 
 
 class KeptObservations:
@@ -24,8 +30,8 @@ class KeptObservations:
         self._people: list[tuple[str, list[tuple[int, int]]]] = []
         """The person's ids in order; of each the stamps, ns, and places in the file of what was seen under it."""
         self._first_ns = self._newest_ns = 0
-        self.in_order = True
-        """False if a stamp was before the last one, such as of a recording that was looped."""
+        self._cameras: dict[str, CameraPose] = {}  # first pose of each, by name
+        self._in_order, self._moving, self._alone = True, False, False
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         """Keep the observations of a message; a listener of OfflineTracker."""
@@ -37,7 +43,8 @@ class KeptObservations:
         if not self._people:
             self._first_ns = stamp_ns
         elif stamp_ns <= self._newest_ns:
-            self.in_order = False
+            self._in_order = False
+        self._follow_cameras([one.camera for one in observations if one.camera.known])
         if not self._people or self._people[-1][0] != person:
             self._people.append((person, []))
         self._newest_ns = stamp_ns
@@ -45,15 +52,31 @@ class KeptObservations:
             self._people[-1][1].append((stamp_ns, self._file.tell()))
             pickle.dump(list(observations), self._file, pickle.HIGHEST_PROTOCOL)
 
+    @property
+    def usable(self) -> bool:
+        """False if it cannot be tracked backward.
+
+        Either a stamp was before the last one, as in a recording that was looped. Or several cameras move, and their
+        images are of different times, so that nothing here says where the others were.
+        """
+        return self._in_order and not (self._moving and self._alone and len(self._cameras) > 1)
+
+    def _follow_cameras(self, poses: Sequence[CameraPose]) -> None:
+        for pose in poses:
+            first = self._cameras.setdefault(pose.name, pose)
+            turned, moved = np.abs(first.rotation - pose.rotation).max(), math.dist(first.centre, pose.centre)
+            self._moving = self._moving or max(turned, moved) > STILL
+        self._alone = self._alone or len(poses) == 1
+
     def states(
         self, tracker: Tracker, placed: Callable[[Sequence[Observation]], list[Observation]]
     ) -> dict[int, BodyState]:
-        """Return the states by a track backward in time, by stamp in ns; none if the stamps were not in order.
+        """Return the states by a track backward in time, by stamp in ns; none if it is not `usable`.
 
         tracker: a new one, with the person's lengths. placed: gives the observations of an instant their cameras.
         """
         states: dict[int, BodyState] = {}
-        if not self.in_order:
+        if not self.usable:
             return states
         for _, places in reversed(self._people):
             tracker.reset(same_camera=True)
