@@ -126,6 +126,7 @@ def test_people_who_are_not_tracked_have_no_place_in_point_clouds_alone(frames, 
     message = messages.build((frames[-1].stamp_ns, FRAME), 1.0, 3.0, untracked=2, locked="p1")
     if message_type == CLOUD_TYPE:
         people = np.frombuffer(message.data.tobytes(), POINT)
+        assert not message.is_dense  # PCL then looks for NaN
         assert people["tracked"].tolist() == [1, 0, 0] == people["locked"].tolist()
         assert people["person"].tolist() == [1, -1, -1] and people["detector_id"].tolist() == [-1, -1, -1]
         assert np.isnan(people["x"]).tolist() == [False, True, True]
