@@ -457,8 +457,8 @@ class Pipeline:
             frames = self._without_absences(frames, stamp_ns)
             self._note_residuals(frames)
         self._check_depth(images, frames)
-        late = self._sets is not None and self._latest is not None and stamp_ns < self._latest[0]
-        if not late or any(frame.accepted for frame in frames):  # else a wrong stamp would stay, see StampWatch
+        newer = self._latest is None or stamp_ns >= self._latest[0]
+        if newer or self.people.tracked_at(stamp_ns):  # a stamp that was ahead is left behind
             self._latest, self.image = (stamp_ns, arrival_ns), (stamp_ns, frame_id)
         if self._sets is None and all(frame.accepted for frame in frames):
             self.first.stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
