@@ -33,6 +33,7 @@ from std_msgs.msg import String
 
 from lassokin_ros.core.body.rotations import from_quaternion
 from lassokin_ros.pipeline.settings import NodeSettings
+from msg_adapters.output_messages.people import POINT
 
 TRACKING, LOST, NOBODY = "tracking", "lost", "nobody"
 STALE_S = 0.5
@@ -266,12 +267,15 @@ class PeopleWatch:
         """
         people = self._read()
         if people is None:
-            return np.zeros(0, dtype=[("x", "<f4"), ("tracked", "<i4")])
+            return np.zeros(0, POINT)
         return people[np.argsort(people["x"] ** 2 + people["y"] ** 2 + people["z"] ** 2)]
 
     def tracked(self) -> np.ndarray:
         """Return the people whose last frame is fresh, the nearest one first; none if these are not known."""
-        people = self.everybody()
+        return self._tracked_of(self.everybody())
+
+    def _tracked_of(self, people: np.ndarray) -> np.ndarray:
+        """Return those of `everybody` (k,) whose last frame is fresh."""
         if self._people is None or len(people) == 0:
             return people
         fresh = self.age(self._people.header) + people["age"] <= self._stale_s
@@ -282,8 +286,8 @@ class PeopleWatch:
 
         Nobody while the state is not "tracking": the locked person may be lost.
         """
-        people = self.tracked()
-        if len(people) == 0 or self.state != TRACKING:
+        people = self.everybody()  # once: it may be too old the next time
+        if len(people) == 0 or self._state != TRACKING:
             return people[:0]
-        locked = people["locked"] == 1
-        return people[locked] if self.everybody()["locked"].any() else people
+        wanted = people[people["locked"] == 1] if people["locked"].any() else people
+        return self._tracked_of(wanted)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import find_peaks
@@ -44,47 +43,54 @@ class Squat:
 def measure_squats(poses: Poses) -> list[Squat]:
     """Return the squats in order, none over a gap.
 
-    Raises MeasureError if there is none, if the skeleton lacks a joint, or if keypoints show both legs in fewer than
-    half of the frames.
+    In each frame, the legs count that keypoints show. Raises MeasureError if there is no squat, if the skeleton lacks a
+    joint, or if keypoints show a leg in fewer than half of the frames.
     """
     for joint in JOINTS:
         poses.place(joint)
-    shown = {side: poses.shown(side) for side in SIDES}
-    sides = [side for side in SIDES if shown[side].mean() >= 0.5]
-    if not sides:
+    shown = np.array([poses.shown(side) for side in SIDES])
+    known = shown[0] | shown[1]
+    if known.mean() < 0.5:
         raise MeasureError("keypoints show the hip, knee and ankle of neither leg in half of the frames")
-    known = np.all([shown[side] for side in sides], axis=0)
-    squats = [squat for piece in poses.pieces(known) for squat in _squats(piece, sides)]
+    positions = poses.positions.copy()
+    for side, seen in zip(SIDES, shown):
+        positions[~seen, poses.names.index(f"{side}_ankle")] = np.nan  # and so is the flexion of the knee
+    squats = [squat for piece in replace(poses, positions=positions).pieces(known) for squat in _squats(piece)]
     if not squats:
         found = f"no squat was found: the knees bend by less than {LEAST_BEND:g} degrees and back"
         raise MeasureError("; ".join([found, *poses.unseen()]))
     return squats
 
 
-def _squats(poses: Poses, sides: Sequence[str]) -> list[Squat]:
-    """Return the squats of frames without a gap. sides: legs that keypoints show."""
+def _squats(poses: Poses) -> list[Squat]:
+    """Return the squats of frames without a gap, in each of which a leg is shown. Ankles that are not are NaN."""
     if len(poses.seconds) < 3:
         return []
     angles = angles_of(poses.names, poses.positions)
-    bend = smoothed(np.mean([angles[f"{side}_knee flexion"] for side in sides], axis=0), poses, SMOOTHING_S)
+    knees, hips = (np.array([angles[f"{side}_{joint} flexion"] for side in SIDES]) for joint in ("knee", "hip"))
+    bend = smoothed(np.nanmean(knees, axis=0), poses, SMOOTHING_S)
     bottoms, found = find_peaks(bend, prominence=LEAST_BEND)
     height = -poses.middle("hip")[:, 1]
     squats = []
     for bottom, left, right in zip(bottoms, found["left_bases"], found["right_bases"]):
-        cut = (bend[:bottom] > LEAST_BEND).all(), (bend[bottom:] > LEAST_BEND).all()  # the person never stands there
+        standing = bend.min() + MOVING * (bend[bottom] - bend.min())
+        cut = (  # the person never stands there
+            (bend[:bottom] > LEAST_BEND).all() or left == 0 and bend[0] > standing,
+            (bend[bottom:] > LEAST_BEND).all() or right == len(bend) - 1 and bend[-1] > standing,
+        )
         bases = [frame for frame, is_cut in zip((left, right), cut) if not is_cut]
         rise = bend[bottom] - max((bend[frame] for frame in bases), default=0.0)
         ends = _ends(bend > bend[bottom] - (1 - MOVING) * rise, bottom, int(left), int(right))
         times = [np.nan if is_cut else float(poses.seconds[frame]) for frame, is_cut in zip(ends, cut)]
         upright = max((height[frame] for frame, is_cut in zip(ends, cut) if not is_cut), default=np.nan)
-        knees = [float(angles[f"{side}_knee flexion"][bottom]) if side in sides else np.nan for side in SIDES]
+        seen = np.isfinite(knees[:, bottom])
         squats.append(
             Squat(
                 times[0],
                 float(poses.seconds[bottom]),
                 times[1],
-                (knees[0], knees[1]),
-                float(np.mean([angles[f"{side}_hip flexion"][bottom] for side in sides])),
+                (float(knees[0, bottom]), float(knees[1, bottom])),
+                float(hips[seen, bottom].mean()),
                 float(angles["trunk lean"][bottom]),
                 float(upright - height[bottom]),
                 float(poses.likely_wrong[ends[0] : ends[1] + 1].mean()),

@@ -35,6 +35,7 @@ from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
 from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides
 from lassokin_ros.pipeline.outputs.status.diagnostics import NEAR_LIMIT, NEAR_LIMIT_ADVICE, Diagnostics
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
+from lassokin_ros.pipeline.people.people_tracker import FORGOTTEN, GONE
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -389,7 +390,8 @@ class TrackerNode(Node):
         self._pipeline.tune(*settings)
         if settings[0].height != height:
             self._end_outputs()
-            self.get_logger().info(f"height is now {settings[0].height_text}: the state is forgotten")
+            lock = f"; {FORGOTTEN}" if self._pipeline.locked == GONE else ""
+            self.get_logger().info(f"height is now {settings[0].height_text}: the state is forgotten{lock}")
 
 
 def _misplaced(frame_id: str, camera: str) -> str:

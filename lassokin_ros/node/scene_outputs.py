@@ -15,6 +15,7 @@ from lassokin_ros.pipeline.outputs.camera_markers import CameraMarkers
 from lassokin_ros.pipeline.outputs.people_messages import Image, PeopleMessages, images_of
 from lassokin_ros.pipeline.outputs.skeletons_message import SkeletonsMessage
 from lassokin_ros.pipeline.outputs.status.presence_state import LOST, NOBODY, TRACKING, PresenceState
+from lassokin_ros.pipeline.people.people_tracker import FORGOTTEN, GONE
 from lassokin_ros.pipeline.pipeline import Pipeline
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.detectors.registry import full_type_name
@@ -73,7 +74,8 @@ class SceneOutputs:
         """
         self._as_of_ns = max(now_ns, self._as_of_ns)
         if self._update_state():
-            self._node.get_logger().info(LOG_MESSAGES[self._state.value])
+            gone = self._state.value == LOST and self._pipeline.locked == GONE
+            self._node.get_logger().info(f"lost: {FORGOTTEN}" if gone else LOG_MESSAGES[self._state.value])
 
     def _update_state(self) -> bool:
         """Derive the state, and publish it if it has changed. Return True in this case."""

@@ -44,6 +44,7 @@ from lassokin_ros.pipeline.people.people_tracker import PeopleImage, PeopleTrack
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.single_person import PERSON_ABSENT, SinglePersonTracker
 from lassokin_ros.pipeline.people.tracked_person import Sight, TrackedPerson
+from lassokin_ros.pipeline.people.untracked import untracked
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 from msg_adapters.errors import AdapterError
@@ -258,10 +259,15 @@ class Pipeline:
     def untracked_at(self, stamp_ns: int) -> int:
         """Return the number of people who are in the newest images and are not tracked, at a stamp in ns.
 
-        Of several cameras, it is that of the camera with most of them.
+        Of several cameras, it is that of the camera with most of them. It is at least 1 while one of them is silent,
+        or its messages cannot be used, because somebody may be before it.
         """
         longest_ns = max(self.config.forget_after, self.reported_lost_after) * 1e9
-        counts = (count for seen_ns, count in self._untracked.values() if 0 <= stamp_ns - seen_ns <= longest_ns)
+        fresh_ns = stamp_ns - self.config.stale_after * 1e9
+        counts = [count for seen_ns, count in self._untracked.values() if abs(stamp_ns - seen_ns) <= longest_ns]
+        if self.config.several_cameras and not self.config.silent_when_empty:
+            seeing = sum(seen_ns >= fresh_ns for seen_ns, _ in self._untracked.values())
+            counts.append(int(seeing < len(self.cameras)))
         return max(counts, default=0)
 
     def image_at(self, now_ns: int) -> tuple[int, str]:
@@ -452,24 +458,35 @@ class Pipeline:
             return [FrameResult(stamp_ns, images[0].frame_id, None, error.reason, str(error))]
         self._refused -= {image.camera.name for image in images}
         self._used_ns |= {image.camera.name: arrival_ns for image in placed}
-        self._note_untracked(images, frames, arrival_ns)
+        self._note_untracked(images, placed, frames, arrival_ns)
         if self._sets is not None:
             frames = self._without_absences(frames, stamp_ns)
             self._note_residuals(frames)
         self._check_depth(images, frames)
-        if self._latest is None or stamp_ns >= self._latest[0]:
+        newer = self._latest is None or stamp_ns >= self._latest[0]
+        if newer or self.people.tracked_at(stamp_ns):  # a stamp that was ahead is left behind
             self._latest, self.image = (stamp_ns, arrival_ns), (stamp_ns, frame_id)
         if self._sets is None and all(frame.accepted for frame in frames):
             self.first.stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
             self.first.stamps.follow(stamp_ns, arrival_ns, images[0].stamped)
         return frames
 
-    def _note_untracked(self, images: Sequence[PeopleImage], frames: Sequence[FrameResult], arrival_ns: int) -> None:
-        """Note how many people in each image were not tracked, and if images show somebody, and nobody was tracked."""
-        for image in images:
-            name, stamp_ns = image.camera.name, image.stamp_ns
-            tracked = sum(person.seen_by.get(name) == stamp_ns for person in self.people.tracked.values())
-            self._untracked[name] = stamp_ns, max(image.shown - tracked, 0)
+    def _note_untracked(
+        self,
+        images: Sequence[PeopleImage],
+        placed: Sequence[PeopleImage],
+        frames: Sequence[FrameResult],
+        arrival_ns: int,
+    ) -> None:
+        """Note how many people in each image were not tracked, and if images show somebody, and nobody was tracked.
+
+        placed: the images that were used, with the poses of their cameras. It is not known who is in the others.
+        """
+        self._untracked |= {image.camera.name: (image.stamp_ns, image.shown) for image in images}
+        people = list(self.people.tracked.values())
+        for image in placed:
+            count = untracked(image, people, self.reported_lost_after)
+            self._untracked[image.camera.name] = image.stamp_ns, count
         if any(frame.accepted for frame in frames):
             self._untracked_ns = None
         elif any(image.shown for image in images):
@@ -491,7 +508,7 @@ class Pipeline:
             try:
                 placed.append(replace(image, camera=self.places.pose(name, image.frame_id, image.stamp_ns)))
             except AdapterError as error:
-                if self.tracker.config.extrinsics == LEARN and self.places.newest:
+                if self._sets is not None and self.tracker.config.extrinsics == LEARN and self.places.newest:
                     pose = self.places.adopt(name, self._found_pose(name))
                     (placed if pose.known else unplaced).append(replace(image, camera=pose))
                     continue

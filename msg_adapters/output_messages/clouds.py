@@ -15,11 +15,11 @@ DATATYPES = {"i4": 5, "f4": 7}  # sensor_msgs/PointField: INT32, FLOAT32
 class Cloud(StampedBuilder):
     """Clouds of one kind of point. The message object is reused; its points change, also in number."""
 
-    def __init__(self, backend: Backend, point: np.dtype) -> None:
-        """point: a packed structure of little-endian float32 and int32."""
+    def __init__(self, backend: Backend, point: np.dtype, dense: bool = True) -> None:
+        """point: a packed structure of little-endian float32 and int32. dense: no position can be NaN."""
         self._uint8, self._size = backend.uint8, point.itemsize
         message = backend.make("sensor_msgs/msg/PointCloud2")
-        message.height, message.point_step, message.is_dense = 1, point.itemsize, True
+        message.height, message.point_step, message.is_dense = 1, point.itemsize, dense
         message.fields = [_field(backend, point, name) for name in point.names or ()]
         super().__init__(message, [message.header])
 

@@ -186,7 +186,7 @@ class PeopleCloudBuilder:
 
     def __init__(self, backend: Backend, serialised: bool = False) -> None:
         """serialised: return serialised messages where there are people."""
-        self._cloud = CloudBuilder(backend, POINT)
+        self._cloud = CloudBuilder(backend, POINT, dense=False)
         self._fill = SerialisedMessage(self._cloud, backend).fill if serialised else self._cloud.fill
 
     def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport], untracked: int = 0) -> Any:

@@ -225,6 +225,15 @@ def test_the_locked_person_alone_is_followed(node):
     assert not watch.everybody()["tracked"][1:].any()
 
 
+@pytest.mark.parametrize("reads", range(5))
+def test_a_message_that_becomes_old_while_it_is_read_is_no_error(node, reads):
+    watch, times = PeopleWatch(node), iter([NOW_S + 0.499] * reads + [NOW_S + 0.501] * 9)
+    node.calls["tracker/people"](people(NOW_S, report()))
+    node.calls["tracker/state"](String(data="tracking"))
+    watch.age = lambda header: next(times) - NOW_S
+    assert len(watch.followed()) in (0, 1) and watch.followed().dtype == watch.everybody().dtype
+
+
 @pytest.mark.parametrize(
     ("reports", "untracked", "verdict"),
     [

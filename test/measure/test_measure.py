@@ -285,6 +285,25 @@ def test_a_squat_has_no_knee_that_no_keypoint_shows(tmp_path, capsys):
         measure_squats(hidden(squats(), "left_ankle", "right_ankle"))
 
 
+@pytest.mark.parametrize("until_s", [1.0, 2.0, 6.0])
+def test_a_squat_is_measured_by_the_leg_that_is_shown(until_s):
+    whole = measure_squats(squats())
+    found = measure_squats(hidden(squats(), "left_ankle", seen=lambda t: t > until_s))
+    for one, same in zip(found, whole, strict=True):
+        assert np.isnan(one.knees[0]) == (one.bottom < until_s) and abs(one.knees[1] - same.knees[1]) < 0.1
+        assert np.allclose([one.start, one.end, one.depth, one.hips], [same.start, same.end, same.depth, same.hips])
+
+
+@pytest.mark.parametrize("degrees", [20.0, 30.0, 40.0])
+def test_a_squat_that_begins_or_ends_in_a_gap_with_bent_knees_has_no_time(degrees):
+    poses = squats((100.0, 100.0))
+    begin_s = 0.75 + 1.5 / np.pi * np.arcsin(degrees / 100.0)  # of the frames; the first squat begins at 0.75 s
+    for seen in poses.seconds > begin_s, poses.seconds < 6.0 - begin_s:
+        found = measure_squats(Poses(poses.seconds[seen], NAMES, poses.positions[seen], poses.likely_wrong[seen]))
+        assert sum(np.isnan([one.start, one.end]).sum() for one in found) == 1 == len(found) - 1
+        assert all(abs(one.depth - measure_squats(poses)[0].depth) < 0.01 for one in found)
+
+
 def test_no_squat_goes_over_a_gap(tmp_path, capsys):
     poses = squats()
     seen = (poses.seconds < 3.9) | (poses.seconds > 4.6)  # the way down and the bottom of the second one

@@ -13,6 +13,8 @@ pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 import rclpy  # noqa: E402
 from live import BACKEND, NO_HANDLERS, ROOT, TRACKER, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
 from messages import FRAME, camera_info, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
+from rcl_interfaces.srv import SetParameters  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from recordings import read, write_messages  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
@@ -145,6 +147,12 @@ def test_the_locked_person_has_the_topics_of_one_person_too():
             them.send_until(lambda: [m.data for m in states[-1:]] == ["lost"], "lost, beside p4", (4,), step=6)
             assert peer.call(SetBool, "lock", SetBool.Request(data=False)).success
             them.send_until(lambda: states[-1].data == "tracking", "tracking of anybody", (4,))
+            known = len(of_p9)
+            them.send_until(lambda: len(of_p9) > known, "p9 again")
+            assert peer.call(SetBool, "lock", SetBool.Request(data=True)).success
+            request = SetParameters.Request(parameters=[Parameter("height", value=1.8).to_parameter_msg()])
+            assert peer.call(SetParameters, "set_parameters", request).results[0].successful
+    assert node.said.count("the locked person was forgotten: nobody is followed until ~/lock is called") == 1
     assert "Traceback" not in node.said
 
 

@@ -52,6 +52,9 @@ class PeopleMessages:
         are in the image and not tracked. locked: id of the locked person.
         """
         stamp_ns, frame_id = image
+        only = self._newest.get("")
+        if only is not None and only.stamp_ns > stamp_ns:  # the stamps have jumped back
+            self.forget()
         people: list[PersonReport] = []
         for frame in self._newest.values():
             age_s = (stamp_ns - frame.stamp_ns) * 1e-9

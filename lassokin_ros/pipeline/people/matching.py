@@ -23,11 +23,13 @@ FEWEST_POINTS = 3
 """Least number of common points for a distance."""
 
 
-def distances(predicted: np.ndarray, detections: Sequence[Detection], min_confidence: float) -> np.ndarray:
+def distances(
+    predicted: np.ndarray, detections: Sequence[Detection], min_confidence: float, fewest: int = FEWEST_POINTS
+) -> np.ndarray:
     """Return (p, d) mean distances of detections from predicted points (p, l, 2), as fractions of the person's size.
 
-    Infinite with too few common points. All pairs are computed at once: one by one, matching 16 people takes as long as
-    tracking four.
+    Infinite with fewer than `fewest` common points. All pairs are computed at once: one by one, matching 16 people
+    takes as long as tracking four.
     """
     if len(predicted) == 0 or len(detections) == 0:
         return np.zeros((len(predicted), len(detections)))
@@ -38,7 +40,7 @@ def distances(predicted: np.ndarray, detections: Sequence[Detection], min_confid
     share = np.minimum(apart / np.maximum(size, 1e-6)[:, None, None], FARTHEST)
     counts = np.count_nonzero(usable, axis=-1)
     mean = np.sum(np.where(usable, share, 0.0), axis=-1) / np.maximum(counts, 1)
-    return np.where(counts < FEWEST_POINTS, np.inf, mean)
+    return np.where(counts < fewest, np.inf, mean)
 
 
 def distance(predicted: np.ndarray, detection: Detection, min_confidence: float) -> float:

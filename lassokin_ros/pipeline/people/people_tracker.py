@@ -38,6 +38,8 @@ class PeopleImage:
 
 GONE = "gone"
 """In place of the id of a locked person who was forgotten. Nobody is taken for that person until the lock ends."""
+FORGOTTEN = "the locked person was forgotten: nobody is followed until ~/lock is called"
+"""What this means, in words."""
 
 
 class PeopleTracker(Protocol):

@@ -153,4 +153,4 @@ class PerBodyPipeline(Pipeline):
 
 
 def _for_one(config: NodeSettings) -> NodeSettings:
-    return replace(config, max_people=1, rep155=False)
+    return replace(config, max_people=1, rep155=False, lock=False)

@@ -312,7 +312,8 @@ class SinglePersonTracker:
         if followed is None:
             return (
                 "the person who was locked is not known any more, because height, camera or time have changed; "
-                f"nobody among the {others} in the message is followed until ~/lock is called"
+                f"nobody among the {others} in the message is followed until ~/lock is called; in a recorded run set "
+                "lock to false"
             )
         number = followed.detection.number
         who = f"person {number} is not" if image.persistent else "nobody is near the predicted position"

@@ -128,8 +128,9 @@ def _remarks(targets: Sequence[Target], motions: Sequence[Motion]) -> dict[str, 
     if not motions:
         return {"not exported": f"{', '.join(names)}: nobody was tracked"}
     late = [f"{motion.person} {motion.start:.3f} s".strip() for motion in motions if motion.start > 0]
-    if late and any(target.suffix in PERSONS for target in targets):
-        return {"files begin": f"{', '.join(late)} after the recording begins: shift .bvh and .amass.npz by it"}
+    from_zero = [suffix for suffix in (".bvh", ".amass.npz") if any(target.suffix == suffix for target in targets)]
+    if late and from_zero:
+        return {"files begin": f"{', '.join(late)} after the recording begins: shift {' and '.join(from_zero)} by it"}
     return {}
 
 

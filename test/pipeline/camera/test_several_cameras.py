@@ -216,11 +216,13 @@ def test_a_camera_without_a_transform_is_left_out_and_named():
     assert MAP in nothing.refused[0].detail
 
 
-def test_a_transform_from_the_future_or_long_ago_is_none():
-    play = Play([LEFT], NodeSettings(fixed_frame=MAP))
+@pytest.mark.parametrize("extrinsics", ["given", "check", "learn"])  # the pose of one camera is not found from a person
+def test_a_transform_from_the_future_or_long_ago_is_none(extrinsics):
+    play = Play([LEFT], NodeSettings(fixed_frame=MAP), TrackerConfig(extrinsics=extrinsics))
     play.transforms(0, 10.0)
     play.image(0, 0.0)
     play.transforms(0, 20.0)
+    play.image(0, 20.0)
     play.image(0, 20.5)
     assert [one.rejection for one in play.refused] == ["no_transform"] * 2
     assert "0.2 s newer" in play.refused[0].detail and "0.2 s older" in play.refused[1].detail

@@ -377,6 +377,31 @@ def test_whoever_is_in_the_image_and_not_tracked_is_counted(max_people, few):
     assert pipeline.untracked_at(stamp(40)) == 0
 
 
+def test_whoever_is_not_tracked_is_counted_with_results_that_come_later():
+    me, other = walk(20, -0.8, 6.0, 0.0, 1)[1], walk(20, 0.8, 2.5, 0.0, 2)[1]
+    pipeline = Pipeline(TrackerConfig(smoothing_lag=0.2), NodeSettings())
+    assert pipeline.set_camera(camera_info(BACKEND)) is None
+    for i in range(20):
+        people = [(me[i], np.full(17, 0.9)), (other[i], np.full(17, 0.6))]
+        due = pipeline.frames(crowd(BACKEND, stamp(i), people, [4, 7]), stamp(i))
+    assert due[0].stamp_ns <= stamp(14) and pipeline.untracked_at(due[0].stamp_ns) == 1
+
+
+@pytest.mark.parametrize("max_people", [1, 2])
+@pytest.mark.parametrize("persons", [[4, 7], [-1, -2]])
+def test_a_duplicate_or_a_part_of_a_tracked_person_is_nobody_else(max_people, persons):
+    me, pipeline = walk(40, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=max_people)
+    whole, few = np.full(17, 0.9), np.where(np.arange(17) < 3, 0.9, 0.0)
+    for i in range(40):
+        people = [(me[i], few)] if i % 5 == 4 else [(me[i], whole), (me[i] + 2.0, whole)]
+        pipeline.frames(crowd(BACKEND, stamp(i), people, persons[: len(people)]), stamp(i))
+        assert i < 3 or pipeline.untracked_at(stamp(i)) == 0
+    lost = round((pipeline.reported_lost_after + 0.1) * RATE)
+    for i in range(40, 40 + lost):
+        pipeline.frames(crowd(BACKEND, stamp(i), [(me[39], few)], persons[:1]), stamp(i))
+    assert pipeline.untracked_at(stamp(i)) == 1
+
+
 @pytest.mark.parametrize("hidden", ["no place", "low confidence"])
 def test_a_person_who_cannot_be_tracked_does_not_block_others(hidden):
     """Confidences are ignored if the points are missing, or if all confidences are too low."""

@@ -94,6 +94,43 @@ def test_a_person_can_be_locked_while_another_camera_sees_nobody(max_people, lat
     assert rig.pipeline.locked in rig.pipeline.people.ids if max_people > 1 else rig.pipeline.locked == "p1"
 
 
+@pytest.mark.parametrize("other", ["late", "few", "silent"])
+def test_who_is_before_another_camera_and_not_tracked_is_counted(other):
+    """The tracked person is not, in an image that comes late or shows a hand. A silent camera may have anybody."""
+    rig = Rig("left", "right")
+    stale_ns, late_ns = rig.pipeline.config.stale_after * 1e9, 120_000_000
+    seen = np.where(np.arange(17) == 9, 0.9, 0.0) if other == "few" else np.full(17, 0.9)
+    for index in range(60):
+        stamp_ns = START_NS + index * PERIOD_NS
+        rig.send("left", index, {1: (rig.pixels("left", index), np.full(17, 0.9))})
+        if index < 20 or other == "few":
+            rig.send("right", index, {1: (rig.pixels("right", index), seen)})
+        elif other == "late" and index >= 24:
+            rig.send("right", index - 4, {1: (rig.pixels("right", index - 4), seen)}, late_ns=late_ns)
+        rig.pipeline.due(stamp_ns + 10**7)
+        silent = other == "silent" and (index - 19) * PERIOD_NS > stale_ns
+        assert index < 2 or rig.pipeline.untracked_at(stamp_ns) == silent
+    for index in range(60, 64):
+        both = {1: (rig.pixels("right", index), seen), 2: (rig.pixels("right", index, (0.3, 1.2, 0.0)), seen)}
+        rig.send("left", index, {1: (rig.pixels("left", index), np.full(17, 0.9))})
+        rig.send("right", index, both)
+    assert rig.pipeline.untracked_at(START_NS + index * PERIOD_NS) == 1
+
+
+@pytest.mark.parametrize("ahead_s", [20.0, 3600.0])
+@pytest.mark.parametrize("cameras", [("left", "right"), ("left",)])
+def test_a_stamp_of_an_empty_image_that_was_ahead_hides_nobody_who_comes(cameras, ahead_s):
+    rig = Rig(*cameras)
+    for index in range(30):
+        wrong_ns = round(ahead_s * 1e9) if index < 5 else 0
+        for name in cameras:
+            people = {1: (rig.pixels(name, index), np.full(17, 0.9))} if index >= 10 else {}
+            rig.send(name, index, people, later_ns=wrong_ns, late_ns=-wrong_ns)
+    now_ns = START_NS + index * PERIOD_NS
+    assert rig.pipeline.presence_at(now_ns).status.value == "tracking"
+    assert rig.pipeline.image_at(now_ns)[0] == now_ns and rig.pipeline.lock(now_ns) == "p1"
+
+
 @pytest.mark.parametrize("fault", ["refused", "silent"])
 def test_an_empty_image_of_one_camera_does_not_say_that_nobody_is_before_the_other(fault):
     rig = Rig("left", "right")

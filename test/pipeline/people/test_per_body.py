@@ -20,6 +20,7 @@ from lassokin_ros.core.observation import Status
 from lassokin_ros.demo.synthetic import motion
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.people_messages import id_of
+from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.pipeline.people.presence import Presence
@@ -131,6 +132,25 @@ def test_nobody_is_locked_because_the_detector_says_who_is_who(pipeline):
     with pytest.raises(NoPersonError, match="each person has a topic of keypoints"):
         pipeline.lock(START_NS)
     assert pipeline.locked is None
+
+
+@pytest.mark.parametrize("event", ["height", "jump back"])
+def test_the_parameter_lock_locks_nobody(event):
+    pipeline = PerBodyPipeline(TRACKER, replace(CONFIG, lock=True))
+    pipeline.set_camera(camera_info(rosbags_backend()))
+    pipeline.keep(["abc"])
+    assert all(feed(pipeline, "abc", index)[0].accepted for index in (0, 41, 42, 43))
+    if event == "height":
+        pipeline.tune(replace(pipeline.tracker.config, height=1.9), pipeline.config)
+    first = 44 if event == "height" else 1
+    assert all(feed(pipeline, "abc", index + first)[0].accepted for index in range(5))
+
+
+def test_the_number_of_bodies_without_a_track_is_in_the_diagnostics(pipeline):
+    pipeline.keep(["abc", "xyz"])
+    feed(pipeline, "abc", 0)
+    line = Diagnostics(pipeline, "tracker", 0.0).line(1.0, pipeline.presence_at(START_NS), "")
+    assert line.values["people in view, not tracked"] == "1"
 
 
 def test_an_empty_message_is_no_problem_to_report(pipeline):

@@ -519,6 +519,8 @@ def test_files_of_a_person_who_enters_late_say_when(tmp_path, capsys):
     assert main([*arguments, *EVERY_FORMAT]) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("files begin")]
     assert line.endswith("p9 0.500 s after the recording begins: shift .bvh and .amass.npz by it")
+    assert main([*arguments[:2], str(tmp_path / "b"), *arguments[3:], "--export", str(tmp_path / "walk.trc")]) == 0
+    assert "files begin" not in capsys.readouterr().out  # its times are right
     for person, start in (("p4", 0.0), ("p9", 0.5)):
         times = trc(output / f"motion_{person}.trc")[1]
         assert np.allclose(times[[0, -1]], [start, 29 / 30], atol=1e-5)

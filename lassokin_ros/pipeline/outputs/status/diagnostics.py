@@ -28,7 +28,7 @@ from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_
 from lassokin_ros.pipeline.outputs.status.camera_status import CameraStatus, of_each_camera
 from lassokin_ros.pipeline.outputs.status.doubt_words import doubt_words, unseen_words
 from lassokin_ros.pipeline.outputs.status.input_concerns import input_concerns
-from lassokin_ros.pipeline.people.people_tracker import GONE
+from lassokin_ros.pipeline.people.people_tracker import FORGOTTEN, GONE
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.tracked_person import FROZEN
 from lassokin_ros.pipeline.pipeline import Pipeline
@@ -266,7 +266,7 @@ class Diagnostics:
         if locked is None:
             return ""
         if locked == GONE:
-            return "the locked person was forgotten: nobody is followed until ~/lock is called"
+            return FORGOTTEN
         return f"{locked} is locked and not seen: nobody else is followed until ~/lock is called with false"
 
     def _untrackable_concern(self, recent: Counter[str]) -> str:
@@ -412,8 +412,9 @@ class Diagnostics:
             values[f"{key} [messages]"] = str(counts[key])
         values["resets"] = str(counts["resets"])
         values["locked"] = self._pipeline.locked or "nobody"
-        if self._pipeline.image is not None:
-            values["people in view, not tracked"] = str(self._pipeline.untracked_at(self._pipeline.image[0]))
+        newest = (0, "") if self._pipeline.config.topic_per_body else self._pipeline.image  # each body has its own
+        if newest is not None:
+            values["people in view, not tracked"] = str(self._pipeline.untracked_at(newest[0]))
         if presence.ids is not None:
             values["people"] = ", ".join(presence.ids) or "nobody"
             gone = len(set(self._pipeline.ids or ()) - set(presence.ids))  # in a silence: the next message counts them

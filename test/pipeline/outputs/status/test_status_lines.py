@@ -65,6 +65,7 @@ def pipeline():
         unused_confidence=0.0,
         depth=None,
         image=None,
+        untracked_at=lambda stamp_ns: 0,
         camera_angles=(0.0, 0.0),
         mount=None,
         camera_height=None,
