@@ -46,17 +46,19 @@ def track_recording(
         first.track(instant)
     config = replace(config, height=first.skeleton.height)
     backward, tracker = (Tracker(config, first.skeleton, up=up) for _ in range(2))
-    tracker.backward = backward_states(backward, reversed(instants)).get
+    tracker.backward = dict(backward_states(backward, reversed(instants))).get
     return list(published(tracker, instants))
 
 
-def backward_states(tracker: Tracker, instants: Iterable[Instant]) -> dict[float, BodyState]:
-    """The states by a track backward in time, by the latest stamp of their instant, s.
+def backward_states(tracker: Tracker, instants: Iterable[Instant]) -> Iterator[tuple[float, BodyState]]:
+    """The states by a track backward in time, each with the latest stamp of its instant, s.
 
     tracker: a new one. instants: the last one first.
     """
     turned = ([replace(one, stamp=-max(o.stamp for o in instant)) for one in instant] for instant in instants)
-    return {-estimate.stamp: estimate.state for estimate in published(tracker, turned) if estimate.state is not None}
+    for estimate in published(tracker, turned):
+        assert estimate.state is not None
+        yield -estimate.stamp, estimate.state
 
 
 def published(tracker: Tracker, instants: Iterable[Instant]) -> Iterator[Estimate]:

@@ -23,7 +23,7 @@ def instants(frames=FRAMES):
 def tracks():
     """The forward track alone, the states backward, and what is published; all by stamp."""
     forward = {one.stamp: one for one in published(Tracker(SMOOTHED), instants())}
-    backward = backward_states(Tracker(SMOOTHED), reversed(instants()))
+    backward = dict(backward_states(Tracker(SMOOTHED), reversed(instants())))
     both = {one.stamp: one for one in track_recording(SMOOTHED, instants())}
     return forward, backward, both
 
@@ -89,14 +89,15 @@ def test_a_backward_track_at_another_distance_changes_nothing(tracks):
 def test_images_of_several_cameras_that_are_milliseconds_apart_are_one_instant():
     side = CameraPose("side", np.eye(3), np.array([0.0, 0.0, 0.5]))
     pairs = [[one, replace(one, stamp=one.stamp + 0.004, camera=side)] for (one,) in instants(20)]
-    states = backward_states(Tracker(SMOOTHED), reversed(pairs))
+    states = dict(backward_states(Tracker(SMOOTHED), reversed(pairs)))
     latest = {max(one.stamp for one in pair) for pair in pairs}
     assert states and set(states) <= latest
     assert len(track_recording(SMOOTHED, pairs)) == len(pairs)
 
 
 def test_without_a_lag_each_frame_is_halfway_and_published_at_once():
-    config, backward = replace(SMOOTHED, smoothing_lag=0.0), backward_states(Tracker(SMOOTHED), reversed(instants()))
+    config = replace(SMOOTHED, smoothing_lag=0.0)
+    backward = dict(backward_states(Tracker(SMOOTHED), reversed(instants())))
     forward, tracker = Tracker(config), Tracker(config)
     tracker.backward = backward.get
     for (one,) in instants():

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import pickle
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from lassokin_ros.common.array_spool import clear_errors
+from lassokin_ros.common.array_spool import ArraySpool, Record, clear_errors
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.observation import CameraPose, Observation
 from lassokin_ros.core.recording import backward_states
@@ -19,6 +19,30 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 
 STILL = 0.01
 """m, and rad: a camera whose pose in TF changes by less stands still."""
+
+
+class SpooledStates(Mapping[int, BodyState]):
+    """States by stamp in ns, in a temporary file. Methods raise SpoolError if it cannot be written."""
+
+    def __init__(self) -> None:
+        self._spool = ArraySpool()
+        self._places: dict[int, Record] = {}
+
+    def add(self, stamp_ns: int, state: BodyState) -> None:
+        """Store a state."""
+        self._places[stamp_ns] = self._spool.append({"rotations": state.rotations, "translation": state.translation})
+
+    def __getitem__(self, stamp_ns: int) -> BodyState:
+        place = self._places[stamp_ns]
+        rotations, translation = (self._spool.read(place, name) for name in ("rotations", "translation"))
+        assert rotations is not None and translation is not None
+        return BodyState(rotations, translation)
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
 
 
 class KeptObservations:
@@ -70,20 +94,19 @@ class KeptObservations:
 
     def states(
         self, tracker: Tracker, placed: Callable[[Sequence[Observation]], list[Observation]]
-    ) -> dict[int, BodyState]:
+    ) -> Mapping[int, BodyState]:
         """Return the states by a track backward in time, by stamp in ns; none if it is not `usable`.
 
         tracker: a new one, with the person's lengths. placed: gives the observations of an instant their cameras.
         """
-        states: dict[int, BodyState] = {}
+        states = SpooledStates()
         if not self.usable:
             return states
         for _, places in reversed(self._people):
             tracker.reset(same_camera=True)
             instants = (placed(instant) for instant in self._latest_first(places))
-            found = backward_states(tracker, (instant for instant in instants if instant))
-            seconds = ((stamp_ns, self._seconds(stamp_ns)) for stamp_ns, _ in places)
-            states |= {stamp_ns: found[stamp] for stamp_ns, stamp in seconds if stamp in found}
+            for stamp, state in backward_states(tracker, (instant for instant in instants if instant)):
+                states.add(self._first_ns + round(1e9 * stamp), state)
         return states
 
     def _seconds(self, stamp_ns: int) -> float:
