@@ -140,6 +140,17 @@ def test_a_recording_whose_stamps_go_back_is_not_tracked_backward():
     assert not states and not initialised
 
 
+def test_frames_that_were_refused_for_their_stamps_do_no_harm():
+    kept, step = KeptObservations(), 33_333_333
+    stamps = [START_NS + n * step for n in range(4)]
+    kept.add([frame(stamps[0]), replace(frame(stamps[0]), rejection="old_stamp")], 0, 0.0)
+    kept.add([replace(frame(stamps[0] + 10**12), rejection="too_few_landmarks")], 0, 0.0)
+    for stamp in stamps[1:]:
+        kept.add([frame(stamp)], 0, 0.0)
+    states, _ = times_backward(kept)
+    assert kept.usable and set(stamps) <= set(states)
+
+
 @pytest.mark.parametrize(("step_m", "together", "usable"), [(0.0, False, True), (0.1, False, False), (0.1, True, True)])
 def test_several_cameras_that_move_must_be_in_step(step_m, together, usable):
     """Nothing in an image of one camera says where the other one was then."""

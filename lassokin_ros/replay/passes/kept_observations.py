@@ -53,25 +53,27 @@ class KeptObservations:
             self._file = tempfile.TemporaryFile()
         self._people: list[tuple[str, list[tuple[int, int]]]] = []
         """The person's ids in order; of each the stamps, ns, and places in the file of what was seen under it."""
-        self._first_ns = self._newest_ns = 0
+        self._first_ns = 0
+        self._newest_ns: int | None = None  # of the accepted frames
         self._cameras: dict[str, CameraPose] = {}  # first pose of each, by name
         self._in_order, self._moving, self._alone = True, False, False
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         """Keep the observations of a message; a listener of OfflineTracker."""
         for frame in frames:
-            if frame.observations:
+            newer = self._newest_ns is None or frame.stamp_ns > self._newest_ns
+            if frame.accepted:
+                self._in_order = self._in_order and newer
+                self._newest_ns = frame.stamp_ns
+            if frame.observations and (frame.accepted or newer):  # not one that was refused because it is late
                 self._append(frame.label, frame.stamp_ns, frame.observations)
 
     def _append(self, person: str, stamp_ns: int, observations: Sequence[Observation]) -> None:
         if not self._people:
             self._first_ns = stamp_ns
-        elif stamp_ns <= self._newest_ns:
-            self._in_order = False
         self._follow_cameras([one.camera for one in observations if one.camera.known])
         if not self._people or self._people[-1][0] != person:
             self._people.append((person, []))
-        self._newest_ns = stamp_ns
         with clear_errors():
             self._people[-1][1].append((stamp_ns, self._file.tell()))
             pickle.dump(list(observations), self._file, pickle.HIGHEST_PROTOCOL)
@@ -113,6 +115,6 @@ class KeptObservations:
         return 1e-9 * (stamp_ns - self._first_ns)
 
     def _latest_first(self, places: Sequence[tuple[int, int]]) -> Iterator[list[Observation]]:
-        for stamp_ns, place in reversed(places):
+        for stamp_ns, place in sorted(places, reverse=True):
             self._file.seek(place)
             yield [replace(one, stamp=self._seconds(stamp_ns)) for one in pickle.load(self._file)]
