@@ -34,7 +34,7 @@ class ArraySpool:
     """
 
     def __init__(self) -> None:
-        with clear_errors():
+        with _clear_errors():
             self._file = tempfile.TemporaryFile()
         self._layouts: dict[Layout, int] = {}
         self._known: list[Layout] = []
@@ -47,7 +47,7 @@ class ArraySpool:
             self._layouts[layout] = len(self._known)
             self._known.append(layout)
         record = Record(self._end, self._layouts[layout])
-        with clear_errors():
+        with _clear_errors():
             for array in arrays.values():
                 self._end += self._file.write(array.tobytes())
         return record
@@ -79,13 +79,12 @@ class ArraySpool:
         return {name: np.array([self.read(record, name) for record in records]) for name in names}
 
     def _flush(self) -> None:
-        with clear_errors():
+        with _clear_errors():
             self._file.flush()
 
 
 @contextmanager
-def clear_errors() -> Iterator[None]:
-    """Raise SpoolError in place of OSError."""
+def _clear_errors() -> Iterator[None]:
     try:
         yield
     except OSError as error:

@@ -1,6 +1,5 @@
 """replay --two-pass: the lengths learned over the whole recording are used from its first frame on."""
 
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +14,7 @@ from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.common.array_spool import SpoolError  # noqa: E402
 from lassokin_ros.core.body.kinematics import Kinematics  # noqa: E402
 from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
+from lassokin_ros.core.body.rotations import exponential  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.observation import CameraPose  # noqa: E402
 from lassokin_ros.core.recording import WHOLE_FILE  # noqa: E402
@@ -167,8 +167,33 @@ def test_several_cameras_that_move_must_be_in_step(step_m, together, usable):
     assert kept.usable == usable
 
 
+def test_an_observation_is_given_back_as_it_was():
+    kept, (seen,) = KeptObservations(), frame(START_NS).observations
+    depth = np.where(np.arange(len(seen.points)) % 2, np.nan, 3.0)
+    turned = CameraPose("left", exponential(np.array([[0.1, 0.2, 0.3]]))[0], np.array([1.0, 2.0, 3.0]))
+    given = [
+        replace(seen, camera=turned, depth=depth, depth_of_surface=True, depth_age=0.02),
+        replace(seen, camera=CameraPose("right", known=False)),
+    ]
+    kept.add([FrameResult(START_NS, "map", label="p1", observations=given)], 0, 0.0)
+    (found,) = kept._latest_first(kept._people[0][1])
+    for one, other in zip(found, given):
+        assert one.stamp == 0.0
+        for name in ("points", "confidence", "focal", "depth", "depth_of_surface", "depth_age"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+        for name in ("name", "rotation", "translation", "known"):
+            np.testing.assert_array_equal(getattr(one.camera, name), getattr(other.camera, name))
+
+
+class FullDisk:
+    """A file on a full disk."""
+
+    def write(self, _):
+        raise OSError(28, "No space left on device")
+
+
 def test_a_full_disk_is_named(monkeypatch):
     kept = KeptObservations()
-    monkeypatch.setattr(pickle, "dump", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    monkeypatch.setattr(kept._spool, "_file", FullDisk())
     with pytest.raises(SpoolError, match="No space left on device; free space there"):
         kept.add([frame(START_NS)], 0, 0.0)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-import pickle
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from lassokin_ros.common.array_spool import ArraySpool, Record, clear_errors
+from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.observation import CameraPose, Observation
 from lassokin_ros.core.recording import backward_states
@@ -45,14 +43,21 @@ class SpooledStates(Mapping[int, BodyState]):
         return len(self._places)
 
 
+class _Instant(NamedTuple):
+    """What was seen of a person at one stamp, ns. cameras: their names, in the order of the observations."""
+
+    stamp_ns: int
+    cameras: tuple[str, ...]
+    place: Record
+
+
 class KeptObservations:
     """The observations of one person, in a temporary file. Methods raise SpoolError if it cannot be written."""
 
     def __init__(self) -> None:
-        with clear_errors():
-            self._file = tempfile.TemporaryFile()
-        self._people: list[tuple[str, list[tuple[int, int]]]] = []
-        """The person's ids in order; of each the stamps, ns, and places in the file of what was seen under it."""
+        self._spool = ArraySpool()
+        self._people: list[tuple[str, list[_Instant]]] = []
+        """The person's ids in order; of each the instants at which the person was seen under it."""
         self._first_ns = 0
         self._newest_ns: int | None = None  # of the accepted frames
         self._cameras: dict[str, CameraPose] = {}  # first pose of each, by name
@@ -74,9 +79,9 @@ class KeptObservations:
         self._follow_cameras([one.camera for one in observations if one.camera.known])
         if not self._people or self._people[-1][0] != person:
             self._people.append((person, []))
-        with clear_errors():
-            self._people[-1][1].append((stamp_ns, self._file.tell()))
-            pickle.dump(list(observations), self._file, pickle.HIGHEST_PROTOCOL)
+        arrays = {f"{n} {name}": array for n, one in enumerate(observations) for name, array in _arrays(one).items()}
+        names = tuple(one.camera.name for one in observations)
+        self._people[-1][1].append(_Instant(stamp_ns, names, self._spool.append(arrays)))
 
     @property
     def usable(self) -> bool:
@@ -104,17 +109,42 @@ class KeptObservations:
         states = SpooledStates()
         if not self.usable:
             return states
-        for _, places in reversed(self._people):
+        for _, instants in reversed(self._people):
             tracker.reset(same_camera=True)
-            instants = (placed(instant) for instant in self._latest_first(places))
-            for stamp, state in backward_states(tracker, (instant for instant in instants if instant)):
+            seen = (placed(instant) for instant in self._latest_first(instants))
+            for stamp, state in backward_states(tracker, (instant for instant in seen if instant)):
                 states.add(self._first_ns + round(1e9 * stamp), state)
         return states
 
-    def _seconds(self, stamp_ns: int) -> float:
-        return 1e-9 * (stamp_ns - self._first_ns)
+    def _latest_first(self, instants: Sequence[_Instant]) -> Iterator[list[Observation]]:
+        for instant in sorted(instants, key=lambda one: one.stamp_ns, reverse=True):
+            yield [self._observation(instant, number) for number in range(len(instant.cameras))]
 
-    def _latest_first(self, places: Sequence[tuple[int, int]]) -> Iterator[list[Observation]]:
-        for stamp_ns, place in sorted(places, reverse=True):
-            self._file.seek(place)
-            yield [replace(one, stamp=self._seconds(stamp_ns)) for one in pickle.load(self._file)]
+    def _observation(self, instant: _Instant, number: int) -> Observation:
+        """Return an observation of an instant. Its stamp is in s since the first one."""
+
+        def read(name: str) -> np.ndarray | None:
+            return self._spool.read(instant.place, f"{number} {name}")
+
+        points, confidence, numbers = read("points"), read("confidence"), read("numbers")
+        assert points is not None and confidence is not None and numbers is not None
+        focal, of_surface, depth_age = numbers.tolist()
+        rotation, translation = read("rotation"), read("translation")
+        name, stamp = instant.cameras[number], 1e-9 * (instant.stamp_ns - self._first_ns)
+        camera = CameraPose(name, known=False)
+        if rotation is not None and translation is not None:
+            camera = CameraPose(name, rotation, translation)
+        return Observation(
+            stamp, points, confidence, focal, read("depth"), None, bool(of_surface), depth_age, camera=camera
+        )
+
+
+def _arrays(one: Observation) -> dict[str, np.ndarray]:
+    """Return what an observation of the pipeline holds, by name."""
+    numbers = np.array([one.focal, one.depth_of_surface, one.depth_age])
+    arrays = {"points": one.points, "confidence": one.confidence, "numbers": numbers}
+    if one.depth is not None:
+        arrays["depth"] = one.depth
+    if one.camera.known:
+        arrays |= {"rotation": one.camera.rotation, "translation": one.camera.translation}
+    return arrays
