@@ -5,7 +5,8 @@
 The skeleton is kept in the frame of the first camera; only the height is given. MPJPE / PA / absolute error are in mm,
 over 12 joints, against `ref_cam` of the first camera, medians over the frames.
 `seen px` is the distance of the landmarks from the detections in the cameras used, `left out px` in all others. The
-first --from seconds are not scored. `dlt` triangulates the same keypoints in each frame.
+first --from seconds are not scored. `lasso file` is the tracker as for a file, whose later frames are known. `dlt`
+triangulates the same keypoints in each frame.
 
 The reference is triangulated from the same detector's points, so it is circular: with `balancing` and `talking_woman`
 from four cameras, two of them those used here; with the others from all cameras but the first, among them the second.
@@ -17,8 +18,10 @@ from __future__ import annotations
 import argparse
 import itertools
 import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Sequence
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -33,10 +36,12 @@ from benchmarks.data.detections import JOINTS, height_of, load_recording, measur
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.observation import CameraPose, Observation
+from lassokin_ros.core.recording import WHOLE_FILE, published, track_recording
 from lassokin_ros.core.tracker import Tracker
 
 CONFIDENT = 0.3
@@ -98,11 +103,14 @@ def run(file: Path, cameras: Sequence[int], options: argparse.Namespace) -> list
     told = [
         poses[c] if c == cameras[0] or not options.unknown_places else CameraPose(str(c), known=False) for c in cameras
     ]
-    landmarks = follow(tracker, [recordings[c] for c in cameras], told)
+    instants = instants_of([recordings[c] for c in cameras], told)
+    live = landmarks_of(published(tracker, instants), instants, first)
+    estimates = track_recording(replace(config, **WHOLE_FILE), instants, tracker.given_skeleton)
     views = [(recordings[c].points, recordings[c].confidence, poses[c]) for c in cameras]
     base = {"file": file.stem, "cameras": ",".join(map(str, cameras))}
     records = []
-    for method, points in (("lasso", landmarks), ("dlt", triangulated(views))):
+    found = {"lasso": live, "lasso file": landmarks_of(estimates, instants, first), "dlt": triangulated(views)}
+    for method, points in found.items():
         figures = score(points, first, layout, options.begin)
         for name, chosen in (("seen_px", cameras), ("left_out_px", [c for c in range(len(R)) if c not in cameras])):
             figures[name] = image_distance(
@@ -112,31 +120,28 @@ def run(file: Path, cameras: Sequence[int], options: argparse.Namespace) -> list
     return records
 
 
-def follow(tracker: Tracker, recordings: Sequence[Any], poses: Sequence[CameraPose]) -> np.ndarray:
-    """(f, l, 3) m: landmarks at the stamps of the first camera. Images with other stamps have lassos of their own."""
-    messages = []
-    for number, (one, pose) in enumerate(zip(recordings, poses)):
-        for frame, seen in enumerate(one.observations):
-            messages.append(
-                (
-                    seen.stamp,
-                    number,
-                    frame,
-                    Observation(seen.stamp, seen.points, seen.confidence, seen.focal, camera=pose),
-                )
-            )
-    messages.sort(key=lambda message: message[:2])
-    landmarks = np.full((len(recordings[0].points), len(tracker.layout.names), 3), np.nan)
-    while messages:
-        together = [one for one in messages[: len(poses)] if one[0] - messages[0][0] <= 0.005]
-        del messages[: len(together)]
-        usable = [one for one in together if np.count_nonzero(one[3].confidence > 0)]
-        if not usable:
-            continue
-        estimate = tracker.track([one[3] for one in usable])
-        own = next((one for one in together if one[1] == 0), None)
-        if estimate.pose is not None and own is not None:
-            landmarks[own[2]] = estimate.pose.landmarks
+def instants_of(recordings: Sequence[Any], poses: Sequence[CameraPose]) -> list[list[Observation]]:
+    """What the cameras see, in order; images whose stamps differ by 5 ms at most are of one instant."""
+    seen = [replace(one, camera=pose) for recording, pose in zip(recordings, poses) for one in recording.observations]
+    seen.sort(key=lambda one: one.stamp)
+    found = []
+    while seen:
+        together = [one for one in seen[: len(poses)] if one.stamp - seen[0].stamp <= 0.005]
+        del seen[: len(together)]
+        if usable := [one for one in together if np.count_nonzero(one.confidence > 0)]:
+            found.append(usable)
+    return found
+
+
+def landmarks_of(estimates: Iterable[Estimate], instants: Sequence[Sequence[Observation]], first: Any) -> np.ndarray:
+    """(f, l, 3) m: the landmarks at the stamps of the first camera, a recording; NaN without an estimate."""
+    frame_of = {stamp: frame for frame, stamp in enumerate(first.stamps)}
+    of_first = {max(one.stamp for one in instant): instant for instant in instants}
+    landmarks = np.full((*first.points.shape[:2], 3), np.nan)
+    for estimate in estimates:
+        own = [frame_of[one.stamp] for one in of_first.get(estimate.stamp, ()) if one.stamp in frame_of]
+        if own and estimate.pose is not None:
+            landmarks[own[0]] = estimate.pose.landmarks
     return landmarks
 
 

@@ -55,7 +55,7 @@ from lassokin_ros.core.learned.learned import Learned
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
 from lassokin_ros.core.network.depth_network import shipped_network
 from lassokin_ros.core.observation import HERE, CameraPose, Observation, Rejection, Status
-from lassokin_ros.core.output.fixed_lag import FixedLag
+from lassokin_ros.core.output.fixed_lag import Backward, FixedLag
 from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.output_filter import OutputFilter
 from lassokin_ros.core.output.uncertainty import JointUncertainty, UncertaintyModel
@@ -141,9 +141,8 @@ class Tracker:
         self._ankle_points = np.equal.outer(self._ankles, self.layout.joints)  # (2, l)
         self.floor_below = None
         self._uncertainty = UncertaintyModel(self.frame_model, prior, self.learned.lengths.proportions, observed)
-        self.backward: Callable[[float], BodyState | None] | None = None
-        """The state at a stamp, s, by a track backward in time; `published` then holds the midpoint of the two, see
-        `recording`."""
+        self.backward: Callable[[float], Backward | None] | None = None
+        """The frame at a stamp, s, by a track backward in time; `published` is then between both, see `recording`."""
         self.reset()
 
     def _depth_estimator(self) -> DepthEstimator | None:

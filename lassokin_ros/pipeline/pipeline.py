@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import LEARN, TrackerConfig
 from lassokin_ros.core.evidence.evidence import Evidence
@@ -25,6 +24,7 @@ from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.core.learned.height import HeightEstimator
 from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.core.observation import CameraPose, Rejection, Status
+from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces
@@ -117,10 +117,10 @@ class Pipeline:
         self.image: tuple[int, str] | None = None
         """Stamp (ns) and frame_id of the last message that was not refused as a whole."""
 
-    def use_backward(self, states: Mapping[int | None, Mapping[int, BodyState]]) -> None:
-        """See `TrackedPerson.use_backward`. states: by the person's number in the messages, None without a number."""
+    def use_backward(self, frames: Mapping[int | None, Mapping[int, Backward]]) -> None:
+        """See `TrackedPerson.use_backward`. frames: by the person's number in the messages, None without a number."""
         for tracked in self._trackable:
-            tracked.use_backward(states.get(tracked.number, {}))
+            tracked.use_backward(frames.get(tracked.number, {}))
 
     @property
     def camera(self) -> Camera:

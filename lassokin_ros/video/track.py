@@ -18,10 +18,10 @@ import numpy as np
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
-from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import CameraError, ConfigurationError
+from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words
@@ -163,7 +163,7 @@ class Run:
             people = self._chosen(options.person, node)
             messages = partial(self.detections.of_people, people, node.several_people)
         bodies: dict[int, Skeleton] = {}
-        backward: dict[int | None, Mapping[int, BodyState]] = {}
+        backward: dict[int | None, Mapping[int, Backward]] = {}
         with TemporaryDirectory(prefix="lassokin_") as folder:
             if tracker.calibrate and tracker.height > 0:
                 if node.several_people:

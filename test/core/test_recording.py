@@ -1,4 +1,4 @@
-"""A whole recording: lengths first, then backward in time, then forward; published is the midpoint of both tracks."""
+"""A whole recording: lengths first, then backward in time, then forward; published is between both tracks."""
 
 from dataclasses import replace
 
@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from sequences import CONFIG, RATE, observations
 
+from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.core.recording import WHOLE_FILE, backward_states, published, track_recording
+from lassokin_ros.core.output.fixed_lag import COMPARED_S, TEMPER, Backward
+from lassokin_ros.core.recording import WHOLE_FILE, published, track_backward, track_recording
 from lassokin_ros.core.tracker import Tracker
 
 FRAMES = 45
@@ -23,7 +26,7 @@ def instants(frames=FRAMES):
 def tracks():
     """The forward track alone, the states backward, and what is published; all by stamp."""
     forward = {one.stamp: one for one in published(Tracker(SMOOTHED), instants())}
-    backward = dict(backward_states(Tracker(SMOOTHED), reversed(instants())))
+    backward = dict(track_backward(Tracker(SMOOTHED), reversed(instants())))
     both = {one.stamp: one for one in track_recording(SMOOTHED, instants())}
     return forward, backward, both
 
@@ -34,15 +37,23 @@ def test_each_frame_is_published_once_with_its_own_stamp(tracks):
     assert list(forward) == list(both) == stamps and sorted(backward) == stamps
 
 
-def test_the_published_state_is_halfway_between_both_tracks(tracks):
+def share(stamp, forward, backward):
+    """Share of the way to the backward track: its odds, by the costs of both for 0.25 s before and after the frame."""
+    more = [one.cost - backward[one.stamp].cost for one in forward.values() if abs(one.stamp - stamp) <= COMPARED_S]
+    return 1 / (1 + np.exp(-TEMPER * np.mean(more)))
+
+
+def test_the_published_state_is_between_both_tracks_by_their_costs(tracks):
     forward, backward, both = tracks
+    shares = {stamp: share(stamp, forward, backward) for stamp in both}
+    assert min(shares.values()) < 0.45 and max(shares.values()) > 0.5
     for stamp, estimate in both.items():
-        one, other = forward[stamp].state, backward[stamp]
-        middle = (one.translation + other.translation) / 2
-        assert np.abs(estimate.state.translation - middle).max() < 1e-12
-        before = np.swapaxes(one.rotations, -1, -2) @ estimate.state.rotations
-        after = np.swapaxes(estimate.state.rotations, -1, -2) @ other.rotations
-        assert np.abs(before - after).max() < 1e-9
+        one, other = forward[stamp].state, backward[stamp].state
+        place = one.translation + shares[stamp] * (other.translation - one.translation)
+        assert np.abs(estimate.state.translation - place).max() < 1e-12
+        turns = logarithm(np.swapaxes(one.rotations, -1, -2) @ other.rotations)
+        turned = logarithm(np.swapaxes(one.rotations, -1, -2) @ estimate.state.rotations)
+        assert np.abs(turned - shares[stamp] * turns).max() < 1e-9
 
 
 def test_pose_and_reprojection_error_are_those_of_the_published_state(tracks):
@@ -81,7 +92,11 @@ def test_frames_that_only_one_track_has_are_published_as_they_are(tracks):
 def test_a_backward_track_at_another_distance_changes_nothing(tracks):
     forward, backward, _ = tracks
     tracker = Tracker(SMOOTHED)
-    tracker.backward = lambda stamp: replace(backward[stamp], translation=3 * backward[stamp].translation)
+    far = {
+        stamp: Backward(BodyState(one.state.rotations, 3 * one.state.translation), one.cost)
+        for stamp, one in backward.items()
+    }
+    tracker.backward = far.get
     for one in published(tracker, instants()):
         assert one.state.translation[2] == pytest.approx(forward[one.stamp].state.translation[2], rel=0.05)
 
@@ -89,19 +104,22 @@ def test_a_backward_track_at_another_distance_changes_nothing(tracks):
 def test_images_of_several_cameras_that_are_milliseconds_apart_are_one_instant():
     side = CameraPose("side", np.eye(3), np.array([0.0, 0.0, 0.5]))
     pairs = [[one, replace(one, stamp=one.stamp + 0.004, camera=side)] for (one,) in instants(20)]
-    states = dict(backward_states(Tracker(SMOOTHED), reversed(pairs)))
+    states = dict(track_backward(Tracker(SMOOTHED), reversed(pairs)))
     latest = {max(one.stamp for one in pair) for pair in pairs}
     assert states and set(states) <= latest
     assert len(track_recording(SMOOTHED, pairs)) == len(pairs)
 
 
-def test_without_a_lag_each_frame_is_halfway_and_published_at_once():
+def test_without_a_lag_each_frame_is_published_at_once():
     config = replace(SMOOTHED, smoothing_lag=0.0)
-    backward = dict(backward_states(Tracker(SMOOTHED), reversed(instants())))
-    forward, tracker = Tracker(config), Tracker(config)
+    backward = dict(track_backward(Tracker(SMOOTHED), reversed(instants())))
+    forward, tracker, costs = Tracker(config), Tracker(config), []
     tracker.backward = backward.get
     for (one,) in instants():
         alone, _ = forward.track(one), tracker.track(one)
+        costs.append((one.stamp, alone.cost - backward[one.stamp].cost))
+        near = [more for stamp, more in costs if one.stamp - stamp <= COMPARED_S]
+        way = backward[one.stamp].state.translation - alone.state.translation
+        place = alone.state.translation + way / (1 + np.exp(-TEMPER * np.mean(near)))
         (estimate,) = tracker.published
-        middle = (alone.state.translation + backward[one.stamp].translation) / 2
-        assert estimate.stamp == one.stamp and np.abs(estimate.state.translation - middle).max() < 1e-12
+        assert estimate.stamp == one.stamp and np.abs(estimate.state.translation - place).max() < 1e-12

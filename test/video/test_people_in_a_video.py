@@ -120,12 +120,12 @@ def test_the_lengths_of_all_people_are_learned_in_a_first_pass(monkeypatch, long
 
 def test_each_person_is_tracked_backward_too(monkeypatch, two, long_video, tmp_path):  # noqa: F811
     given, use = [], Pipeline.use_backward
-    monkeypatch.setattr(Pipeline, "use_backward", lambda self, states: (given.append(states), use(self, states)))
+    monkeypatch.setattr(Pipeline, "use_backward", lambda self, frames: (given.append(frames), use(self, frames)))
     found = run(long_video, tmp_path, "--person", "all")
-    (states,) = given
+    (frames,) = given
     for number, (person, (seconds, x)) in enumerate(sorted(found.items()), 1):
-        assert len(states[number]) >= len(seconds) > 50, person
-        roots = np.array([state.translation[0] for state in states[number].values()])
+        assert len(frames[number]) >= len(seconds) > 50, person
+        roots = np.array([one.state.translation[0] for one in frames[number].values()])
         assert abs(np.median(roots) - np.median(x)) < 0.3, person
 
 

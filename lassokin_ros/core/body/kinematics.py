@@ -41,10 +41,11 @@ class BodyState:
         steps = exponential(omega.reshape(self.rotations.shape[:-1]))
         return BodyState(self.rotations @ steps, self.translation + translation_step)
 
-    def midpoint(self, other: BodyState) -> BodyState:
-        """The state halfway to another one, by the shortest rotation of each joint."""
+    def towards(self, other: BodyState, share: float) -> BodyState:
+        """The state at a share, 0 to 1, of the way to another one, by the shortest rotation of each joint."""
         turns = logarithm(self.rotations.swapaxes(-1, -2) @ other.rotations)
-        return self.retract(turns.reshape(*turns.shape[:-2], -1) / 2, (other.translation - self.translation) / 2)
+        omega = turns.reshape(*turns.shape[:-2], -1)
+        return self.retract(share * omega, share * (other.translation - self.translation))
 
 
 @record

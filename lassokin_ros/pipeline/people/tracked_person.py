@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import HERE, CameraPose, Observation, Status
+from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.record import record
 from lassokin_ros.core.tracker import Tracker
@@ -121,12 +121,12 @@ class TrackedPerson:
             self._place, self._landmarks = frame.into_camera(self._place), frame.into_camera(self._landmarks)
         self._frame_moved_ns = stamp_ns
 
-    def use_backward(self, states: Mapping[int, BodyState]) -> None:
-        """Publish the midpoint of the track and of one backward in time. states: of the latter, by stamp, ns."""
+    def use_backward(self, frames: Mapping[int, Backward]) -> None:
+        """Publish poses between the track and one backward in time. frames: of the latter, by stamp, ns."""
 
-        def at(stamp: float) -> BodyState | None:
+        def at(stamp: float) -> Backward | None:
             assert self._origin_ns is not None
-            return states.get(self._origin_ns + round(1e9 * stamp))
+            return frames.get(self._origin_ns + round(1e9 * stamp))
 
         self.tracker.backward = at
 

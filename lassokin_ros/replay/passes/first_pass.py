@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.config import GIVEN, TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.pipeline.outputs.description.skeleton_file import LEAST_MOTION, save_all
 from lassokin_ros.pipeline.pipeline import JUMPS, Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -24,12 +24,12 @@ Inputs = Mapping[str, Callable[[Any, int], Iterator[tuple[str, str, Any]]]]
 class KnownPerson:
     """What the last pass uses.
 
-    config: with the lengths. backward: states by stamp in ns, see `TrackedPerson.use_backward`; none if the recording
+    config: with the lengths. backward: frames by stamp in ns, see `TrackedPerson.use_backward`; none if the recording
     cannot be tracked backward.
     """
 
     config: TrackerConfig
-    backward: Mapping[int, BodyState]
+    backward: Mapping[int, Backward]
 
 
 def check_two_passes(tracker: TrackerConfig, node: NodeSettings) -> None:
@@ -64,8 +64,8 @@ def learn_person(
     return KnownPerson(config, _backward(kept, tracker.pipeline, config))
 
 
-def _backward(kept: KeptObservations, pipeline: Pipeline, config: TrackerConfig) -> Mapping[int, BodyState]:
-    """The states backward in time. None if the motion of the mount or the fixed frame is not in the observations."""
+def _backward(kept: KeptObservations, pipeline: Pipeline, config: TrackerConfig) -> Mapping[int, Backward]:
+    """The frames backward in time. None if the motion of the mount or the fixed frame is not in the observations."""
     if pipeline.mount is not None or pipeline.counts[JUMPS]:
         return {}
     tracker = Pipeline(replace(config, extrinsics=GIVEN), pipeline.config).tracker
@@ -78,4 +78,4 @@ def _backward(kept: KeptObservations, pipeline: Pipeline, config: TrackerConfig)
             observations = [replace(one, camera=extrinsics.corrected(one.camera)) for one in observations]
         return [one for one in observations if one.camera.known]
 
-    return kept.states(tracker, placed)
+    return kept.track_backward(tracker, placed)

@@ -11,7 +11,8 @@ import numpy as np
 from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.observation import CameraPose, Observation
-from lassokin_ros.core.recording import backward_states
+from lassokin_ros.core.output.fixed_lag import Backward
+from lassokin_ros.core.recording import track_backward
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.frame_result import FrameResult
 
@@ -19,22 +20,23 @@ STILL = 0.01
 """m, and rad: a camera whose pose in TF changes by less stands still."""
 
 
-class SpooledStates(Mapping[int, BodyState]):
-    """States by stamp in ns, in a temporary file. Methods raise SpoolError if it cannot be written."""
+class SpooledFrames(Mapping[int, Backward]):
+    """Frames by stamp in ns, in a temporary file. Methods raise SpoolError if it cannot be written."""
 
     def __init__(self) -> None:
         self._spool = ArraySpool()
         self._places: dict[int, Record] = {}
 
-    def add(self, stamp_ns: int, state: BodyState) -> None:
-        """Store a state."""
-        self._places[stamp_ns] = self._spool.append({"rotations": state.rotations, "translation": state.translation})
+    def add(self, stamp_ns: int, frame: Backward) -> None:
+        """Store a frame."""
+        arrays = {"rotations": frame.state.rotations, "translation": frame.state.translation}
+        self._places[stamp_ns] = self._spool.append({**arrays, "cost": np.array([frame.cost])})
 
-    def __getitem__(self, stamp_ns: int) -> BodyState:
+    def __getitem__(self, stamp_ns: int) -> Backward:
         place = self._places[stamp_ns]
-        rotations, translation = (self._spool.read(place, name) for name in ("rotations", "translation"))
-        assert rotations is not None and translation is not None
-        return BodyState(rotations, translation)
+        rotations, translation, cost = (self._spool.read(place, name) for name in ("rotations", "translation", "cost"))
+        assert rotations is not None and translation is not None and cost is not None
+        return Backward(BodyState(rotations, translation), float(cost[0]))
 
     def __iter__(self) -> Iterator[int]:
         return iter(self._places)
@@ -99,22 +101,22 @@ class KeptObservations:
             self._moving = self._moving or max(turned, moved) > STILL
         self._alone = self._alone or len(poses) == 1
 
-    def states(
+    def track_backward(
         self, tracker: Tracker, placed: Callable[[Sequence[Observation]], list[Observation]]
-    ) -> Mapping[int, BodyState]:
-        """Return the states by a track backward in time, by stamp in ns; none if it is not `usable`.
+    ) -> Mapping[int, Backward]:
+        """Track backward in time, and return the frames by stamp in ns; none if it is not `usable`.
 
         tracker: a new one, with the person's lengths. placed: gives the observations of an instant their cameras.
         """
-        states = SpooledStates()
+        frames = SpooledFrames()
         if not self.usable:
-            return states
+            return frames
         for _, instants in reversed(self._people):
             tracker.reset(same_camera=True)
             seen = (placed(instant) for instant in self._latest_first(instants))
-            for stamp, state in backward_states(tracker, (instant for instant in seen if instant)):
-                states.add(self._first_ns + round(1e9 * stamp), state)
-        return states
+            for stamp, found in track_backward(tracker, (instant for instant in seen if instant)):
+                frames.add(self._first_ns + round(1e9 * stamp), found)
+        return frames
 
     def _latest_first(self, instants: Sequence[_Instant]) -> Iterator[list[Observation]]:
         for instant in sorted(instants, key=lambda one: one.stamp_ns, reverse=True):

@@ -299,12 +299,12 @@ def test_live_rows_equal_the_rows_of_live_degrees_of_freedom():
     assert not A[..., live[: rows.first]].any()
 
 
-def test_the_midpoint_is_halfway_and_the_same_from_both_sides():
+def test_the_way_to_another_state_is_the_same_from_both_sides():
     random = np.random.default_rng(5)
     one, other = (BodyState(exponential(0.9 * random.normal(size=(24, 3))), random.normal(size=3)) for _ in range(2))
-    middle, back = one.midpoint(other), other.midpoint(one)
+    found, back = one.towards(other, 0.3), other.towards(one, 0.7)
     angle = np.linalg.norm(logarithm(np.swapaxes(one.rotations, -1, -2) @ other.rotations), axis=-1)
-    half = np.linalg.norm(logarithm(np.swapaxes(one.rotations, -1, -2) @ middle.rotations), axis=-1)
-    assert np.abs(half - angle / 2).max() < 1e-9 and angle.max() > 1.5
-    assert np.abs(middle.rotations - back.rotations).max() < 1e-9
-    assert np.abs(middle.translation - (one.translation + other.translation) / 2).max() < 1e-12
+    part = np.linalg.norm(logarithm(np.swapaxes(one.rotations, -1, -2) @ found.rotations), axis=-1)
+    assert np.abs(part - 0.3 * angle).max() < 1e-9 and angle.max() > 1.5
+    assert np.abs(found.rotations - back.rotations).max() < 1e-9
+    assert np.abs(found.translation - (0.7 * one.translation + 0.3 * other.translation)).max() < 1e-12
