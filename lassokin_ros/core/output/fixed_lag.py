@@ -26,7 +26,6 @@ from lassokin_ros.core.record import record
 TOLERANCE = 0.003
 """s: tolerance of the lag. Four frames at 60 Hz are 0.3 ms shorter than 0.067 s, and stamps of cameras jitter."""
 
-
 COMPARED_S = 0.25
 """s before and after a frame in which the costs of both tracks are compared."""
 TEMPER = 0.1
