@@ -117,6 +117,10 @@ def _error(found: np.ndarray, truth: np.ndarray, layout: Layout) -> float:
     return 1000 * float(np.nanmean(np.linalg.norm(off, axis=-1)))
 
 
+def _share(marks: np.ndarray) -> str:
+    return f"{marks.mean():.0%}" if len(marks) else "there are none"
+
+
 def totals(records: Sequence[Record]) -> list[str]:
     """Return the lines below the table."""
     error, marks = (np.concatenate([one[key] for one in records]) for key in ("error", "marks"))
@@ -125,7 +129,8 @@ def totals(records: Sequence[Record]) -> list[str]:
     means = [float(np.mean([one[key] for one in records])) for key in ("mpjpe_mm", "wrist_shake_mm", "ankle_shake_mm")]
     return [
         f"mean of the recordings: {means[0]:.1f} mm, wrists {means[1]:.1f} mm, ankles {means[2]:.1f} mm",
-        f"frames over {WRONG_MM:.0f} mm that are marked: {marks[error > WRONG_MM].mean():.0%}",
+        f"frames over {WRONG_MM:.0f} mm: {np.count_nonzero(error > WRONG_MM)} of {len(error)}",
+        f"frames over {WRONG_MM:.0f} mm that are marked: {_share(marks[error > WRONG_MM])}",
         f"frames under {GOOD_MM:.0f} mm that are not marked: {1 - marks[error < GOOD_MM].mean():.1%}",
         f"bad recordings without a doubt: {sum(not one['says'] for one in bad)} of {len(bad)}",
         f"good recordings with a doubt: {sum(bool(one['says']) for one in good)} of {len(good)}",

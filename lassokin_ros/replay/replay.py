@@ -31,7 +31,7 @@ from lassokin_ros.replay.exports.exports import Exports, is_inside_name
 from lassokin_ros.replay.motion import MotionRecorder
 from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME, OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError, check_output_paths
-from lassokin_ros.replay.passes.first_pass import Inputs, KnownPerson, check_two_passes, learn_person
+from lassokin_ros.replay.passes.earlier_passes import Inputs, KnownPerson, check_two_passes, learn_person
 from lassokin_ros.replay.record import KEY, Figures, Record, origin_of
 from lassokin_ros.replay.recorded_images import recorded_images
 from lassokin_ros.replay.recording_files import recording_name

@@ -32,7 +32,7 @@ from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
 from lassokin_ros.replay.bags import typestore
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
-from lassokin_ros.replay.passes.first_pass import Inputs, learn_person
+from lassokin_ros.replay.passes.earlier_passes import Inputs, learn_person
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.found_cameras import calibration_toml, found_poses, where_in_words
 from lassokin_ros.video.people import PersonError, people_in

@@ -30,7 +30,7 @@ from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
 from lassokin_ros.replay.bags import typestore
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
-from lassokin_ros.replay.passes.first_pass import KnownPerson, learn_person
+from lassokin_ros.replay.passes.earlier_passes import KnownPerson, learn_person
 from lassokin_ros.skeleton_readers.load import load_skeleton
 from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.camera import Calibration, assumed_fov_warning, choose_camera

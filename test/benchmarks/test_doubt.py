@@ -18,11 +18,13 @@ def test_totals_count_frames_and_recordings():
     lines = totals([{**record, "marks": record["marks"].astype(bool)} for record in records])
     assert [line.rpartition(": ")[2] for line in lines] == [
         "1.0 mm, wrists 2.0 mm, ankles 3.0 mm",
+        "2 of 9",
         "50%",
         "83.3%",
         "1 of 2",
         "0 of 1",
     ]
+    assert totals([{**records[1], "marks": np.zeros(4, dtype=bool)}])[2].endswith("marked: there are none")
 
 
 def test_a_recording_is_measured(capsys):

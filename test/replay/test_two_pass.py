@@ -16,13 +16,16 @@ from lassokin_ros.core.body.kinematics import Kinematics  # noqa: E402
 from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.body.rotations import exponential  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.observation import CameraPose  # noqa: E402
 from lassokin_ros.core.recording import WHOLE_FILE  # noqa: E402
 from lassokin_ros.core.tracker import Tracker  # noqa: E402
 from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion  # noqa: E402
 from lassokin_ros.pipeline.frame_result import FrameResult  # noqa: E402
+from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from lassokin_ros.replay.keypoint_recording import write_keypoint_recording  # noqa: E402
-from lassokin_ros.replay.passes import first_pass  # noqa: E402
+from lassokin_ros.replay.passes import earlier_passes  # noqa: E402
 from lassokin_ros.replay.passes.kept_observations import KeptObservations  # noqa: E402
 
 FRAMES = 240
@@ -91,8 +94,8 @@ def test_a_recording_too_short_for_calibration_keeps_its_lengths(tmp_path):
 
 def test_the_published_root_is_between_the_tracks_forward_and_backward(tmp_path, monkeypatch):
     bag, found = write_recording(tmp_path / "short", 20), []
-    backward = first_pass._backward
-    monkeypatch.setattr(first_pass, "_backward", lambda *given: found.append(backward(*given)) or found[0])
+    backward = earlier_passes._backward
+    monkeypatch.setattr(earlier_passes, "_backward", lambda *given: found.append(backward(*given)) or found[0])
     assert main([str(bag), "-o", str(tmp_path / "one"), *smoothed()]) == 0
     assert main([str(bag), "-o", str(tmp_path / "two"), "--two-pass"]) == 0
     (frames,), forward, both = found, arms(tmp_path / "one")[1][:, 0], arms(tmp_path / "two")[1][:, 0]
@@ -101,6 +104,14 @@ def test_the_published_root_is_between_the_tracks_forward_and_backward(tmp_path,
     way = np.array([frames[stamp].state.translation for stamp in stamps]) - forward
     share = np.sum((both - forward) * way, axis=1) / np.sum(way * way, axis=1)
     assert np.abs(both - forward - share[:, None] * way).max() < 1e-9 and (share > 0.01).all() and (share < 0.99).all()
+
+
+def test_a_person_whose_height_is_not_known_yet_is_not_tracked_backward(monkeypatch):
+    monkeypatch.setattr(
+        KeptObservations, "track_backward", lambda *_: pytest.fail("each track has a height of its own")
+    )
+    config = TrackerConfig(height=0.0, camera_height=1.2, tilt_deviation=0.01)
+    assert earlier_passes._backward(KeptObservations(), Pipeline(config, NodeSettings()), config) == {}
 
 
 def frame(stamp_ns, label="p1"):

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from lassokin_ros.core.learned import camera_finder
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, read_cameras
+from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.video import several_videos
 from lassokin_ros.video.command import main
 from lassokin_ros.video.found_cameras import calibration_toml
@@ -78,6 +79,14 @@ def write_calibration(path, names):
                   f"rotation = {Rotation.from_matrix(pose.rotation).as_rotvec().tolist()}",
                   f"translation = {pose.translation.tolist()}"]  # fmt: skip
     path.write_text("\n".join(lines) + "\n")
+
+
+def test_the_videos_are_tracked_backward_too(rig, monkeypatch):
+    given, use = [], Pipeline.use_backward
+    monkeypatch.setattr(Pipeline, "use_backward", lambda self, frames: (given.append(frames), use(self, frames)))
+    assert main(["left", "right", "--cameras", "calib.toml", "--height", "1.75"]) == 0
+    (frames,) = given
+    assert list(frames) == [None] and len(frames[None]) == FRAMES
 
 
 def test_two_videos_give_one_motion_in_the_frame_of_the_calibration(rig, capsys):

@@ -14,6 +14,7 @@ import pytest
 
 from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.detector.backend import Detected, DetectorError
+from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.video import track as track_module
 from lassokin_ros.video.camera import from_file, from_fov
 from lassokin_ros.video.command import main
@@ -280,15 +281,18 @@ def positions(file):
 
 
 def test_a_file_is_smoothed_with_later_frames_and_detected_once(long_video, tmp_path, monkeypatch, capsys):
-    detector = Walking()
+    detector, given, use = Walking(), [], Pipeline.use_backward
     monkeypatch.setattr(track_module, "make_detector", lambda name: detector)
+    monkeypatch.setattr(Pipeline, "use_backward", lambda self, frames: (given.append(frames), use(self, frames)))
     for name, options in (("whole", []), ("causal", ["--causal"])):
         files = ["--export", str(tmp_path / f"{name}.npz"), "--video", str(tmp_path / f"{name}.mp4")]
         assert main([str(long_video), "--fov", "60", *files, *options]) == 0
         assert ("passes          lengths, backward, forward; smoothed" in capsys.readouterr().out) == (name == "whole")
     assert detector.count == 2 * 120
+    (backward,) = given  # only of the whole file
     (stamps, whole), (causal_stamps, causal) = positions(tmp_path / "whole.npz"), positions(tmp_path / "causal.npz")
     assert stamps[0] == 0 and np.array_equal(stamps, causal_stamps)
+    assert list(backward) == [None] and len(backward[None]) == len(stamps)
     smoothing = [float(np.load(tmp_path / f"{name}.npz")["smoothing"]) for name in ("whole", "causal")]
     assert smoothing == [WHOLE_FILE["smoothing"], 0.0]
     shake = [np.abs(np.diff(joints[:25, 20:22], n=2, axis=0)).mean() for joints in (whole, causal)]  # wrists

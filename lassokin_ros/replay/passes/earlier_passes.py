@@ -65,8 +65,12 @@ def learn_person(
 
 
 def _backward(kept: KeptObservations, pipeline: Pipeline, config: TrackerConfig) -> Mapping[int, Backward]:
-    """The frames backward in time. None if the motion of the mount or the fixed frame is not in the observations."""
-    if pipeline.mount is not None or pipeline.counts[JUMPS]:
+    """The frames backward in time.
+
+    None if the motion of the mount or the fixed frame is not in the observations, or if the height is not known yet:
+    each track would have its own.
+    """
+    if pipeline.mount is not None or pipeline.counts[JUMPS] or config.height == 0:
         return {}
     tracker = Pipeline(replace(config, extrinsics=GIVEN), pipeline.config).tracker
     tracker.floor_below = pipeline.tracker.floor_below
