@@ -110,7 +110,8 @@ setup(
     maintainer=MANIFEST.findtext("maintainer"),
     maintainer_email=MANIFEST.find("maintainer").get("email"),
     url=MANIFEST.findtext("url"),
-    license=MANIFEST.findtext("license"),
+    license=" AND ".join(tag.text for tag in MANIFEST.iter("license")),
+    license_files=[tag.get("file") for tag in MANIFEST.iter("license")],
     packages=find_packages(include=["lassokin_ros", "lassokin_ros.*", "msg_adapters", "msg_adapters.*"]),
     ext_modules=[KERNEL],
     package_data={

@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return USAGE_ERROR
     except ModuleNotFoundError as error:
-        print(f"{PROGRAM}: {error}; install it with: pip install '.[report]'", file=sys.stderr)
+        print(f"{PROGRAM}: {error}; install it with: pip install '.[replay]'", file=sys.stderr)
         return USAGE_ERROR
     except (Interrupted, KeyboardInterrupt):
         print(f"{PROGRAM}: interrupted; nothing was written", file=sys.stderr)

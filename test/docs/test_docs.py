@@ -229,8 +229,9 @@ def test_the_distance_of_keypoints_that_fit_no_body_is_that_of_the_diagnostics()
 
 
 def test_figures_are_small_and_shown():
-    shown = {path for page in PAGES for _, path, _ in links(page) if path.suffix == ".png"}
-    figures = set((DOCS / "figures").glob("*.png"))
+    suffixes = {".png", ".svg", ".webp"}
+    shown = {path for page in PAGES for _, path, _ in links(page) if path.suffix in suffixes}
+    figures = set((DOCS / "figures").iterdir())
     assert figures and figures <= shown
     for figure in figures:
         assert figure.stat().st_size < 100_000, figure

@@ -20,7 +20,9 @@ def test_the_manifest_is_valid():
     package.validate()
     assert package.package_format == 3
     assert package.get_build_type() == "ament_python"
-    assert package.licenses == ["Apache-2.0"]
+    assert package.licenses == ["Apache-2.0", "MIT"]
+    for licence in package.licenses:
+        assert licence.partition("-")[0] in (ROOT / licence.file).read_text(encoding="utf-8")
     assert re.fullmatch(r"[\w.+-]+@[\w.-]+\.[a-z]{2,}", package.maintainers[0].email)
 
 
@@ -124,7 +126,9 @@ def test_setup_py_and_package_xml_agree(monkeypatch):
     monkeypatch.chdir(ROOT)
     runpy.run_path("setup.py")
     manifest = ElementTree.parse(ROOT / "package.xml").getroot()
-    expected = {name: manifest.findtext(name) for name in ("name", "version", "author", "maintainer", "license", "url")}
+    expected = {name: manifest.findtext(name) for name in ("name", "version", "author", "maintainer", "url")}
+    licences = list(manifest.iter("license"))
+    expected |= {"license": "Apache-2.0 AND MIT", "license_files": [tag.get("file") for tag in licences]}
     expected["maintainer_email"] = manifest.find("maintainer").get("email")
     expected["description"] = " ".join(manifest.findtext("description").split())
     assert {name: setup[0][name] for name in expected} == expected

@@ -1,4 +1,4 @@
-"""Install each optional part beside `.[replay,report]`, each in a fresh environment, and use it; see CONTRIBUTING.md.
+"""Install each optional part beside `.[replay]`, each in a fresh environment, and use it; see CONTRIBUTING.md.
 
     python test/support/installation/check_extras.py VIDEO [--model pose.onnx] [--only onnx]
 
@@ -43,7 +43,7 @@ def check(extras: str, folder: Path, video: Path, model: Path | None) -> tuple[s
     """Install extras in an environment in the folder and use them. Return the problem, if any, and what was printed."""
     venv.create(folder / "venv", with_pip=True)
     python = str(folder / "venv" / "bin" / "python")
-    for wanted in ("replay,report", *extras.split("+")):
+    for wanted in ("replay", *extras.split("+")):
         done = _run([python, "-m", "pip", "install", "--disable-pip-version-check", f"{ROOT}[{wanted}]"], folder)
         errors = [line for line in done.stderr.splitlines() if line.startswith("ERROR")]
         if done.returncode or errors:
