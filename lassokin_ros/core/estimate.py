@@ -32,8 +32,8 @@ class Estimate:
     used keypoints of a camera or more. length_deviation: (p,) standard deviation of the log-lengths. cameras: number of
     cameras whose rows have weight. centre: (3,) m, of the first of them, in the skeleton's frame. joint_depths: what
     the depth network estimates from its keypoints. contacts: (n,) bool, ankles of feet that stand still. prior_cost: of
-    the pose prior for `solved`. network_distance: m, mean distance of the depth network's joints from those of
-    `solved`, relative to the hips; NaN without the network.
+    the pose prior for `solved`, with weight 1. network_distance: m, mean distance of the depth network's joints from
+    those of `solved`, relative to the hips; NaN without the network.
     """
 
     stamp: float

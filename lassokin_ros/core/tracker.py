@@ -43,6 +43,7 @@ from lassokin_ros.core.hypotheses.reinitialisation import COST_SHARE, Reinitiali
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.gating import gate_observation
 from lassokin_ros.core.image.measurement import Measurement
+from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.increment import Increment, IncrementSolver
 from lassokin_ros.core.lasso.certificate import Certificate
@@ -521,6 +522,7 @@ class Tracker:
             together.speed,
             self.config.smoothing,
             None if camera.is_identity else camera.centre,
+            answer.frame.seen_by > 1,
         )
 
     def _better_state(self, answer: _Answer) -> EvaluatedState | None:
@@ -562,7 +564,7 @@ class Tracker:
             cameras=frame.seen_by,
             centre=frame.seeing.camera.centre,
             contacts=self._contacts(),
-            prior_cost=float(self.frame_model.prior.cost(solved, frame)),
+            prior_cost=0.5 * float(squared_norm(solved.posture.residual)),
             network_distance=math.nan if self._network_pose is None else self._network_pose.distance(solved.pose),
         )
 

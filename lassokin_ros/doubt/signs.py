@@ -55,6 +55,7 @@ def signs_of(
     """
     assert estimate.pose is not None
     positions = camera.into_camera(estimate.pose.positions)
+    alone = estimate.cameras == 1 and not estimate.depth_covers  # the failure model is that of one camera without depth
     return Signs(
         estimate.stamp,
         points,
@@ -62,7 +63,7 @@ def signs_of(
         estimate.reprojection_px / focal * float(positions[0, 2]) / height,
         estimate.cost / max(estimate.measurements, 1),
         estimate.prior_cost,
-        estimate.network_distance if estimate.cameras == 1 else math.nan,  # the failure model is that of one camera
+        estimate.network_distance if alone else math.nan,
         estimate.visible,
         camera.name,
         None if camera.is_identity else estimate.pose.positions,

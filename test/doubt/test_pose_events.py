@@ -1,10 +1,13 @@
 """Events of the pose: turns, reversals, jumps, costs; and the model of the two figures."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from sequences import CONFIG, observations
 
+from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.doubt.doubt import Doubt, Event, reasons
 from lassokin_ros.doubt.facing import CORNERS, TURN_S, LastingReversal, facing_of, is_fast_turn
 from lassokin_ros.doubt.failure_model import MARKED, FailureModel
@@ -12,7 +15,7 @@ from lassokin_ros.doubt.monitor import DoubtMonitor
 from lassokin_ros.doubt.pelvis_jump import JUMP_S, is_jump
 from lassokin_ros.doubt.poor_fit import ReprojectionRun, is_costly
 from lassokin_ros.doubt.recent import Change
-from lassokin_ros.doubt.signs import Signs
+from lassokin_ros.doubt.signs import Signs, signs_of
 
 JOINTS = ("pelvis", *CORNERS)
 REST = np.array([[0, 0, 0], [0.1, 0, 0], [-0.1, 0, 0], [0.2, 0.5, 0], [-0.2, 0.5, 0]])
@@ -148,6 +151,17 @@ def test_reasons_are_named_once_in_order_and_figures_last():
         "front and back may be exchanged",
     ]
     assert reasons(doubts[2:]) == ["the uncertainty is large"] and reasons([Doubt(probability=0.1)]) == []
+
+
+@pytest.mark.parametrize(("cameras", "depth", "stated"), [(1, False, True), (2, False, False), (1, True, False)])
+def test_the_failure_model_is_that_of_one_camera_without_depth(cameras, depth, stated):
+    tracker = Tracker(CONFIG)
+    for _, seen in observations(tracker, 0.2):
+        estimate = tracker.track(seen)
+    given = replace(estimate, cameras=cameras, depth_covers=depth)
+    shown = signs_of(given, seen.points, seen.focal, tracker.skeleton.height)
+    doubt = DoubtMonitor(tracker.layout.names, tracker.skeleton.joint_names).update(shown)
+    assert np.isfinite(doubt.probability) == stated
 
 
 def test_keypoints_of_two_cameras_are_not_compared():

@@ -59,8 +59,8 @@ def same(a: BodyState, b: BodyState) -> bool:
     return np.array_equal(a.rotations, b.rotations) and np.array_equal(a.translation, b.translation)
 
 
-def published_by(output_filter, state, pose, omega, x, step, speed, time):
+def published_by(output_filter, state, pose, omega, x, step, speed, time, several=False):
     """The state that an OutputFilter publishes for a solved state, after the increment (omega, x)."""
     return output_filter.filtered(
-        EvaluatedState(state, pose, None), SimpleNamespace(omega=omega, x=x), step, speed, time
+        EvaluatedState(state, pose, None), SimpleNamespace(omega=omega, x=x), step, speed, time, several_cameras=several
     )

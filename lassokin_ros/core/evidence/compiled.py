@@ -16,7 +16,7 @@ from lassokin_ros.core.evidence.balance import OFFSET_DEVIATION, Balance
 from lassokin_ros.core.evidence.evidence import EvaluatedState, LinearisationPoint
 from lassokin_ros.core.evidence.image_points import ImagePoints
 from lassokin_ros.core.evidence.learned_depth import TAIL, LearnedDepth
-from lassokin_ros.core.evidence.pose_prior import WEIGHT_WITH_DEPTH, PosePrior
+from lassokin_ros.core.evidence.pose_prior import PosePrior
 from lassokin_ros.core.evidence.upright import LEAN_DEVIATION, Upright
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import NEAREST_DEPTH
@@ -32,7 +32,7 @@ class CompiledEvidence:
 
     def __init__(self, kinematics: Kinematics, prior: PosePrior, balance: Balance, depth: LearnedDepth | None) -> None:
         """depth: None for a skeleton without learned depth."""
-        self._kinematics = kinematics
+        self._kinematics, self._prior = kinematics, prior
         joints, levers, reach = np.empty(0, dtype=int), np.empty((0, 3)), np.empty((len(kinematics.live_index), 0))
         if depth is not None:
             joints, levers, reach = depth.joints, depth.levers, depth.reach
@@ -79,7 +79,7 @@ class CompiledEvidence:
 
     def _state(self, states: EvaluatedState, frame: FrameData) -> tuple[Any, ...]:
         pose, posture = states.pose, states.posture
-        weight, height = frame.prior_weight(WEIGHT_WITH_DEPTH), self._kinematics.skeleton.height
+        weight, height = self._prior.weight(frame), self._kinematics.skeleton.height
         places = pose.orientations, pose.positions, pose.landmarks, states.state.rotations
         return (*places, posture.theta, posture.residual, frame.up, height, weight)
 

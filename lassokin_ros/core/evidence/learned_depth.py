@@ -27,8 +27,7 @@ WEIGHT = 1.5
 """Factor on the rows in frames of one camera without measured depth. Validation people: as captured 97.9 / 44.9 mm with
 1, 96.5 / 44.0 with 1.5; strangers 66.4 / 46.3 and 65.8 / 45.8, their knees 8.2 and 7.8 degrees."""
 WEIGHT_WITH_DEPTH = 0.5
-"""Factor on the rows in frames with measured depth, see `FrameData.prior_weight`, or of several cameras, which observe
-depth."""
+"""The same with measured depth or several cameras, for the reason of `pose_prior.WEIGHT_WITH_DEPTH`."""
 TAIL = 4.0
 """Degrees of freedom of Student's t distribution, as in training."""
 
@@ -103,7 +102,7 @@ class LearnedDepth(Evidence):
 
     def factor(self, frame: FrameData) -> float:
         """Factor on the rows of a frame."""
-        return WEIGHT_WITH_DEPTH if frame.depth_covers or frame.seen_by > 1 else WEIGHT
+        return WEIGHT_WITH_DEPTH if frame.observes_depth else WEIGHT
 
     def _points(self, pose: BodyPose) -> np.ndarray:
         """(..., DEPTHS + 1, 3) m: the targets and the right hip."""

@@ -18,9 +18,8 @@ from lassokin_ros.core.evidence.image_points import numbered
 from lassokin_ros.core.image.frame_data import FrameData
 
 WEIGHT_FACTOR = 1.5
-"""Factor on the weights of the depths. Their noise is independent from frame to frame, but the errors of the
-priors are not. It was chosen, with the priors' factors `WEIGHT_WITH_DEPTH`, on three of the network's validation
-people."""
+"""Factor on the weights of the depths. Their noise is independent from frame to frame, but the errors of prior and
+network are not. It was chosen, with their factors, on three of the network's validation people."""
 SCALE_BEHIND, SCALE_IN_FRONT = 3.0, 3.5
 """Scales of the loss for measurements behind and in front of the state's landmark, in standard deviations. They were
 chosen on the network's validation people, with 10 % and with half of the depths on an occluder. With a

@@ -74,14 +74,10 @@ class FrameData:
         rows *= self.weights[:, None, None]
         return rows
 
-    def prior_weight(self, with_depth: float) -> float:
-        """Factor on a prior's rows: `with_depth` if half of the landmarks have a measured depth, else 1.
-
-        The lasso of a frame uses earlier frames only through its start state. The noise of a measured depth is
-        independent from frame to frame, but the error of a prior is the same in every frame: with full weight it would
-        count again in every frame.
-        """
-        return with_depth if self.depth_covers else 1.0
+    @property
+    def observes_depth(self) -> bool:
+        """Whether the depth of half of the landmarks is measured, or several cameras see the person."""
+        return self.depth_covers or self.seen_by > 1
 
     @cached_property
     def depth_covers(self) -> bool:

@@ -1,5 +1,7 @@
 """The data of a frame: with larger noise, and how much of it has a measured depth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,5 +43,11 @@ def test_a_frame_without_depth_stays_without():
 def test_depth_covers_a_frame_if_half_of_the_landmarks_have_one(measured, covers):
     weights = np.where(np.arange(4) < measured, 10.0, 0.0)
     given = frame(depth=DEPTH, depth_weights=weights)
-    assert given.depth_covers is covers and given.prior_weight(0.7) == (0.7 if covers else 1.0)
-    assert not frame().depth_covers and frame().prior_weight(0.7) == 1.0
+    assert given.depth_covers is covers and given.observes_depth is covers
+    assert not frame().depth_covers and not frame().observes_depth
+
+
+@pytest.mark.parametrize(("weight", "observed"), [(0.0, False), (1.0, True)])
+def test_several_cameras_that_see_the_person_observe_depth(weight, observed):
+    other = replace(frame(), weights=np.full(4, weight))
+    assert frame(others=(other,)).observes_depth is observed

@@ -35,18 +35,18 @@ def posed(state):
     return BodyPose(state.rotations, np.zeros((JOINTS, 3)), np.zeros((0, 3)))
 
 
-def filtered(output_filter, last, state, step=STEP, time=TIME, speed=TYPICAL_SPEED):
+def filtered(output_filter, last, state, step=STEP, time=TIME, speed=TYPICAL_SPEED, several=False):
     """The state to publish after the increment from the last state."""
     omega = Rotation.from_matrix(np.swapaxes(last.rotations, -1, -2) @ state.rotations).as_rotvec()
     moved = state.translation - last.translation
-    return published_by(output_filter, state, posed(state), omega.ravel(), moved, step, speed, time)
+    return published_by(output_filter, state, posed(state), omega.ravel(), moved, step, speed, time, several)
 
 
-def followed(states, step=STEP, time=TIME, speed=TYPICAL_SPEED):
+def followed(states, step=STEP, time=TIME, speed=TYPICAL_SPEED, several=False):
     """Filter a list of states; the increments are those between them."""
     output_filter, last, published = OutputFilter(JOINTS), states[0], []
     for state in states:
-        published.append(filtered(output_filter, last, state, step, time, speed))
+        published.append(filtered(output_filter, last, state, step, time, speed, several))
         last = state
     return published
 
@@ -110,6 +110,15 @@ def test_motion_in_depth_is_smoothed_more():
     assert across_it < 0.85 * about_the_ray and towards_us < 0.85 * sideways
     left = np.std([state.translation[2] for state in followed(states, time=DEPTH_RATIO * TIME)[50:]])
     assert sideways > towards_us and np.isclose(left, places[:, 2].std(), rtol=0.35)
+
+
+def test_several_cameras_smooth_motion_in_depth_like_other_motion():
+    random = np.random.default_rng(2)
+    states = [turned(0.02 * random.normal(size=(JOINTS, 3)), AHEAD + 0.02 * random.normal(size=3)) for _ in range(1500)]
+    places = np.array([state.translation for state in followed(states, several=True)[50:]])
+    alone = np.array([state.translation for state in followed(states)[50:]])
+    assert np.isclose(places[:, 2].std(), places[:, :2].std(), rtol=0.1)
+    assert np.allclose(places[:, :2], alone[:, :2], atol=5e-4) and places[:, 2].std() > 1.1 * alone[:, 2].std()
 
 
 def test_depth_is_defined_by_the_camera_not_by_the_joint():
