@@ -28,8 +28,11 @@ SILENT_SHARE = 0.3
 class Camera:
     """One camera of a tracker."""
 
-    def __init__(self, kinematics: Kinematics, network: DepthEstimator | None, depth_noise: DepthNoise) -> None:
-        self._kinematics, self.network, self.depth_noise = kinematics, network, depth_noise
+    def __init__(
+        self, kinematics: Kinematics, network: DepthEstimator | None, depth_noise: DepthNoise, name: str | None = None
+    ) -> None:
+        """name: None for the first camera until it is seen."""
+        self._kinematics, self.network, self.depth_noise, self.name = kinematics, network, depth_noise, name
         self.measurements = MeasurementFilter(kinematics)
         self.pose = HERE
         self.reset()
@@ -74,7 +77,9 @@ class Camera:
             if measurement.lost:
                 self.network.reset()
             if measurement.lost or not measurement.repeated:
-                up, mount = (self._of_camera(v) for v in (vertical.direction, vertical.mount))
+                up, mount = vertical.direction, vertical.mount
+                if not self.pose.is_identity:
+                    up, mount = self.pose.rotation @ up, self.pose.rotation @ mount
                 known = up if vertical.known else None
                 self.network.update(measurement.stamp, measurement.points, measurement.used, known, mount)
         weights = measurement.weights if self._presence == 1 else self._presence * measurement.weights
@@ -90,7 +95,7 @@ class Camera:
 
     def predicted_view(self, stamp: float, vertical: Vertical, body: BodyPose | None, model_error: float) -> FrameData:
         """The view at a stamp, s, without an image."""
-        if not np.isfinite(self._seen_at):  # never
+        if not np.isfinite(self._seen_at):
             nothing = np.zeros((self._kinematics.landmark_count, 2))
             return FrameData(nothing, nothing[:, 0], vertical.direction, camera=self.pose)
         depth = None if body is None else _in_front(self.pose.into_camera(body.positions[0]))
@@ -119,9 +124,6 @@ class Camera:
             return found
         return replace(found, sight=self.pose.rotation.T @ found.sight)
 
-    def _of_camera(self, direction: np.ndarray) -> np.ndarray:
-        return direction if self.pose.is_identity else self.pose.rotation @ direction
-
     def _presence_at(self, stamp: float) -> float:
         """Weight of this camera's rows, 0 to 1, if there is no image up to a stamp, s."""
         silent_after = SILENT_SHARE * self._timeout
@@ -141,48 +143,6 @@ class Camera:
             grown = min(stamp - self._seen_at, silent_after) / (self._timeout - silent_after)
             self._presence = min(self._presence_at(stamp) + grown, 1.0)
         self._seen_at = stamp
-
-
-class Cameras:
-    """The cameras of a tracker, in the order in which they were first seen; the first one always exists."""
-
-    def __init__(self, first: Camera) -> None:
-        self._all, self._names = [first], [None]  # type: list[Camera], list[str | None]
-
-    def __iter__(self):  # type: ignore[no-untyped-def]
-        return iter(self._all)
-
-    def __len__(self) -> int:
-        return len(self._all)
-
-    @property
-    def first(self) -> Camera:
-        """The first camera."""
-        return self._all[0]
-
-    def known(self, pose: CameraPose) -> Camera | None:
-        """The camera of this name; None if it is new."""
-        if self._names[0] is None:
-            self._names[0] = pose.name
-        return self.named(pose.name)
-
-    def named(self, name: str) -> Camera | None:
-        """The camera of this name; None if it has had no image."""
-        return self._all[self._names.index(name)] if name in self._names else None
-
-    def add(self, name: str, camera: Camera) -> None:
-        """Add a further camera."""
-        self._all.append(camera)
-        self._names.append(name)
-
-    def reset(self) -> None:
-        """Forget the person; the cameras stay."""
-        for camera in self._all:
-            camera.reset()
-
-    def network_places(self) -> np.ndarray | None:
-        """The places by the network of the first camera that has an estimate, in the skeleton's frame."""
-        return next((found for camera in self._all if (found := camera.network_places()) is not None), None)
 
 
 def _in_front(place: np.ndarray) -> float | None:

@@ -28,7 +28,7 @@ from lassokin_ros.core.body.roles import ANKLES, missing_roles
 from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.body.symmetry import symmetric_skeleton
-from lassokin_ros.core.cameras import Camera, Cameras
+from lassokin_ros.core.cameras import Camera
 from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.estimate import Estimate
@@ -125,13 +125,14 @@ class Tracker:
         prior = PoseDistribution.load(body)
         self.frame_model = FrameModel(self.kinematics, prior, evidence)
         self.learned = Learned(self.frame_model, self.config, None if up is None else _unit_vertical(up))
-        self._cameras = Cameras(Camera(self.kinematics, self._depth_estimator(), self.learned.depth_noise))
+        self._cameras = [Camera(self.kinematics, self._depth_estimator(), self.learned.depth_noise)]
+        """In the order in which they were first seen; the first one always exists."""
         self._increments = IncrementSolver(self.frame_model, prior, self.config.solver)
         self._initialiser = Initialiser(self.kinematics, prior, self.frame_model)
         self._network_pose = None
         propose = MirroredLimbs(self.kinematics).propose
         if self._network is not None:
-            self._network_pose = NetworkPose(self._cameras.network_places, self.kinematics, self._initialiser.mean_pose)
+            self._network_pose = NetworkPose(self._network_places, self.kinematics, self._initialiser.mean_pose)
             propose = self._network_pose.propose
         self._other_pose = OtherPose(self._initialiser, self.frame_model, propose)
         self._reinitialisation = Reinitialisation()
@@ -159,7 +160,8 @@ class Tracker:
         self._solved: EvaluatedState | None = None
         self._replaced = False  # whether the next frame starts from another state than the last one solved
         self._status, self._stuck_frames, self._cost = Status.SEARCHING, 0, float("nan")
-        self._cameras.reset()
+        for camera in self._cameras:
+            camera.reset()
         self._unplaced: dict[str, Tracker] = {}  # of the person as each camera without a pose sees it
         self._increments.reset()
         self._reinitialisation.reset()
@@ -182,7 +184,11 @@ class Tracker:
     @property
     def _network(self) -> DepthEstimator | None:
         """The depth network of the first camera; None if it is not used."""
-        return self._cameras.first.network
+        return self._cameras[0].network
+
+    def _network_places(self) -> np.ndarray | None:
+        """The places by the network of the first camera that has an estimate, in the skeleton's frame."""
+        return next((found for camera in self._cameras if (found := camera.network_places()) is not None), None)
 
     @property
     def state(self) -> BodyState | None:
@@ -245,7 +251,7 @@ class Tracker:
         """Tell where cameras that have no image of the next instant are then: their keypoints are predicted to it."""
         extrinsics = self.learned.extrinsics
         for pose in poses:
-            if (camera := self._cameras.named(pose.name)) is not None:
+            if (camera := self._named(pose.name)) is not None:
                 camera.pose = pose if extrinsics is None else extrinsics.corrected(pose)
 
     def move_frame(self, rotation: np.ndarray, translation: np.ndarray) -> None:
@@ -314,7 +320,8 @@ class Tracker:
         rejection = self._check(start.state, increment, frame, measurement.focal)
         if rejection is not None:
             return self._reject(observations[0], rejection, increment.solution.certificate)
-        solved = self._retract(start.state, increment)
+        moved = start.state.retract(increment.omega, increment.x)
+        solved = self.frame_model.evaluate(BodyState(orthonormalised(moved.rotations), moved.translation))
         answer = _Answer(measured, measurement, frame, start, initialised, increment, solved)
         smoothed = self._smooth(answer)
         better = self._better_state(answer)
@@ -361,24 +368,27 @@ class Tracker:
 
     def _seen_at(self, stamp: float) -> FrameData:
         """What the first camera sees at a stamp, s, predicted by its tracks."""
-        body = None if self._solved is None else self._solved.pose
-        return self._cameras.first.predicted_view(
-            stamp, self.learned.vertical, body, self.learned.model_error.deviation
+        return self._cameras[0].predicted_view(
+            stamp, self.learned.vertical, self._body, self.learned.model_error.deviation
         )
+
+    @property
+    def _body(self) -> BodyPose | None:
+        """The solved pose of the last frame."""
+        return None if self._solved is None else self._solved.pose
 
     def _measure(self, observations: Sequence[Observation]) -> tuple[dict[Camera, Measurement], Rejection | None]:
         """The measurements of the cameras whose observations can be used; the reason to reject if there are none."""
         measured: dict[Camera, Measurement] = {}
         first: Rejection | None = None
         for observation in observations:
-            camera = self._camera(observation)
+            camera = self._camera(observation.camera.name)
             newest = camera.measurements.newest
             rejection, weights = gate_observation(observation, newest, self.layout, self.config)
             if rejection is not None or camera in measured:
                 first = first or rejection or Rejection.OLD_STAMP
                 continue
-            body = None if self._solved is None else self._solved.pose
-            error = self.learned.model_error.deviation
+            body, error = self._body, self.learned.model_error.deviation
             others = (other for other in self._cameras if other is not camera)
             alone = body is None or not any(other.seen_at(observation.stamp) for other in others)
             measurement = camera.measure(observation, weights, body, error, self.config, alone)
@@ -389,13 +399,19 @@ class Tracker:
             measured[camera] = measurement
         return measured, None if measured else first
 
-    def _camera(self, observation: Observation) -> Camera:
-        """The camera of an observation. A new one gets a filter, a depth network, and rows in the lasso."""
-        camera = self._cameras.known(observation.camera)
+    def _named(self, name: str) -> Camera | None:
+        """The camera of this name; None if it has had no image."""
+        return next((camera for camera in self._cameras if camera.name == name), None)
+
+    def _camera(self, name: str) -> Camera:
+        """The camera of this name. A new one gets a filter, a depth network, and rows in the lasso."""
+        if self._cameras[0].name is None:
+            self._cameras[0].name = name
+        camera = self._named(name)
         if camera is None:
-            camera = Camera(self.kinematics, self._depth_estimator(), DepthNoise())
+            camera = Camera(self.kinematics, self._depth_estimator(), DepthNoise(), name)
             self._tell_lengths(camera)
-            self._cameras.add(observation.camera.name, camera)
+            self._cameras.append(camera)
             self.frame_model.add_camera()
         return camera
 
@@ -425,7 +441,7 @@ class Tracker:
         Measured depths are left out as long as the person's size is unknown.
         """
         sized, vertical = self.learned.height is None or self.learned.height.measured, self.learned.vertical
-        body, error = None if self._solved is None else self._solved.pose, self.learned.model_error.deviation
+        body, error = self._body, self.learned.model_error.deviation
         main, *others = (
             camera.view(measured[camera], vertical, sized)
             if camera in measured
@@ -503,11 +519,6 @@ class Tracker:
             rejection = Rejection.TOO_SMALL  # or behind the camera; the image cannot correct either
         self._stuck_frames = 0 if rejection is None else self._stuck_frames + 1
         return rejection
-
-    def _retract(self, start: BodyState, increment: Increment) -> EvaluatedState:
-        """The state after a certified increment."""
-        moved = start.retract(increment.omega, increment.x)
-        return self.frame_model.evaluate(BodyState(orthonormalised(moved.rotations), moved.translation))
 
     def _smooth(self, answer: _Answer) -> BodyState:
         """The state to publish."""
