@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -67,6 +69,20 @@ LEAST_SHARE = 0.5
 """Share of the limbs that must have a plausible length."""
 
 
+class Pairs(NamedTuple):
+    """Frames that two cameras have seen; one frame without the first axis.
+
+    a, b: (f, l, 2) normalised points of both. weights: (f, l) of their difference. rotation: (f, 3, 3) and translation:
+    (f, 3) m, from the first to the second camera.
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    weights: np.ndarray
+    rotation: np.ndarray
+    translation: np.ndarray
+
+
 class Extrinsics:
     """Corrections of the poses of all cameras but one."""
 
@@ -89,7 +105,7 @@ class Extrinsics:
 
     def reset(self) -> None:
         """Forget the frames; the corrections stay, because cameras do not move with the person."""
-        self._frames: dict[str, deque[tuple[np.ndarray, ...]]] = {}
+        self._frames: dict[str, deque[Pairs]] = {}
         self._finders: dict[str, CameraFinder] = {}
         self._newest, self._count = -math.inf, 0
         self.wrong: dict[str, str] = {}
@@ -132,9 +148,9 @@ class Extrinsics:
         frames = _entries(finder, pose)
         if len(frames) < FEWEST:
             return
-        pose = _moved(pose, self._solved(frames, np.zeros(6), FOUND_DEVIATION, FIRST_STEPS))
+        pose = _moved(pose, self._solved(_stacked(frames), np.zeros(6), FOUND_DEVIATION, FIRST_STEPS))
         frames = _entries(finder, pose)
-        if self._misfit(*(np.stack(parts) for parts in zip(*frames))) < FOUND:
+        if self._misfit(_stacked(frames)) < FOUND:
             self.found[name], self._frames[name] = pose, frames
             del self._finders[name]
 
@@ -156,7 +172,7 @@ class Extrinsics:
     def solution(self, name: str) -> tuple[float, float] | None:
         """Return by how much a camera's pose differs from the given one, rad and m; None before it is known."""
         found = self._solutions.get(name)
-        return None if found is None else (math.radians(_degrees(found)), _metres(found))
+        return None if found is None else _size(found)
 
     def in_words(self, name: str) -> str:
         """Return what is wrong with the given pose of a camera; empty if nothing is."""
@@ -173,13 +189,13 @@ class Extrinsics:
     def _explained(self, name: str) -> str:
         """Return by how much a camera is turned or shifted, in words: both values if it cannot be told which."""
         (turned, turn), (shifted, shift), (moved, both) = self._explanations[name]
+        degrees, metres = f"{math.degrees(_size(turned)[0]):.0f} degrees", f"{_size(shifted)[1]:.1f} m"
         if min(turn, shift) > CLEARLY * both:
-            return f"{_degrees(moved):.0f} degrees and {_metres(moved):.1f} m"
+            angle, distance = _size(moved)
+            return f"{math.degrees(angle):.0f} degrees and {distance:.1f} m"
         if turn > CLEARLY * shift:
-            return f"{_metres(shifted):.1f} m"
-        if shift > CLEARLY * turn:
-            return f"{_degrees(turned):.0f} degrees"
-        return f"{_degrees(turned):.0f} degrees or {_metres(shifted):.1f} m"
+            return metres
+        return degrees if shift > CLEARLY * turn else f"{degrees} or {metres}"
 
     def update(self, stamp: float, frame: FrameData) -> None:
         """Use a frame with the views of all cameras. stamp: s."""
@@ -199,13 +215,14 @@ class Extrinsics:
             name = view.camera.name
             pose = self._given[name].relative_to(self._given[first.camera.name])
             frames = self._frames.setdefault(name, deque(maxlen=LONGEST))
-            frames.append((first.points, view.points, weights, pose.rotation, pose.translation))
+            frames.append(Pairs(first.points, view.points, weights, pose.rotation, pose.translation))
             if due and len(frames) >= FEWEST:
+                pairs, before = _stacked(frames), self._solutions.get(name, np.zeros(6))
                 deviation = FOUND_DEVIATION if name in self.found else GIVEN_DEVIATION
-                self._solutions[name] = self._solved(frames, self._solutions.get(name, np.zeros(6)), deviation, STEPS)
-                self.wrong[name] = self._what_is_wrong(frames, first.camera.name, name)
+                self._solutions[name] = self._solved(pairs, before, deviation, STEPS)
+                self.wrong[name] = self._what_is_wrong(pairs, first.camera.name, name)
                 if not self._used and self.moved(name) is not None:
-                    self._explain(deque(list(frames)[::THINNED]), name)
+                    self._explain(_stacked(list(frames)[::THINNED]), name)
         for name, solution in self._solutions.items():
             before = self.corrections.get(name, np.zeros(6))
             self.corrections[name] = before + FOLLOWING * (solution - before)
@@ -220,59 +237,49 @@ class Extrinsics:
             return next((view for view, pose in zip(views, given) if pose and pose.is_identity), views[0])
         return next((view for view in views if view.camera.name == self.anchor), None)
 
-    def _what_is_wrong(self, frames: deque[tuple[np.ndarray, ...]], first: str, name: str) -> str:
+    def _what_is_wrong(self, pairs: Pairs, first: str, name: str) -> str:
         """Return why the given pose of a camera cannot be right; empty if it can."""
-        a, b, weights, rotation, translation = (np.stack(parts) for parts in zip(*frames))
-        if self._misfit(a, b, weights, rotation, translation) < WRONG:
+        if self._misfit(pairs) < WRONG:
             return ""
         words = f"keypoints of '{first}' and '{name}' do not fit the poses of the cameras"
         inverse = self._given[name].inverse.relative_to(self._given[first])
-        inverted = (np.stack(len(a) * [part]) for part in (inverse.rotation, inverse.translation))
-        if self._misfit(a, b, weights, *inverted) < RIGHT:
+        rotation, translation = (np.stack(len(pairs.a) * [part]) for part in (inverse.rotation, inverse.translation))
+        if self._misfit(pairs._replace(rotation=rotation, translation=translation)) < RIGHT:
             return f"{words}, but the inverse transform: expected the pose of the camera, x_frame = R x_camera + t"
-        if self._misfit(b, a, weights, rotation, translation) < RIGHT:
+        if self._misfit(pairs._replace(a=pairs.b, b=pairs.a)) < RIGHT:
             return f"{words}, but if '{first}' and '{name}' are exchanged: check the topics"
         return f"{words}: check them (TF or a file, m), and that keypoints and lens are those of the camera"
 
-    def _misfit(
-        self, a: np.ndarray, b: np.ndarray, weights: np.ndarray, rotation: np.ndarray, translation: np.ndarray
-    ) -> float:
+    def _misfit(self, pairs: Pairs) -> float:
         """Return the misfit of a pose, see WRONG; infinite if the body is behind a camera, or has no plausible size."""
-        distances, size, plausible = self._residuals(a, b, weights, rotation, translation, np.zeros(6))
-        seen = weights > 0
+        distances, size, plausible = self._residuals(pairs, np.zeros(6))
+        seen = pairs.weights > 0
         if plausible < LEAST_SHARE:
             return math.inf
-        shown = np.where(seen[..., None], b, np.nan)
+        shown = np.where(seen[..., None], pairs.b, np.nan)
         extent = np.linalg.norm(np.nanmax(shown, axis=1) - np.nanmin(shown, axis=1), axis=-1)[:, None]
-        apart = float(np.median((np.abs(distances) / np.maximum(weights, 1e-9) / extent)[seen]))
+        apart = float(np.median((np.abs(distances) / np.maximum(pairs.weights, 1e-9) / extent)[seen]))
         return apart + 0.5 * abs(size) * self.size_known
 
-    def _explain(self, frames: deque[tuple[np.ndarray, ...]], name: str) -> None:
+    def _explain(self, pairs: Pairs, name: str) -> None:
         """Fit a turn, a shift, and both, without regard to the given pose."""
-        a, b, weights, rotation, translation = (np.stack(parts) for parts in zip(*frames))
         before, found = self._explanations.get(name, 3 * [(np.zeros(6), 0.0)]), []
         for (start, _), deviation in zip(before, (TURNED, SHIFTED, FOUND_DEVIATION)):
-            solution = self._solved(frames, start, deviation, STEPS)
-            distances, *_ = self._residuals(a, b, weights, rotation, translation, solution)
-            found.append((solution, float(np.median(np.abs(distances[weights > 0])))))
+            solution = self._solved(pairs, start, deviation, STEPS)
+            distances, *_ = self._residuals(pairs, solution)
+            found.append((solution, float(np.median(np.abs(distances[pairs.weights > 0])))))
         self._explanations[name] = found
 
-    def _solved(
-        self, frames: deque[tuple[np.ndarray, ...]], start: np.ndarray, deviation: np.ndarray, steps: int
-    ) -> np.ndarray:
-        """Return the correction (6,) that fits all kept frames best. deviation: (6,) of the given pose."""
-        a, b, weights, rotation, translation = (np.stack(parts) for parts in zip(*frames))
-        share = math.sqrt(min(INDEPENDENT, len(a)) / len(a))
-        correction = start
+    def _solved(self, pairs: Pairs, correction: np.ndarray, deviation: np.ndarray, steps: int) -> np.ndarray:
+        """Return the correction (6,) that fits all frames best, from a start. deviation: (6,) of the given pose."""
+        share, seen = math.sqrt(INDEPENDENT / len(pairs.a)), pairs.weights.reshape(-1) > 0
         for _ in range(steps):
-            base = self._residuals(a, b, weights, rotation, translation, correction)
-            moved = [
-                self._residuals(a, b, weights, rotation, translation, correction + STEP * unit) for unit in np.eye(6)
-            ]
+            base = self._residuals(pairs, correction)
+            moved = [self._residuals(pairs, correction + STEP * unit) for unit in np.eye(6)]
             J = np.stack([(one[0] - base[0]) / STEP for one in moved], axis=-1).reshape(-1, 6)
             r = base[0].reshape(-1)
             # Errors that are larger than configured count less.
-            scale = max(1.0, float(np.median(np.abs(r[weights.reshape(-1) > 0]))) / MEDIAN_OF_NORMAL)
+            scale = max(1.0, float(np.median(np.abs(r[seen]))) / MEDIAN_OF_NORMAL)
             J, r = J / scale, r / scale
             robust = share * np.minimum(1.0, OUTLIER / np.maximum(np.abs(r), 1e-9))
             J, r = J * robust[:, None], r * robust
@@ -286,24 +293,12 @@ class Extrinsics:
             correction = correction - np.linalg.solve(H, g)
         return correction
 
-    def _residuals(
-        self,
-        a: np.ndarray,
-        b: np.ndarray,
-        weights: np.ndarray,
-        rotation: np.ndarray,
-        translation: np.ndarray,
-        correction: np.ndarray,
-    ) -> tuple[np.ndarray, float, float]:
-        """Return (f, l) distances from epipolar lines in standard deviations, and what `_log_size` returns.
-
-        a, b: (f, l, 2) normalised points of both cameras. rotation, translation: (f, 3, 3), (f, 3) m, from the first to
-        the second camera.
-        """
-        turn = exponential(correction[None, :3])[0]
-        R, t = turn @ rotation, translation @ turn.T + correction[3:]
-        ones = np.ones((*a.shape[:2], 1))
-        x, y = np.concatenate([a, ones], -1), np.concatenate([b, ones], -1)
+    def _residuals(self, pairs: Pairs, correction: np.ndarray) -> tuple[np.ndarray, float, float]:
+        """Return (f, l) distances from epipolar lines in standard deviations, and what `_log_size` returns."""
+        weights, turn = pairs.weights, exponential(correction[None, :3])[0]
+        R, t = turn @ pairs.rotation, pairs.translation @ turn.T + correction[3:]
+        ones = np.ones((*weights.shape, 1))
+        x, y = np.concatenate([pairs.a, ones], -1), np.concatenate([pairs.b, ones], -1)
         turned = x @ R.swapaxes(1, 2)
         line_b = np.cross(t[:, None], turned)
         line_a = np.cross(y, t[:, None]) @ R
@@ -326,14 +321,18 @@ class Extrinsics:
         return (math.log(float(np.median(found))) if len(found) else 0.0), plausible
 
 
-def _entries(finder: CameraFinder, pose: CameraPose) -> deque[tuple[np.ndarray, ...]]:
+def _stacked(frames: Iterable[Pairs]) -> Pairs:
+    return Pairs(*(np.stack(parts) for parts in zip(*frames)))
+
+
+def _entries(finder: CameraFinder, pose: CameraPose) -> deque[Pairs]:
     """Frames of a camera with a found pose, as `Extrinsics` keeps them."""
-    frames: deque[tuple[np.ndarray, ...]] = deque(maxlen=LONGEST)
+    frames: deque[Pairs] = deque(maxlen=LONGEST)
     for placed, unplaced in finder.views:
         weights = _common(placed, unplaced)
         if np.count_nonzero(weights) >= FEWEST_POINTS:
             relative = pose.relative_to(placed.camera)
-            frames.append((placed.points, unplaced.points, weights, relative.rotation, relative.translation))
+            frames.append(Pairs(placed.points, unplaced.points, weights, relative.rotation, relative.translation))
     return frames
 
 
@@ -343,12 +342,9 @@ def _common(a: FrameData, b: FrameData) -> np.ndarray:
     return np.where(both, 1 / np.hypot(1 / np.maximum(a.weights, 1e-9), 1 / np.maximum(b.weights, 1e-9)), 0.0)
 
 
-def _degrees(correction: np.ndarray) -> float:
-    return math.degrees(float(np.linalg.norm(correction[:3])))
-
-
-def _metres(correction: np.ndarray) -> float:
-    return float(np.linalg.norm(correction[3:]))
+def _size(correction: np.ndarray) -> tuple[float, float]:
+    """rad and m, of a correction (6,)."""
+    return float(np.linalg.norm(correction[:3])), float(np.linalg.norm(correction[3:]))
 
 
 def _moved(pose: CameraPose, correction: np.ndarray) -> CameraPose:
