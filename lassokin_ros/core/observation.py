@@ -13,7 +13,7 @@ import numpy as np
 from lassokin_ros.core.errors import CameraError
 
 ROTATION_TOLERANCE = 0.01
-"""Root of the sum of the squared differences from a rotation. Matrices that were written with 3 decimals pass."""
+"""Root of the sum of the squared differences from a rotation; matrices with 3 decimals pass."""
 ORIGIN, AXES = np.zeros(3), np.eye(3)
 for _constant in (ORIGIN, AXES):
     _constant.flags.writeable = False

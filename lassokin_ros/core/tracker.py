@@ -8,8 +8,7 @@ of the present state (not with the last observation, which would drift), lineari
 solves the lasso for the increment of all joints and the translation, certifies the answer, and retracts it onto SO(3).
 With `relinearisations` above 1 it linearises again about the answer, with the l1 penalty on the total increment.
 The published pose is the solved state, smoothed over a few frames (`output_filter`); the next frame starts from the
-state as solved. With `smoothing_lag`, `track` still returns the newest frame's estimate, and `published` holds the
-estimates that have become due.
+state as solved.
 """
 
 from __future__ import annotations
@@ -97,10 +96,7 @@ class _Answer:
 
 
 class Tracker:
-    """Tracks one person.
-
-    Its state is the body's state and what was learned about the person, the keypoints and the camera until `reset`.
-    """
+    """Tracks one person. Its state is that of the body, and what was learned until `reset`."""
 
     def __init__(
         self,
@@ -502,7 +498,6 @@ class Tracker:
         return best
 
     def _solve(self, start: EvaluatedState, initialised: bool, frame: FrameData, measurement: Measurement) -> Increment:
-        """The increment from the start state, by the frame's lasso."""
         step = 0.0 if initialised or self._network is None else measurement.step
         if self.learned.feet.anchors is not None and not (initialised or self._replaced or measurement.repeated):
             frame = replace(frame, anchors=self.learned.feet.anchors)
@@ -586,20 +581,16 @@ class Tracker:
 
     def _follow_feet(self, answer: _Answer, replaced: bool) -> None:
         """Note which feet stand still. replaced: whether the pose does not continue the last one."""
-        if replaced:
-            self.learned.feet.reset()
-        if not (self._ankles and self.config.hold_feet):
-            self.learned.feet.reset()
-        elif not answer.together.repeated:
-            self.learned.feet.update(answer.together.stamp, *self._ankle_motion(answer))
-
-    def _ankle_motion(self, answer: _Answer) -> tuple[np.ndarray, np.ndarray]:
-        """(2, 3) m, the solved ankles, and (2,) m/s, the largest speed of their keypoints in a camera."""
-        ankles = answer.solved.pose.positions.take(self._ankles, axis=0)
-        return ankles, reduce(np.fmax, [camera.speeds(ankles, self._ankle_points) for camera in answer.measured])
+        feet, held = self.learned.feet, self._ankles and self.config.hold_feet
+        if replaced or not held:
+            feet.reset()
+        if held and not answer.together.repeated:
+            ankles = answer.solved.pose.positions.take(self._ankles, axis=0)
+            speeds = reduce(np.fmax, [camera.speeds(ankles, self._ankle_points) for camera in answer.measured])
+            feet.update(answer.together.stamp, ankles, speeds)
 
     def _learn(self, answer: _Answer) -> None:
-        """Update all that is learned from an accepted frame, and use it from the next frame on."""
+        """Update all that is learned, and use it from the next frame on."""
         height, lengths = self.learned.height, self.learned.lengths
         frame, solved, initialised = answer.frame, answer.solved, answer.initialised
         stamp, repeated = answer.together.stamp, answer.together.repeated
@@ -693,8 +684,7 @@ def _unit_vertical(up: np.ndarray) -> np.ndarray:
             f"up is {found.tolist()}; expected the vertical of the fixed frame, (3,) finite numbers that are not all "
             "0, such as [0, 0, 1]"
         )
-    unit: np.ndarray = found / length
-    return unit
+    return np.asarray(found / length)
 
 
 def _reprojection_px(measured: dict[Camera, Measurement], pose: BodyPose) -> float:
