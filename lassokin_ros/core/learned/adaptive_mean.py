@@ -27,8 +27,8 @@ from lassokin_ros.core.evidence.pose_prior import PosePrior
 from lassokin_ros.core.lasso.problem import Lasso
 
 SHARE = 0.3
-"""Share of the prior's covariance that is constant for a person. Half of the covariance differs between clips of
-motion capture. A smaller share gains as much, and a wrong pose does less harm."""
+"""Share of the prior's covariance that is constant for a person: half of it differs between clips of motion capture,
+and a smaller share gains as much with less harm by a wrong pose."""
 TIME_CONSTANT_S = 30.0
 """s: time constant of the process."""
 PERIOD_S = 0.25
@@ -54,29 +54,22 @@ class AdaptiveMean:
         """Return to the shipped mean."""
         #: (k,) rad, rotation vectors of the prior's joints, and (k, k) rad^2, their covariance.
         self.mean, self.covariance = self._shipped, self._lasting
-        self._measured_at = -np.inf
+        self._measured_at = -math.inf
         self._prior.set_mean(self.mean)
 
     def update(self, stamp: float, start: BodyState, problem: Lasso, rows: Mapping[str, slice]) -> bool:
-        """Use a tracked frame: its lasso about the state `start`, with the rows of each piece of evidence.
-
-        Returns True if the prior's mean has changed.
-        """
+        """Use a tracked frame: its lasso about the state `start`. Returns True if the prior's mean has changed."""
         step = stamp - self._measured_at
         if step < PERIOD_S:
             return False
         self._measured_at = stamp
-        self._predict(step)
+        kept = math.exp(-step / TIME_CONSTANT_S)
+        self.mean = self._shipped + kept * (self.mean - self._shipped)
+        self.covariance = self._lasting + kept**2 * (self.covariance - self._lasting)
         others = np.delete(np.arange(len(problem.z)), rows[self._prior.name])
         self._measure(start, problem, others, INDEPENDENT_AFTER / min(step, 2 * PERIOD_S))
         self._prior.set_mean(self.mean)
         return True
-
-    def _predict(self, step: float) -> None:
-        """Predict the mean by step, s."""
-        kept = math.exp(-step / TIME_CONSTANT_S)
-        self.mean = self._shipped + kept * (self.mean - self._shipped)
-        self.covariance = self._lasting + kept**2 * (self.covariance - self._lasting)
 
     def _measure(self, start: BodyState, problem: Lasso, others: np.ndarray, tempering: float) -> None:
         """Use a frame's z = A theta + N (root's rotation, x) + e as a measurement of the mean.

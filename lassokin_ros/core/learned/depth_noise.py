@@ -50,8 +50,7 @@ class DepthNoise:
         return max(1.0, math.exp(self._log))
 
     def update(self, measurement: Measurement, age: float) -> Measurement:
-        """Learn from a frame's depths, unless the keypoints are repeated. Return it with the depths' weights as
-        learned.
+        """Learn from a frame's depths if the keypoints are new; return it with their weights as learned.
 
         age: s by which the depths are older than the keypoints.
         """

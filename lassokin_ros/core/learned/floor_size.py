@@ -1,6 +1,5 @@
 """The person's size from feet on the floor, seen by one camera whose height and tilt are known.
 
-A body twice as tall at twice the distance gives the same keypoints, but its feet are twice as far below the camera.
 Feet that stand are on the floor, so the body is scaled about the camera until their ankles are at the height of a
 standing foot's.
 """

@@ -39,9 +39,8 @@ are 2 to 3 % too tall."""
 TIME_CONSTANT_S = 5.0
 """s: time constant of the average. The first frames' poses are the least exact."""
 LEAST_DEVIATION = 0.035
-"""Lower limit of the logarithm's standard deviation, because people's proportions differ from those of the skeleton. It
-is the root mean square error over 19 people of motion capture who are not in the tests. Their measured heights are
-3.4 % too high on average, with a standard deviation of 1.3 %. With the skeleton's proportions the error is 2 %."""
+"""Lower limit of the logarithm's standard deviation, because people's proportions differ from those of the skeleton:
+the root mean square error over 19 people of motion capture who are not in the tests."""
 CHANGE = 0.01
 """Change of the logarithm from which a new height is adopted."""
 PAUSE_S = 0.25
@@ -49,11 +48,9 @@ PAUSE_S = 0.25
 ROUNDS = 4
 """Iterations of the robust fit."""
 LOSS_SCALE = 2.5
-"""Scale of Geman and McClure's loss, in standard deviations. The loss is bounded for errors of both signs. It is
-applied to all three equations of a landmark. `measured_depth` has Cauchy's loss for depths behind the landmark."""
+"""Scale of Geman and McClure's loss of the three equations of a landmark, in standard deviations."""
 RANGE = 0.5, 2.3
-"""m: limits of the height. A frame that implies a height outside them is ignored, because its depths are not those of
-the person but, for example, of the wall behind."""
+"""m: limits of the height. A frame outside them is ignored: its depths are those of the wall behind, for example."""
 
 
 class HeightEstimator:

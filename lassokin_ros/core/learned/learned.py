@@ -26,12 +26,10 @@ from lassokin_ros.core.learned.vertical import Vertical
 
 
 class Learned:
-    """The learners of one tracker. Each has `update` and `reset`.
+    """The learners of one tracker, each with `update` and `reset`.
 
-    lengths: the bone lengths. height: None if it is given. mean_pose: the person's mean posture. model_error: the
-    keypoints' constant error. vertical: in the skeleton's frame. depth_noise: of measured depth. size_check: of a given
-    height against measured depth. extrinsics: None if the cameras' given poses are not checked. feet: which stand
-    still.
+    height: None if it is given. vertical: in the skeleton's frame. extrinsics: None if the cameras' given poses are not
+    checked. feet: which stand still.
     """
 
     def __init__(self, frame_model: FrameModel, config: TrackerConfig, up: np.ndarray | None = None) -> None:

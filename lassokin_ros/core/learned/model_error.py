@@ -8,9 +8,7 @@ v_i = lambda^2 + s_i^2. The residuals r_i of the solved frame, in units of sqrt(
     E sum_i |r_i|^2 / 2 = sum_i f_i,    f_i = 1 - a_i^T H^-1 a_i,
 
 with a row a_i of [A B] and H = [A B]^T [A B] with the prior's rows (MacKay, Bayesian interpolation, 1992, sec. 4).
-The l1 term is not in H: it acts on the frame's motion only, and the state has already followed a constant error. One
-number is learned for all landmarks. One number per landmark was not better, because most residuals come from two
-landmarks that contradict each other.
+The l1 term is not in H: it acts on the frame's motion only, and the state has already followed a constant error.
 """
 
 from __future__ import annotations
@@ -54,8 +52,7 @@ class ModelError:
         """Return to the initial value."""
         #: m: lambda, in each of the two image directions.
         self.deviation = INITIAL * self._height
-        self._known = INITIAL_WEIGHT
-        self._measured_at = -math.inf
+        self._known, self._measured_at = INITIAL_WEIGHT, -math.inf
 
     def resize(self, ratio: float) -> None:
         """Scale with the person's size."""
@@ -67,14 +64,12 @@ class ModelError:
         """The standard deviation in units of its lower limit, 1 or more."""
         return self.deviation / (LEAST_ERROR * self._height)
 
-    @property
-    def _every(self) -> float:
-        """Time in s between two measurements."""
-        return max(SHORTEST_INTERVAL, SHARE * self._known)
-
     def due(self, stamp: float) -> bool:
         """Whether `update` uses a frame at this stamp, s."""
-        return stamp - self._measured_at >= self._every
+        return stamp - self._measured_at >= self._interval()
+
+    def _interval(self) -> float:
+        return max(SHORTEST_INTERVAL, SHARE * self._known)
 
     def update(
         self,
@@ -91,7 +86,7 @@ class ModelError:
         (l,), 1 / standard deviation in normalised units, 0 = missing; depth: m, of the person, or (l,) in each
         landmark's camera.
         """
-        step = min(stamp - self._measured_at, 2 * self._every)
+        step = min(stamp - self._measured_at, 2 * self._interval())
         self._measured_at = stamp
         seen = weights > 0
         free = _free_shares(problem, image, len(weights))[seen]

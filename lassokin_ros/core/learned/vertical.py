@@ -14,9 +14,8 @@ import numpy as np
 from lassokin_ros.core.body.rotations import exponential, hat, least_turn
 
 TIME_CONSTANT_S = 0.5, 5.0
-"""s with which the vertical follows the person's: at first, and at most. It grows with the time for which a person has
-been tracked. It is short at first, because the error of the camera's mount is often larger than the lean of a
-person."""
+"""s with which the vertical follows the person's: at first, when the error of the mount is often larger than the lean
+of a person, and at most. It grows with the time for which a person has been tracked."""
 TILT, TILT_COST = 0.45, 4.0
 """rad: pitch of the alternative verticals of `candidates`; and their cost, a negative log-likelihood. With a smaller
 cost, people who lean in front of a level camera are estimated as upright. With a larger one, upright people in front of

@@ -2,11 +2,9 @@
 
 It depends on three figures. The mean deviation of the joints includes posterior, bone lengths and depth network. The
 cost is the negative log-likelihood of all evidence and is high for keypoints that fit no pose. The learned model error
-grows for such keypoints (see `model_error`), which lowers the cost; therefore it is the third figure. A logistic
-regression on the three logarithms predicts whether the mean joint error is above `WRONG`. It was fitted on the
-validation people (training/motion.py) with bones known and with the height alone, white and correlated noise, 60 and
-10 Hz, hidden limbs, gaps and wrong points, measured depth, no network, and keypoints in a wrong order.
-benchmarks/accuracy.py --failure-probability checks it on other people.
+grows for such keypoints (see `model_error`), which lowers the cost. A logistic regression on the three logarithms
+predicts whether the mean joint error is above `WRONG`. It was fitted on the validation people (training/motion.py) in
+many conditions; benchmarks/accuracy.py --failure-probability checks it on other people.
 """
 
 from __future__ import annotations

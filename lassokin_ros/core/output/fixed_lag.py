@@ -25,7 +25,6 @@ from lassokin_ros.core.record import record
 
 TOLERANCE = 0.003
 """s: tolerance of the lag. Four frames at 60 Hz are 0.3 ms shorter than 0.067 s, and stamps of cameras jitter."""
-
 COMPARED_S = 0.25
 """s before and after a frame in which the costs of both tracks are compared."""
 TEMPER = 0.1
@@ -102,18 +101,16 @@ class FixedLag:
         if count == 0:
             return []
         waiting, released = list(self._waiting), []
-        for _ in range(count):
-            self._waiting.popleft()
+        self._waiting = deque(waiting[count:])
         for index in range(len(waiting) - 1, -1, -1):
             this = waiting[index]
             after = waiting[index + 1].forward if index + 1 < len(waiting) else None
-            alone = after is None or after.restarted
             if after is None or after.restarted:
                 offset, velocity = map(this.forward.parts, (this.forward.offset, this.forward.velocity))
             else:
                 offset, velocity = _corrected(this.forward, after, offset, velocity)
             if index < count:
-                as_it_is = alone and this.backward is None
+                as_it_is = (after is None or after.restarted) and this.backward is None
                 released.append(this.estimate if as_it_is else self._smoothed(this, offset))
         return released[::-1]
 

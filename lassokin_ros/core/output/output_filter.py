@@ -1,12 +1,11 @@
 """The output filter: smooths the published pose over the last few frames, without lag in steady motion.
 
-The solved state depends almost only on one frame's image. It can thus leave a wrong pose at once, but it has the noise
-of the image, mainly in depth. The published state follows it through one constant-velocity Kalman filter per
-degree of freedom (white acceleration; Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and
-Navigation, 2001, sec. 6.3). There are two gains: one for motion that the image shows (rotations about the viewing ray,
-translation across it), and a lower one for motion in depth. Both increase with the keypoints' speed, because jitter is
-visible at rest and lag in motion (Casiez, Roussel, Vogel, 1 Euro Filter, CHI 2012). The next frame is linearised about
-the solved state and not about the published one, because feeding back a prediction in depth would preserve errors.
+The solved state has the noise of one frame's image, mainly in depth. The published state follows it through one
+constant-velocity Kalman filter per degree of freedom (white acceleration; Bar-Shalom, Li, Kirubarajan, Estimation with
+Applications to Tracking and Navigation, 2001, sec. 6.3). There are two gains: one for motion that the image shows
+(rotations about the viewing ray, translation across it), and a lower one for motion in depth. Both increase with the
+keypoints' speed, because jitter is visible at rest and lag in motion (Casiez, Roussel, Vogel, 1 Euro Filter, CHI 2012).
+The next frame is linearised about the solved state: feeding back a prediction in depth would preserve errors.
 """
 
 from __future__ import annotations
@@ -23,27 +22,20 @@ from lassokin_ros.core.kernel import kernel
 
 DEPTH_RATIO = 1.9
 """Ratio of the time constants in depth and in the image. One camera observes depth worse by about this factor."""
-
 TYPICAL_SPEED = 0.5
 """m/s: mean speed of the keypoints at which the time constant is the configured one."""
-
 REST_SPEED = 0.05
 """m/s: below this speed the time constant hardly increases."""
-
 LONGEST_STEP = 0.2
 """s between frames above which the filter restarts, because the motion between them is unknown."""
-
 SHORTEST_TIME = 1e-3
 """s: lower limit of the time constant. Below it the smoothing is not visible, and covariances lose digits."""
-
 LARGEST_DEPTH_OFFSET = 0.25
 """Largest difference in depth between the published and the solved body, as a share of the distance to the camera.
 Beyond it the filter restarts; otherwise a solved state that jumps in depth could move it through the camera."""
 
 Covariance = tuple[float, float, float]
 """(variance of the value, covariance, variance of the velocity), in units of the variance of a solved value."""
-
-_ONES = np.ones(3)  # a product with it takes half the time of sum(axis=-1) on arrays this small
 
 
 class Forward(NamedTuple):
@@ -198,7 +190,5 @@ def _in_depth(vectors: np.ndarray, rays: np.ndarray) -> np.ndarray:
 
     A rotation about the ray moves the body in the image. A translation along the ray moves it in depth.
     """
-    along = (vectors * rays).dot(_ONES)[:, None] * rays
-    depth: np.ndarray = vectors - along
-    depth[-1] = along[-1]
-    return depth
+    along = (vectors * rays).dot(np.ones(3))[:, None] * rays
+    return np.concatenate([vectors[:-1] - along[:-1], along[-1:]])

@@ -10,16 +10,10 @@ The variance of the bone lengths, from calibration, is added. It has the shape o
 pose follows the image, and the error is in depth.
 
 A Gaussian about one hypothesis does not include others (a limb mirrored in depth), and the errors of keypoints, prior
-and network are correlated. Therefore the posterior's deviation is multiplied by `FACTOR`, which is larger if the pose
-disagrees with the depth network, and by `FACTOR_BELOW_LAST_KEYPOINT` for joints beyond the last visible keypoint of a
-limb. The deviation of the lengths is multiplied by `LENGTHS_FACTOR`, and with measured depth `FACTOR_WITH_DEPTH`
-replaces `FACTOR`.
+and network are correlated. Therefore the deviations are multiplied by factors. They were fitted to the errors on the
+people of the validation set (training/motion.py); benchmarks/accuracy.py --uncertainty tests them on other people.
 
-The marginal of a joint's own part of the increment is the uncertainty of its rotation relative to its parent. It is
-multiplied by `ROTATION_FACTOR`, and by `FACTOR_BELOW_LAST_KEYPOINT` if no visible keypoint is beyond the joint.
-
-These constants were fitted to the errors on the people of the validation set (training/motion.py).
-benchmarks/accuracy.py --uncertainty tests them on other people.
+The marginal of a joint's own part of the increment is the uncertainty of its rotation relative to its parent.
 """
 
 from __future__ import annotations
@@ -49,7 +43,7 @@ from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.record import record
 
 FACTOR = 1.6
-"""Factor on the posterior's standard deviation s, at the usual disagreement."""
+"""Factor on the posterior's standard deviation s, at the usual disagreement of the pose with the depth network."""
 FACTOR_WITH_DEPTH = 0.8
 """The same, if half of the landmarks or more have a measured depth. Fitted to the network's validation people."""
 FACTOR_OF_SEVERAL = 1.2
@@ -58,7 +52,7 @@ degrees, validation people: 66 and 77 % of the errors are within one deviation, 
 with those of one camera, which stated 86 mm for 25).
 """
 FACTOR_BELOW_LAST_KEYPOINT = 1.5
-"""Further factor for joints beyond the last visible keypoint of a limb, see `ObservedJoints.below_last_keypoint`."""
+"""Further factor for positions and rotations of joints beyond the last visible keypoint of a limb."""
 USUAL_DISAGREEMENT = 0.06
 """Usual disagreement of a pose with the network, see `LearnedDepth.disagreement`."""
 RANGE = 0.05, 5.0
@@ -75,45 +69,32 @@ LARGEST_DEVIATION = 0.6
 the linear model."""
 HIDDEN_LEG = 0.25
 """As a fraction of the height: least standard deviation of the joints of a leg without any visible point from the knee
-down. The prior was learned from people who stand and walk. With it 70 instead of 44 % of the hidden knees and ankles of
-people who sit are within one deviation, and 100 instead of 95 % within two.
-"""
+down. The prior was learned from people who stand and walk: without it, 44 instead of 70 % of the hidden knees and
+ankles of people who sit are within one deviation."""
 SCALE_DEVIATION = 0.045
-"""Standard deviation of the body's size, as a fraction of it: height, shoes, proportions.
-
-One camera does not observe the scale, so an error of the size moves the whole body along its line of sight by the same
-fraction. It is not included in a frame with measured depth.
-"""
+"""Standard deviation of the body's size, as a fraction of it: height, shoes, proportions. One camera without measured
+depth does not observe the scale, so such an error moves the whole body along its line of sight by the same fraction."""
 PLACE_DEVIATION = 0.02
 """m, per axis: standard deviation of the position of the landmarks in the body, and of a detector's lasting errors.
-
-Both constants were fitted to every second one of 31 recorded motions, two views each, with a detector's errors and only
-the height given: the error of the pelvis is 193 mm along the line of sight and 31 mm across (root mean square, at 4.4
-m).
-"""
-
+Both constants were fitted to recorded motions with only the height given: the error of the pelvis is 193 mm along the
+line of sight and 31 mm across (root mean square, at 4.4 m)."""
 ROTATION_FACTOR = 2.0
-"""Factor on the posterior's standard deviation of a joint's rotation, with and without measured depth. It contains that
-the rest pose of a person's joints is not the skeleton's."""
+"""Factor on the posterior's standard deviation of a joint's rotation. It contains that the rest pose of a person's
+joints is not the skeleton's."""
 LARGEST_ROTATION = math.sqrt(math.pi**2 / 3 + 2)
-"""rad: root mean square angle of a random rotation. The deviation of a rotation is limited by it, as that of a position
-is by `LARGEST_DEVIATION`."""
+"""rad: root mean square angle of a random rotation, the limit of a rotation's deviation, as `LARGEST_DEVIATION`."""
 STILL = ("wrist", "hand", "foot")
 """Joints that never move in the motion capture of the prior, so that it is not known how far they turn."""
 STILL_DEVIATION = 0.5
 """rad about each axis: least deviation of these, that of joints without a prior (`PoseDistribution`)."""
-
-_IDENTITY = np.eye(3).reshape(9)
 
 
 @record
 class AbsoluteUncertainty:
     """Covariances of positions, in the frame of the skeleton.
 
-    Attributes
-    ----------
-    joints: (n, 3, 3) m^2, of each joint's position.
-    pelvis: (6, 6), of the pelvis' position (m) and of its rotation about the camera's axes (rad).
+    joints: (n, 3, 3) m^2, of each joint's position. pelvis: (6, 6), of the pelvis' position (m) and of its rotation
+    about the camera's axes (rad).
     """
 
     joints: np.ndarray
@@ -137,17 +118,16 @@ class JointUncertainty:
 
     @cached_property
     def rotation_deviation(self) -> np.ndarray:
-        """(n,) rad, of each joint's rotation relative to its parent, computed at the first access.
+        """(n,) rad, of each joint's rotation relative to its parent (the root's: in the frame of the skeleton).
 
-        The root's is that of its orientation in the frame of the skeleton. It is the square root of the trace of the
-        rotation's covariance (3, 3), that is the root mean square angle between the estimated and the true rotation;
-        two thirds of the angles are smaller. See `ROTATION_FACTOR`.
+        It is the square root of the trace of the rotation's covariance (3, 3), that is the root mean square angle
+        between the estimated and the true rotation; two thirds of the angles are smaller.
         """
         return self.posterior.rotation_deviation()
 
     @cached_property
     def absolute(self) -> AbsoluteUncertainty:
-        """The uncertainty of positions in the frame of the skeleton, computed at the first access."""
+        """The uncertainty of positions in the frame of the skeleton."""
         return self.posterior.absolute()
 
 
@@ -155,11 +135,7 @@ class UncertaintyModel:
     """Computes `JointUncertainty` for one kinematics, prior and set of lengths."""
 
     def __init__(
-        self,
-        frame_model: FrameModel,
-        prior: PoseDistribution,
-        proportions: Proportions,
-        observed: ObservedJoints,
+        self, frame_model: FrameModel, prior: PoseDistribution, proportions: Proportions, observed: ObservedJoints
     ) -> None:
         """observed: of this skeleton and layout."""
         kinematics = self._kinematics = frame_model.kinematics
@@ -175,11 +151,10 @@ class UncertaintyModel:
         self._proportions, self.observed, self._learned_depth = proportions, observed, frame_model.learned_depth
         self._given_lengths = np.zeros(proportions.count)
         self._pieces = frame_model.pieces
-        names, ancestors = kinematics.skeleton.joint_names, kinematics.skeleton.ancestors
+        names = kinematics.skeleton.joint_names
         still = np.isin(names, [name for part in STILL for name in sided(part)])
         self.least_rotation = np.sqrt(3) * STILL_DEVIATION * still
-        #: Each knee, and the joints (n,) bool from it down.
-        self._legs = [(knee, ancestors[:, knee]) for knee in (names.index(n) for n in sided("knee") if n in names)]
+        self._knees = [names.index(name) for name in sided("knee") if name in names]
 
     def evaluate(self, estimate: Estimate) -> JointUncertainty:
         """The uncertainty of an accepted estimate."""
@@ -246,10 +221,10 @@ class UncertaintyModel:
 
     def _least(self, hidden: np.ndarray) -> np.ndarray:
         """(n,) m^2: least variance of each joint. hidden: (n,) bool, see `ObservedJoints.below_last_keypoint`."""
-        least = np.zeros(len(hidden))
-        for knee, joints in self._legs:
+        skeleton, least = self._kinematics.skeleton, np.zeros(len(hidden))
+        for knee in self._knees:
             if hidden[knee]:
-                least[joints] = (HIDDEN_LEG * self._kinematics.skeleton.height) ** 2
+                least[skeleton.ancestors[:, knee]] = (HIDDEN_LEG * skeleton.height) ** 2
         return least
 
 
@@ -321,10 +296,8 @@ def moved_joints(skeleton: Skeleton, columns: np.ndarray) -> np.ndarray:
 
 
 def position_jacobian(pose: BodyPose, columns: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """(n, 3, k) m/rad: derivative of the joint centres relative to the pelvis by degrees of freedom, in the frame of
-    the skeleton. columns: (k,) degrees of freedom. moved: (n, 1, k) factors, see `moved_joints`.
-
-    Like `Kinematics.jacobian` for landmarks: w x (p_i - p_j) if joint i is below joint j.
+    """(n, 3, k) m/rad: derivative of the joint centres relative to the pelvis by the degrees of freedom `columns` (k,),
+    w x (p_i - p_j) if joint i is below joint j. moved: (n, 1, k) factors, see `moved_joints`.
     """
     twist = twists(pose, pose.orientations).take(columns, axis=0).T
     jacobian = hat(pose.positions[0] - pose.positions).reshape(-1, 3).dot(twist[:3]).reshape(-1, 3, len(columns))
@@ -335,5 +308,4 @@ def position_jacobian(pose: BodyPose, columns: np.ndarray, moved: np.ndarray) ->
 
 def _trace(matrices: np.ndarray) -> np.ndarray:
     """Traces of (n, 3, 3); twice as fast as np.trace for few matrices."""
-    trace: np.ndarray = matrices.reshape(-1, 9) @ _IDENTITY
-    return trace
+    return np.asarray(matrices.reshape(-1, 9) @ np.eye(3).reshape(9))
