@@ -1,7 +1,7 @@
 """Rows and costs of the built-in evidence by the compiled kernel, for a frame in which all of it is regular.
 
 Regular are one state, Huber's weights, and rows about the frame's start. The kernel then does what `linearise` and
-`cost` of `ImagePoints`, `LearnedDepth`, `PosePrior`, `Upright` and `Balance` do. Other evidence stays with its class.
+`cost` of `ImagePoints`, `LearnedDepth`, `PosePrior`, `Upright` and `Balance` do.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 A frame's problem is || z - J [Omega; x] ||^2 plus the l1 term, with Omega the live degrees of freedom and x the
 translation (the paper's lasso, rebuilt in docs/method.md). Each `Evidence` gives some rows of J and z, in units of its
-own standard deviation, and the matching cost: a negative log-likelihood. `FrameModel` puts the rows of all pieces
-together. First frame, increment, certificate, learning and uncertainty use the same pieces.
+own standard deviation, and the matching cost: a negative log-likelihood. First frame, increment, certificate, learning
+and uncertainty use the same pieces.
 """
 
 from __future__ import annotations
@@ -45,10 +45,9 @@ class EvaluatedState:
 class LinearisationPoint:
     """The states about which a frame is linearised, its measurements, and the robust weights.
 
-    states: one state or several, shape (...). frame: the measurements.
-    robust: factors (..., l) on the landmarks' squared errors, given their sizes in standard deviations.
-    increment_jacobian: (..., n, 3, 3) right Jacobian of an increment already applied; Omega is then the total
-    increment.
+    states: one state or several, shape (...). robust: factors (..., l) on the landmarks' squared errors, given their
+    sizes in standard deviations. increment_jacobian: (..., n, 3, 3) right Jacobian of an increment already applied;
+    Omega is then the total increment.
     """
 
     kinematics: Kinematics

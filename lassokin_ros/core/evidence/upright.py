@@ -17,8 +17,6 @@ from lassokin_ros.core.image.robust_loss import squared_norm
 LEAN_DEVIATION = 0.12
 """rad: standard deviation of the lean."""
 
-_SIGNS = np.array([1.0, 0.0, -1.0])  # of [e_z, e_y, e_x] in the derivative of the vertical
-
 
 class Upright(Evidence):
     """Rows for the root's rotation."""
@@ -48,4 +46,4 @@ def upright_rows(root: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """
     lean = root[..., :, 1] - up
     weight = 1 / np.sqrt(LEAN_DEVIATION**2 + 0.25 * squared_norm(lean))[..., None]
-    return root[..., ::-1] * (weight * _SIGNS)[..., None, :], -weight * lean
+    return root[..., ::-1] * (weight * [1.0, 0.0, -1.0])[..., None, :], -weight * lean

@@ -11,8 +11,7 @@ from lassokin_ros.core.body.surface import BodySurface
 from lassokin_ros.core.observation import Observation
 
 SMALLEST_DEVIATION = 0.005
-"""m: lower limit of the standard deviation. The distance from the surface to the landmark is not known more
-exactly."""
+"""m: lower limit of the standard deviation: the distance from the surface to the landmark is not known more exactly."""
 DEPTH_RANGE = 0.05, 100.0
 """m: a depth outside this range is ignored."""
 HIDDEN = 0.03
@@ -37,12 +36,11 @@ def of_own_surface(
     """Depths (l,) m of a camera, corrected by the last pose, so that `surface` is the distance to the landmarks.
 
     A landmark behind another part of the body was not measured: NaN. For the others the distance from the surface to
-    the landmark along the line of sight is that of the last pose, within limits: this line is longer inside a limb that
-    leans.
+    the landmark along the line of sight, which is longer inside a limb that leans, is that of the last pose, within
+    limits. A depth in front of the nearest surface, or behind it, is kept: there the last pose is wrong.
 
     landmarks: (l,) m, depths of the last pose's landmarks. nearest: (l,) m, where the line of sight meets the last
-    pose's body. surface: m, as in `gate_depth`; height: m, of the person. A depth in front of the nearest surface, or
-    behind it, is kept: there the last pose is wrong.
+    pose's body. surface: m, as in `gate_depth`; height: m, of the person.
     """
     more = landmarks - nearest - surface
     with np.errstate(invalid="ignore"):
@@ -72,11 +70,8 @@ def gate_depth(
     if observation.depth_of_surface:
         depth = depth + surface
     given = observation.depth_deviation
+    deviation = np.full(depth.shape, noise) if given is None else np.asarray(given, dtype=float)
     with np.errstate(invalid="ignore"):
-        if given is None:
-            deviation = np.full(depth.shape, noise)
-        else:
-            deviation = np.asarray(given, dtype=float)
         used = visible & (depth > DEPTH_RANGE[0]) & (depth < DEPTH_RANGE[1]) & (deviation > 0) & (deviation < 10.0)
     if not used.any():
         return None

@@ -77,20 +77,19 @@ class FrameData:
     def prior_weight(self, with_depth: float) -> float:
         """Factor on a prior's rows: `with_depth` if half of the landmarks have a measured depth, else 1.
 
-        The lasso of a frame uses earlier frames only through its start state. The noise of a measured depth is
-        independent from frame to frame, but the error of a prior is the same in every frame: with full weight it would
-        count again in every frame.
+        The noise of a measured depth is independent from frame to frame, but the error of a prior is the same in every
+        frame: with full weight it would count again in every frame.
         """
         return with_depth if self.depth_covers else 1.0
 
     @cached_property
     def depth_covers(self) -> bool:
         """Whether half of a camera's used keypoints or more have a measured depth."""
-        for view in self.views:
-            if view.depth_weights is not None:
-                if 2 * np.count_nonzero(view.depth_weights) >= np.count_nonzero(view.weights):
-                    return True
-        return False
+        return any(
+            2 * np.count_nonzero(view.depth_weights) >= np.count_nonzero(view.weights)
+            for view in self.views
+            if view.depth_weights is not None
+        )
 
     @cached_property
     def seen_by(self) -> int:
@@ -117,8 +116,8 @@ class FrameData:
     def with_larger_noise(self, factor: float) -> FrameData:
         """The frame with the keypoints' noise made larger by a factor.
 
-        Depth is not used while the factor is `WITHOUT_DEPTH` or more. The image places the body first; after that,
-        only depths near the body have influence. Otherwise the body could settle between an occluder and the person.
+        Depth is not used while the factor is `WITHOUT_DEPTH` or more: the image places the body first. Otherwise the
+        body could settle between an occluder and the person.
         """
         depth_weights = self.depth_weights
         if depth_weights is not None:

@@ -1,9 +1,8 @@
 """A filter on the keypoints' tracks in the image: it reduces noise and removes outliers, without lag.
 
-Each landmark has a track (`keypoint_tracks`). Position and velocity are observable in the image and can be predicted
-there. Joint angles cannot be predicted reliably, because their depth is not observable. A point too far from its
-prediction is not used. If later points confirm it, the track restarts there. Points for which the detector confused
-left and right are swapped back (see `side_swaps`).
+Each landmark has a track (`keypoint_tracks`). Position and velocity can be predicted in the image; joint angles cannot,
+because their depth is not observable. A point too far from its prediction is not used. If later points confirm it, the
+track restarts there. Points for which the detector confused left and right are swapped back (see `side_swaps`).
 """
 
 from __future__ import annotations
@@ -17,8 +16,8 @@ from lassokin_ros.core.image.robust_loss import norm, squared_norm
 from lassokin_ros.core.image.side_swaps import SWAP_GAIN, SideSwaps
 
 GATE = 2 * 5.0**2
-"""Largest squared distance of a point from its prediction, in units of the variance along each axis: that of a
-point that is 5 standard deviations off along both axes. A point with a larger one is an outlier."""
+"""Largest squared distance of a point from its prediction over the variance along each axis, before it is an
+outlier: 5 standard deviations along both axes."""
 RESTART_AFTER = 3
 """Consecutive frames for which a point must be an outlier before its track restarts there."""
 MAX_GAP = 0.3
@@ -82,8 +81,7 @@ class KeypointFilter:
         innovation, distance = self._innovations(points, variance)
         used = seen & self._known
         restarted = seen & ~self._known
-        suspicious = np.count_nonzero(used & (distance > SWAP_GAIN / 2))  # ten times faster than any() here
-        if suspicious or self._swaps.pending:
+        if self._swaps.pending or np.count_nonzero(used & (distance > SWAP_GAIN / 2)):
             assignment, given_up = self._sides(points, variance, seen, distance, step)
             points, variance, seen = points[assignment], variance[assignment], seen[assignment]
             self.assignment = assignment
@@ -145,7 +143,7 @@ class KeypointFilter:
     def _sides(
         self, points: np.ndarray, variance: np.ndarray, seen: np.ndarray, distance: np.ndarray, step: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Result of `SideSwaps.assign` for points (l, 2) of variance (l,)."""
+        """See `SideSwaps.assign`."""
         other = self._swaps.other
         _, crossed = self._innovations(points[other], variance[other])
         straight = np.where(self._known & seen, distance, np.nan)

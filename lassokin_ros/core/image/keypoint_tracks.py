@@ -31,12 +31,10 @@ UNUSED_VARIANCE = 1e30
 """Variance of a point that is not used; it then has no influence."""
 MAX_SURPRISE = 100.0
 """Upper limit of the negative log-likelihood, so that not all probabilities become 0 at once."""
-
 MIN_SWITCHING = 1e-6
 """Smallest switching probability per frame, so that no probability becomes 0 for short steps."""
 
 _MODELS = len(ACCELERATION_FACTORS)
-_SAME = np.eye(_MODELS)
 _ONES, _HALVES = np.ones(_MODELS), np.full(_MODELS, 0.5)
 #: Factors of the products pp, pv, vv of p and v; also of gain * covariance, which a correction subtracts from each.
 _LEFT, _RIGHT = np.array([0, 0, 1]), np.array([0, 1, 1])
@@ -102,7 +100,7 @@ class KeypointTracks:
     def predict(self, step: float, acceleration: float) -> None:
         """Predict by step, s. acceleration: standard deviation of a typical track's, normalised units / s^2."""
         switching = _switching(step)
-        stays = switching + (1 - _MODELS * switching) * _SAME
+        stays = switching + (1 - _MODELS * switching) * np.eye(_MODELS)
         mixed = self._mixed
         np.matmul(stays, self._beliefs, out=mixed[:8])
         np.multiply(self._squares, mixed[0], out=mixed[8])
@@ -140,10 +138,7 @@ class KeypointTracks:
         self.variance = _HALVES.dot(beliefs[5])
 
     def _prediction_matrix(self, step: float, acceleration: float) -> np.ndarray:
-        """(8, 9) prediction matrix for the eight numbers of a model and probability * relative acceleration^2.
-
-        Positions move with constant velocity for step, s; the acceleration adds noise in both coordinates.
-        """
+        """(8, 9) prediction matrix for the eight numbers of a model and probability * relative acceleration^2."""
         transition, noise = self._transition, 2 * (acceleration * step) ** 2
         transition[1, 3] = transition[2, 4] = transition[6, 7] = step
         transition[5, 6], transition[5, 7] = 2 * step, step * step
@@ -159,5 +154,4 @@ def _switching(step: float) -> float:
 def _moments(means: np.ndarray) -> np.ndarray:
     """(3, ...): contribution of the means (2, 2, ...), (position, velocity) x (x, y), to pp, pv, vv."""
     products = means.take(_LEFT, axis=0) * means.take(_RIGHT, axis=0)
-    result: np.ndarray = products[:, 0] + products[:, 1]
-    return result
+    return np.asarray(products[:, 0] + products[:, 1])

@@ -1,8 +1,7 @@
 """The measurement of one frame: keypoints after gating and filtering.
 
-Keypoints equal to the last ones are no new evidence. Each keypoint's track in the image is
-filtered (see `keypoint_filter`). `MeasurementFilter` keeps the stamps of the last used frame and of the last frame with
-new keypoints.
+Keypoints equal to the last ones are no new evidence. Each keypoint's track in the image is filtered (see
+`keypoint_filter`).
 """
 
 from __future__ import annotations
@@ -23,7 +22,6 @@ from lassokin_ros.core.record import record
 
 ACCELERATION = 3.5
 """m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""
-
 TYPICAL_DEPTH = 3.5
 """m: assumed depth of a person before the first fit."""
 
@@ -103,8 +101,8 @@ class MeasurementFilter:
     def _age(self, observation: Observation) -> float:
         """Time in s since the same keypoints were first received; 0 if they are new.
 
-        Keypoints are repeated with a new stamp if the detector is slower than the camera, or the image is frozen. The
-        comparison is bitwise: keypoints detected in another image never agree in all digits.
+        Keypoints are repeated if the detector is slower than the camera, or the image is frozen. The comparison is
+        bitwise: keypoints detected in another image never agree in all digits.
         """
         these = observation.points.tobytes() + observation.confidence.tobytes()
         if these != self._last:
