@@ -444,10 +444,7 @@ class Tracker:
             else camera.predicted_view(together.stamp, vertical, body, error)
             for camera in self._cameras
         )
-        floor, extra = self.floor, observation.extra
-        if floor is None and not (extra or others):
-            return main
-        return replace(main, extra=extra, floor=floor, others=tuple(others))
+        return replace(main, extra=observation.extra, floor=self.floor, others=tuple(others))
 
     def _start(self, measurement: Measurement, frame: FrameData) -> tuple[EvaluatedState, bool]:
         """The state about which the frame is linearised, and whether it is a first one, fitted to this frame alone."""
@@ -519,14 +516,9 @@ class Tracker:
         """The state to publish."""
         if answer.initialised or self._replaced:
             self._output_filter.reset()  # the motion of the replaced state does not go on
-        together, camera = answer.together, answer.frame.camera
+        step, speed, centre = answer.together.step, answer.together.speed, answer.frame.camera.centre
         return self._output_filter.filtered(
-            answer.solved,
-            answer.increment,
-            together.step,
-            together.speed,
-            self.config.smoothing,
-            None if camera.is_identity else camera.centre,
+            answer.solved, answer.increment, step, speed, self.config.smoothing, centre
         )
 
     def _better_state(self, answer: _Answer) -> EvaluatedState | None:

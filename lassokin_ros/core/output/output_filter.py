@@ -19,6 +19,7 @@ from lassokin_ros.core.body.kinematics import BodyPose, BodyState
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.increment import Increment
 from lassokin_ros.core.kernel import kernel
+from lassokin_ros.core.observation import ORIGIN
 
 DEPTH_RATIO = 1.9
 """Ratio of the time constants in depth and in the image. One camera observes depth worse by about this factor."""
@@ -89,13 +90,13 @@ class OutputFilter:
         step: float,
         speed: float,
         time: float,
-        centre: np.ndarray | None = None,
+        centre: np.ndarray = ORIGIN,
     ) -> BodyState:
         """The state to publish.
 
         solved: the state after the frame's `increment`. step: s since the last frame. speed: m/s, mean speed of the
         keypoints. time: s, time constant in the image at the typical speed; below `SHORTEST_TIME` the filter is off.
-        centre: (3,) m, of the only camera; None for the origin.
+        centre: (3,) m, of the camera.
         """
         state = solved.state
         steady_over = max(time_constant(speed, time), SHORTEST_TIME)
@@ -107,7 +108,7 @@ class OutputFilter:
         )
         (gain, velocity_gain, after), (depth_gain, depth_velocity_gain, depth_after) = map(_corrected, ahead)
         gains = step, gain, velocity_gain, depth_gain, depth_velocity_gain
-        place = state.translation if centre is None else state.translation - centre
+        place = state.translation - centre
         ray = place / math.sqrt(place.dot(place))
         predicted, rays, self._offset, self._velocity = self._updated(increment, solved.pose, ray, gains)
         self._covariance = after, depth_after
