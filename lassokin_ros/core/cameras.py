@@ -1,8 +1,7 @@
 """The cameras of a tracker: each has a filter of its keypoints, a depth network, and a place.
 
-The rows of all cameras stand in one lasso. A camera without a new image at the frame's stamp takes part with its
-keypoints predicted to that stamp by their tracks, with the variance that the prediction costs. The rows of a camera
-that has fallen silent fade out, and fade in when it returns, so that the body does not jump.
+A camera without a new image at the frame's stamp takes part with its keypoints predicted to that stamp by their tracks.
+The rows of a camera that has fallen silent fade out, and fade in when it returns, so that the body does not jump.
 """
 
 from __future__ import annotations
@@ -83,15 +82,8 @@ class Camera:
                 known = up if vertical.known else None
                 self.network.update(measurement.stamp, measurement.points, measurement.used, known, mount)
         weights = measurement.weights if self._presence == 1 else self._presence * measurement.weights
-        return FrameData(
-            measurement.points,
-            weights,
-            vertical.direction,
-            depth,
-            depth_weights,
-            self._joint_depths(),
-            camera=self.pose,
-        )
+        points, up, depths = measurement.points, vertical.direction, self._joint_depths()
+        return FrameData(points, weights, up, depth, depth_weights, depths, camera=self.pose)
 
     def predicted_view(self, stamp: float, vertical: Vertical, body: BodyPose | None, model_error: float) -> FrameData:
         """The view at a stamp, s, without an image."""

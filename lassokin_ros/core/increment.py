@@ -54,7 +54,7 @@ class IncrementSolver:
     """Solves the lassos of each frame. Its only state is the last answer, the initial guess for the next lasso."""
 
     def __init__(self, frame_model: FrameModel, prior: PoseDistribution, solver: str) -> None:
-        """prior: a degree of freedom with a larger `motion` is penalised less. Raises SolverError, see `LassoSolver`."""
+        """prior: a degree of freedom of larger `motion` is penalised less. Raises SolverError, see `LassoSolver`."""
         self.lasso = LassoSolver(solver)
         self._frame_model = frame_model
         self._motion = np.maximum(prior.motion, LEAST_MOTION)[frame_model.live]

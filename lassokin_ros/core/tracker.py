@@ -517,9 +517,7 @@ class Tracker:
         if answer.initialised or self._replaced:
             self._output_filter.reset()  # the motion of the replaced state does not go on
         step, speed, centre = answer.together.step, answer.together.speed, answer.frame.camera.centre
-        return self._output_filter.filtered(
-            answer.solved, answer.increment, step, speed, self.config.smoothing, centre
-        )
+        return self._output_filter.filtered(answer.solved, answer.increment, step, speed, self.config.smoothing, centre)
 
     def _better_state(self, answer: _Answer) -> EvaluatedState | None:
         """The state from which the next frame starts, if another pose explains this frame better."""

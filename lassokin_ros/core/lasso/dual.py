@@ -99,8 +99,8 @@ class DualSolver:
         if self.name != "proxqp":
             return _by_qpsolvers(self.name, form) * form.by_multiplier
         key = form.name, len(form.g), len(form.bound)
-        # Rarely, after a hard problem, a reused object reports a wrong answer as solved or does not converge. The second
-        # and third try therefore use a new object, and so does the next problem after a failed solve.
+        # Rarely, after a hard problem, a reused object reports a wrong answer as solved or does not converge. Therefore
+        # the second and third try use a new object, and so does the next problem after a failed solve.
         qp: Any = self._objects.get(key) if effort == 0 else None
         if qp is None:
             start = None
