@@ -357,8 +357,8 @@ class Tracker:
             usable = own.accepted and not own.repeated and one.stamp <= self._newest + FIT_AFTER
             if not usable or alone._solved is None or self._solved is None:
                 continue
-            joints = self._solved.pose.positions, alone._solved.pose.positions
-            extrinsics.find(name, one.stamp, self._seen_at(one.stamp), alone._seen_at(one.stamp), *joints)
+            views = self._seen_at(one.stamp), alone._seen_at(one.stamp)
+            extrinsics.find(name, one.stamp, views, (self._solved.pose.positions, alone._solved.pose.positions))
             if name in extrinsics.found:
                 del self._unplaced[name]
 

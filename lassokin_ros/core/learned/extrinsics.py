@@ -25,10 +25,9 @@ from lassokin_ros.core.observation import CameraPose
 GIVEN_DEVIATION = np.array([0.035, 0.035, 0.035, 0.03, 0.03, 0.03])
 """rad and m: standard deviation of a given pose, for rotation and translation. Two cameras, one of them 3 cm and 2
 degrees off, 10 s of the validation people: the absolute error is 103 mm with the given pose, 60 mm with the learned
-one. From exact poses it rises from 21 to 22 mm. A larger deviation of the translation is worse: the rotation is
-observed, the translation hardly."""
+one. From exact poses it rises from 21 to 22 mm."""
 FOUND_DEVIATION = np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])
-"""rad and m: standard deviation of a pose that was found from the person: it does not count."""
+"""rad and m: the same of a pose that was found from the person: it does not count."""
 TURNED, SHIFTED = np.array(3 * [1.0] + 3 * [1e-6]), np.array(3 * [1e-6] + 3 * [3.0])
 """rad and m: as FOUND_DEVIATION, for a camera that was only turned, and for one that was only shifted."""
 CLEARLY = 2.0
@@ -36,7 +35,7 @@ CLEARLY = 2.0
 shift look alike if the person stays in one place: 1 m and 15 degrees at 3.6 m have ratios of up to 2, with a person who
 walks 2 m to and fro 8 to 10."""
 THINNED = 4
-"""Of so many kept frames, one is used for these explanations. They then take about 15 ms, each CHECKED_EVERY frames."""
+"""Of so many kept frames, one is used for these explanations, which then take about 15 ms."""
 SIZE_DEVIATION = 0.1
 """Standard deviation of the logarithm of the person's size, with that of the proportions."""
 PERIOD_S, LONGEST = 0.1, 200
@@ -62,9 +61,8 @@ WRONG, RIGHT = 0.15, 0.1
 half the logarithm of the person's size in space), above which it is said to be wrong, and below which another
 explanation is right. A detector's errors cause 0.01, an unknown height 0.05."""
 FOUND = 0.015
-"""Misfit below which a pose that was found from the person is used. It is at most 0.011 when it is first computed, for
-validation people and for the pairs of cameras of Shelf's recording; 0.006 to 0.06 if the two cameras' clocks are 1 s
-apart; and 0.02 or more (42 pairs of people) if each camera sees another person."""
+"""Misfit below which a pose that was found from the person is used. It is at most 0.011 for validation people and the
+pairs of cameras of Shelf's recording, and 0.02 or more (42 pairs of people) if each camera sees another person."""
 LEAST_SHARE = 0.5
 """Share of the limbs that must have a plausible length."""
 
@@ -87,9 +85,7 @@ class Extrinsics:
     """Corrections of the poses of all cameras but one."""
 
     def __init__(self, size: SizeCheck, size_known: bool, used: bool) -> None:
-        """size: of the body's limbs; size_known: whether the person's height is given. used: whether poses are
-        corrected, or only checked.
-        """
+        """size_known: whether the person's height is given. used: whether poses are corrected, or only checked."""
         self._size, self.size_known, self._used = size, size_known, used
         self.corrections: dict[str, np.ndarray] = {}
         """(6,) rotation vector w, rad, and translation v, m, by camera: as used."""
@@ -117,32 +113,19 @@ class Extrinsics:
             pose = self.found.get(pose.name, pose)
             if not pose.known:
                 return pose
-        elif pose.name in self.found and pose is not self.found[pose.name]:
-            self._forget(pose.name)  # it is given now
+        elif pose.name in self.found and pose is not self.found[pose.name]:  # it is given now
+            for known in (self.found, self._frames, self._solutions, self._explanations, self.corrections):
+                known.pop(pose.name, None)  # type: ignore[attr-defined]
         self._given[pose.name] = pose
         correction = self.corrections.get(pose.name) if self._used else None
         return pose if correction is None else _moved(pose, correction)
 
-    def _forget(self, name: str) -> None:
-        """Forget the pose that was found of a camera, and the frames that belong to it."""
-        for known in (self.found, self._frames, self._solutions, self._explanations, self.corrections):
-            known.pop(name, None)  # type: ignore[attr-defined]
-
     def find(
-        self,
-        name: str,
-        stamp: float,
-        placed: FrameData,
-        unplaced: FrameData,
-        joints: np.ndarray,
-        own_joints: np.ndarray,
+        self, name: str, stamp: float, views: tuple[FrameData, FrameData], joints: tuple[np.ndarray, np.ndarray]
     ) -> None:
-        """Use what a camera without a pose and a placed one see at a stamp; see `CameraFinder.add`.
-
-        The pose is used if the keypoints fit it.
-        """
+        """Use a frame of a camera without a pose, see `CameraFinder.add`. The pose is used if the keypoints fit it."""
         finder = self._finders.setdefault(name, CameraFinder(PERIOD_S, LONGEST))
-        if not finder.add(stamp, placed, unplaced, joints, own_joints):
+        if not finder.add(stamp, views, joints):
             return
         pose = finder.pose(name)
         frames = _entries(finder, pose)
@@ -201,12 +184,9 @@ class Extrinsics:
         """Use a frame with the views of all cameras. stamp: s."""
         if stamp < self._newest + PERIOD_S:
             return
-        self._newest = stamp
-        first = self._anchor_of(frame)
-        if first is None:
-            return  # the camera whose pose is right has not been seen
-        if not self._given.keys() >= {view.camera.name for view in frame.views}:
-            return  # a camera that was never seen
+        self._newest, first = stamp, self._anchor_of(frame)
+        if first is None or not self._given.keys() >= {view.camera.name for view in frame.views}:
+            return  # the camera whose pose is right, or another one, has not been seen
         common = [(view, _common(first, view)) for view in frame.views if view is not first]
         common = [(view, weights) for view, weights in common if np.count_nonzero(weights) >= FEWEST_POINTS]
         self._count += bool(common)
@@ -307,10 +287,8 @@ class Extrinsics:
         return distances, *self._log_size(turned, y, t, weights > 0)
 
     def _log_size(self, turned: np.ndarray, y: np.ndarray, t: np.ndarray, seen: np.ndarray) -> tuple[float, float]:
-        """Return the logarithm of measured and given length of the limbs, the median of all, and the share of limbs
-        before both cameras and with a plausible length.
-
-        The landmarks are midway between the two lines of sight, p = s R x + t and q = u y.
+        """Return the median logarithm of measured / given length of the limbs, and the share of limbs before both
+        cameras and with a plausible length. A landmark is where its lines of sight meet, p = s R x + t and q = u y.
         """
         xx, yy, xy = (turned * turned).sum(-1), (y * y).sum(-1), (turned * y).sum(-1)
         xt, yt = (turned * t[:, None]).sum(-1), (y * t[:, None]).sum(-1)

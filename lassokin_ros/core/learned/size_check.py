@@ -1,8 +1,8 @@
 """Check of a given height against measured depth.
 
-If the given height is wrong, the pose and the bone lengths adapt to the depths, so their scale does not show it. The
-limbs between two measured landmarks do: their lengths in 3D, d_i (u_i, 1) - d_j (u_j, 1), are compared with those of
-the given skeleton. The check does not change the tracker's answers.
+If the given height is wrong, the pose and the bone lengths adapt to the depths, but not the limbs between two measured
+landmarks: their lengths in 3D, d_i (u_i, 1) - d_j (u_j, 1), are compared with those of the given skeleton. The check
+does not change the tracker's answers.
 """
 
 from __future__ import annotations
@@ -70,10 +70,7 @@ class SizeCheck:
         return abs(math.log(self.ratio)) > LIMIT
 
     def ratios(self, places: np.ndarray, usable: np.ndarray) -> np.ndarray:
-        """Ratios of the limbs' measured and given lengths, of all bodies.
-
-        places: (..., l, 3) m of the landmarks; usable: (..., l) bool.
-        """
+        """Ratios of the limbs' measured and given lengths, of all bodies. places: (..., l, 3) m; usable: (..., l)."""
         limbs = usable[..., self._above] & usable[..., self._below]
         measured = np.linalg.norm(places[..., self._above, :] - places[..., self._below, :], axis=-1)
         found = (measured / self._lengths)[limbs]
@@ -82,7 +79,7 @@ class SizeCheck:
     def lengths(self, places: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Measured and given lengths (k,) m of the limbs and of both sides of the trunk, without implausible ones.
 
-        places: (l, 3) m of the landmarks; usable: (l,) bool.
+        places: (l, 3) m; usable: (l,).
         """
         seen = usable[self._ends].all(axis=1)
         a, b = places[self._ends[seen]].swapaxes(0, 1)

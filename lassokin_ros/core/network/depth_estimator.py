@@ -52,9 +52,7 @@ class DepthEstimator:
         self._places: np.ndarray | None = None  # of `PLACES` in the virtual camera, m
         self._rotation = np.eye(3)
         self.joint_depths: JointDepths | None = None
-        """The estimate for the newest frame, here with `sight` in the camera frame; None if fewer than `LEAST_SEEN`
-        points are visible in it.
-        """
+        """Of the newest frame, with `sight` in the camera frame; None if fewer than `LEAST_SEEN` points are visible."""
 
     def update(
         self, stamp: float, points: np.ndarray, seen: np.ndarray, up: np.ndarray | None, mount: np.ndarray
@@ -62,9 +60,8 @@ class DepthEstimator:
         """Estimate the joints' depths after a frame's keypoints.
 
         stamp: s, later than the last. points: (l, 2) normalised; seen: (l,) bool. up: (3,) the vertical in the camera
-        frame, None if unknown. mount: (3,) the vertical by the camera's mount. It is used to rotate a rolled image
-        upright, because the network was trained with nearly level cameras. If the body does not point up in that image,
-        it is turned further, see `ImageRoll`, and the vertical is not used.
+        frame, None if unknown. mount: (3,) the vertical by the camera's mount, by which a rolled image is turned
+        upright. If the body does not point up in that image, see `ImageRoll`, the vertical is not used.
         """
         shown = seen.take(self._index) & self._in_layout
         if mount is not self._mount:
@@ -88,10 +85,7 @@ class DepthEstimator:
         self.joint_depths = JointDepths(self._rotation[2], depths, whitening)
 
     def places(self) -> np.ndarray | None:
-        """(k, 3) m: positions of `PLACES` relative to the middle of the hips, camera frame.
-
-        None without an estimate for the newest frame.
-        """
+        """(k, 3) m: `PLACES` relative to the middle of the hips, camera frame; None without `joint_depths`."""
         return None if self._places is None else self._places @ self._rotation
 
 

@@ -8,9 +8,9 @@ the image. The same points at fixed times in the past (`TIMES`) follow, as diffe
 not matter. Three more inputs describe the scene: the angular size, the vertical in the virtual camera, and the person's
 bone lengths relative to the height. Each has a mask for where it is unknown.
 
-Output. For each of `TARGETS` the position relative to the middle of the hips, in the virtual camera and in units of the
-person's height. The depths come with a full covariance: the lower triangular matrix `whitening` makes their errors
-independent and of unit scale. The order of `TARGETS` goes from the trunk outwards.
+Output. For each of `TARGETS`, from the trunk outwards, the position relative to the middle of the hips, in the virtual
+camera and in heights. The lower triangular matrix `whitening` makes the errors of the depths independent and of unit
+scale.
 """
 
 from __future__ import annotations
@@ -263,8 +263,8 @@ class Network:
     """A perceptron with residual blocks. For the mirror image of a person it gives the mirror image of its places.
 
     A hidden layer h has an even part, which stays if the input is mirrored, and an odd part, which changes its sign.
-    Each part has its own matrix: h W is (h_even W_even, h_odd W_odd), with half of the weights of a full matrix. A bias
-    is added to the even part. `activated` mixes the parts and keeps the symmetry.
+    Each has its own matrix: h W is (h_even W_even, h_odd W_odd). A bias is added to the even part. `activated` mixes
+    the parts and keeps the symmetry.
 
         h = activated(x W + b);  h += activated(h A + a) B + b, per block;  y = (h_even, h_odd) W + b
 
@@ -374,8 +374,8 @@ def interpolated(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points between two detections, (..., times, canonical, 2), and which are known, (..., times, canonical).
 
-    wanted, before, after: (..., times) s. A point is known if both detections contain it, they are at most
-    `LONGEST_GAP` apart, and the wanted time is between them; or if the wanted time is that of one detection.
+    wanted, before, after: (..., times) s. A point is known if both detections contain it, at most `LONGEST_GAP` apart,
+    and the wanted time is between them; or if the wanted time is that of one detection.
     """
     gap = after - before
     share = np.minimum(np.maximum((wanted - before) / np.maximum(gap, 1e-6), 0.0), 1.0)

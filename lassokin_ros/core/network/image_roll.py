@@ -14,8 +14,7 @@ import numpy as np
 from lassokin_ros.core.body.roles import STANDING_HEIGHT
 
 LEAST_HEIGHT = 0.28
-"""In heights: least difference of the standing heights of the visible points. The direction from shoulders to head
-alone is that of a leaning neck."""
+"""In heights: least difference of the standing heights of the visible points; shoulders and head alone may lean."""
 LEAST = 1e-6
 """Normalised units: smallest extent of the body in the image."""
 MEMORY_S = 0.5
