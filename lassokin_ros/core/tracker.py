@@ -54,7 +54,7 @@ from lassokin_ros.core.learned.learned import Learned
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
 from lassokin_ros.core.network.depth_network import shipped_network
 from lassokin_ros.core.observation import HERE, CameraPose, Observation, Rejection, Status
-from lassokin_ros.core.output.fixed_lag import Backward, FixedLag
+from lassokin_ros.core.output.fixed_lag import Backward, FixedLag, Waiting
 from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.output_filter import OutputFilter
 from lassokin_ros.core.output.uncertainty import JointUncertainty, UncertaintyModel
@@ -230,7 +230,7 @@ class Tracker:
         return off
 
     def adopt_vertical(self, others: Iterable[Tracker]) -> None:
-        """Copy the camera's vertical from trackers of other people in the same images, if one has learned it."""
+        """Copy the vertical from trackers of other people in the same images, if one has learned it."""
         self.learned.vertical.adopt(other.learned.vertical for other in others)
 
     def move_camera(self, roll: float, pitch: float) -> None:
@@ -645,9 +645,9 @@ class Tracker:
             self.published = [estimate]
             return
         assert self._output_filter.forward is not None
-        reprojection_px = partial(_reprojection_px, measured)
+        forward, vectors = self._output_filter.forward, self.kinematics.vectors
         backward = None if self.backward is None else self.backward(estimate.stamp)
-        self._lag.add(estimate, self._output_filter.forward, self.kinematics.vectors, reprojection_px, backward)
+        self._lag.add(Waiting(estimate, forward, vectors, partial(_reprojection_px, measured), backward))
         self.published = self._lag.due(estimate.stamp, self.config.smoothing_lag)
 
     def _reject(

@@ -6,7 +6,7 @@ skeleton may lack some, or have further joints; evidence without its roles is th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from typing import NamedTuple
 
 SIDES = ("left", "right")
@@ -112,13 +112,8 @@ def missing_roles(names: Collection[str]) -> str:
         ("balance", BALANCE_JOINTS),
         ("pose prior of these joints", PRIOR_JOINTS),
     )
-    missing = {use: sorted(needed - set(names)) for use, needed in uses}
-    off = [use for use, joints in missing.items() if joints]
+    off = [use for use, needed in uses if needed - set(names)]
     if not off:
         return ""
-    joints = _unique(joint for joints in missing.values() for joint in joints)
+    joints = dict.fromkeys(joint for _, needed in uses for joint in sorted(needed - set(names)))
     return f"the skeleton has no joint {', '.join(joints)}; off: {', '.join(off)}. Name joints as SMPL does to use them"
-
-
-def _unique(items: Iterable[str]) -> list[str]:
-    return list(dict.fromkeys(items))

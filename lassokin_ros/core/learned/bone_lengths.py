@@ -147,8 +147,12 @@ class Calibration:
         since = min(stamp - self._kept_at, KEEP.last)
         if since >= KEEP.interval(self.kept_motion):
             self.kept_motion += since
-            self._kept_at = stamp
-            self._keep(state, data, since / KEEP.last)
+            self._kept_at, count = stamp, self.proportions.count
+            empty = np.zeros((count, count)), np.zeros(count)
+            frame = KeptFrame(state, data, since / KEEP.last, self.lengths, *empty)
+            self._linearise(frame)
+            if math.isfinite(frame.cost):  # otherwise the linearisation failed
+                self._frames.append(frame)
         elif self._frames:
             self._next_relinearised = (self._next_relinearised + 1) % len(self._frames)
             self._linearise(self._frames[self._next_relinearised])
@@ -157,13 +161,6 @@ class Calibration:
         self._updated_at = stamp
         self._solve()
         return True
-
-    def _keep(self, state: BodyState, data: FrameData, share: float) -> None:
-        count = self.proportions.count
-        frame = KeptFrame(state, data, share, self.lengths, np.zeros((count, count)), np.zeros(count))
-        self._linearise(frame)
-        if math.isfinite(frame.cost):  # otherwise the linearisation failed
-            self._frames.append(frame)
 
     def _linearise(self, frame: KeptFrame) -> None:
         """Recompute a frame's normal equations at the present lengths, and do one Gauss-Newton step of its pose.

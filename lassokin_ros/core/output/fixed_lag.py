@@ -41,7 +41,7 @@ class Backward:
 
 
 @record
-class _Waiting:
+class Waiting:
     """A frame that waits: estimate, forward pass, `Kinematics.vectors` of its body, and its reprojection error.
 
     backward: the frame by a track backward in time; None without one.
@@ -51,7 +51,7 @@ class _Waiting:
     forward: Forward
     vectors: np.ndarray
     reprojection_px: Callable[[BodyPose], float]
-    backward: Backward | None
+    backward: Backward | None = None
 
 
 class FixedLag:
@@ -63,7 +63,7 @@ class FixedLag:
 
     def reset(self) -> None:
         """Drop the waiting estimates."""
-        self._waiting: deque[_Waiting] = deque()
+        self._waiting: deque[Waiting] = deque()
         self._compared: deque[tuple[float, float]] = deque()
         """Stamps, s, and how much higher the forward track's cost is, from COMPARED_S before the oldest frame on."""
 
@@ -72,18 +72,11 @@ class FixedLag:
         """True if no estimate waits."""
         return not self._waiting
 
-    def add(
-        self,
-        estimate: Estimate,
-        forward: Forward,
-        vectors: np.ndarray,
-        reprojection_px: Callable[[BodyPose], float],
-        backward: Backward | None = None,
-    ) -> None:
-        """Add the accepted estimate of the newest frame. Arguments: see `_Waiting`."""
-        self._waiting.append(_Waiting(estimate, forward, vectors, reprojection_px, backward))
-        if backward is not None:
-            self._compared.append((estimate.stamp, estimate.cost - backward.cost))
+    def add(self, newest: Waiting) -> None:
+        """Add the newest frame."""
+        self._waiting.append(newest)
+        if newest.backward is not None:
+            self._compared.append((newest.estimate.stamp, newest.estimate.cost - newest.backward.cost))
             while self._compared[0][0] < self._waiting[0].estimate.stamp - COMPARED_S:
                 self._compared.popleft()
 
@@ -114,7 +107,7 @@ class FixedLag:
                 released.append(this.estimate if as_it_is else self._smoothed(this, offset))
         return released[::-1]
 
-    def _smoothed(self, waiting: _Waiting, offset: np.ndarray) -> Estimate:
+    def _smoothed(self, waiting: Waiting, offset: np.ndarray) -> Estimate:
         """A frame's estimate moved by its offset (2, n + 1, 3), and towards the backward track.
 
         It is unchanged if the result is too far off in depth.
