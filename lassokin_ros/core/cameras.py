@@ -11,8 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
+from lassokin_ros.core.body.surface import surface_depths
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.image.depth_gating import depth_of_own_surface
+from lassokin_ros.core.image.depth_gating import of_own_surface
 from lassokin_ros.core.image.frame_data import FrameData, JointDepths
 from lassokin_ros.core.image.measurement import Measurement, MeasurementFilter
 from lassokin_ros.core.learned.depth_noise import DepthNoise
@@ -63,7 +64,9 @@ class Camera:
             seen = _in_camera(body, self.pose)
             depth = _in_front(seen.positions[0])
             if observation.depth is not None and observation.depth_of_surface:
-                own = depth_of_own_surface(observation.depth, seen, self._kinematics)
+                layout, skeleton = self._kinematics.layout, self._kinematics.skeleton
+                nearest, landmarks = surface_depths(skeleton, seen, seen.landmarks), seen.landmarks[:, 2]
+                own = of_own_surface(observation.depth, landmarks, nearest, layout.surface, skeleton.height)
                 observation = replace(observation, depth=own)
         measurement = self.measurements.filtered(observation, weights, depth, model_error, config)
         self._count_presence(measurement.stamp, alone)

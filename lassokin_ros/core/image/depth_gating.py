@@ -6,8 +6,6 @@ import math
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
-from lassokin_ros.core.body.surface import BodySurface
 from lassokin_ros.core.observation import Observation
 
 SMALLEST_DEVIATION = 0.005
@@ -21,13 +19,6 @@ THINNEST = 0.5
 """The distance from the surface to the landmark may be less than `surface` by at most this share of it."""
 SAME_SURFACE = 0.12
 """m: a depth this near to the body's nearest surface is that of this surface."""
-
-
-def depth_of_own_surface(depth: np.ndarray, pose: BodyPose, kinematics: Kinematics) -> np.ndarray:
-    """Depths (l,) m of a depth camera, corrected by the body in its last pose, see `of_own_surface`."""
-    landmarks, skeleton = pose.landmarks, kinematics.skeleton
-    nearest = BodySurface(skeleton).depth_towards(pose, landmarks)
-    return of_own_surface(depth, landmarks[:, 2], nearest, kinematics.layout.surface, skeleton.height)
 
 
 def of_own_surface(

@@ -31,8 +31,6 @@ UNUSED_VARIANCE = 1e30
 """Variance of a point that is not used; it then has no influence."""
 MAX_SURPRISE = 100.0
 """Upper limit of the negative log-likelihood, so that not all probabilities become 0 at once."""
-MIN_SWITCHING = 1e-6
-"""Smallest switching probability per frame, so that no probability becomes 0 for short steps."""
 
 _MODELS = len(ACCELERATION_FACTORS)
 _ONES, _HALVES = np.ones(_MODELS), np.full(_MODELS, 0.5)
@@ -147,8 +145,8 @@ class KeypointTracks:
 
 
 def _switching(step: float) -> float:
-    """Probability that a track has switched to a certain other model after step, s."""
-    return max(1 - math.exp(-step / SOJOURN_TIME), MIN_SWITCHING) / (_MODELS - 1)
+    """Probability, not 0, that a track has switched to a certain other model after step, s."""
+    return max(1 - math.exp(-step / SOJOURN_TIME), 1e-6) / (_MODELS - 1)
 
 
 def _moments(means: np.ndarray) -> np.ndarray:

@@ -34,16 +34,12 @@ CLEARLY = 2.0
 """Ratio of the median distances from the epipolar lines from which one explanation is said to be right. A turn and a
 shift look alike if the person stays in one place: 1 m and 15 degrees at 3.6 m have ratios of up to 2, with a person who
 walks 2 m to and fro 8 to 10."""
-THINNED = 4
-"""Of so many kept frames, one is used for these explanations, which then take about 15 ms."""
 SIZE_DEVIATION = 0.1
 """Standard deviation of the logarithm of the person's size, with that of the proportions."""
 PERIOD_S, LONGEST = 0.1, 200
 """s between two frames that are kept; frames that are kept."""
 SOLVED_EVERY, CHECKED_EVERY = 5, 20
 """Kept frames between two solutions, if poses are corrected, and if they are only checked."""
-INDEPENDENT = 1.0
-"""Number of frames with independent errors that the kept ones are worth: the errors of a detector last."""
 FEWEST, FEWEST_POINTS = 10, 6
 """Frames before there is a correction; common landmarks of a frame that is kept."""
 STEPS, FIRST_STEPS = 3, 15
@@ -52,8 +48,6 @@ OUTLIER = 3.0
 """Distance r from an epipolar line, in standard deviations, from which its weight decreases, with r^-2."""
 FOLLOWING = 0.1
 """Share of the way to the solution that a correction moves in PERIOD_S, so that the body does not jump."""
-STEP = 1e-5
-"""rad and m: step of the differences that give the derivatives."""
 MOVED = math.radians(1.5), 0.05
 """rad, m: corrections beyond which a camera is said to have been moved. From exact poses they reach 1 degree, 3 cm."""
 WRONG, RIGHT = 0.15, 0.1
@@ -63,8 +57,6 @@ explanation is right. A detector's errors cause 0.01, an unknown height 0.05."""
 FOUND = 0.015
 """Misfit below which a pose that was found from the person is used. It is at most 0.011 for validation people and the
 pairs of cameras of Shelf's recording, and 0.02 or more (42 pairs of people) if each camera sees another person."""
-LEAST_SHARE = 0.5
-"""Share of the limbs that must have a plausible length."""
 
 
 class Pairs(NamedTuple):
@@ -202,7 +194,7 @@ class Extrinsics:
                 self._solutions[name] = self._solved(pairs, before, deviation, STEPS)
                 self.wrong[name] = self._what_is_wrong(pairs, first.camera.name, name)
                 if not self._used and self.moved(name) is not None:
-                    self._explain(_stacked(list(frames)[::THINNED]), name)
+                    self._explain(_stacked(list(frames)[::4]), name)  # 15 ms
         for name, solution in self._solutions.items():
             before = self.corrections.get(name, np.zeros(6))
             self.corrections[name] = before + FOLLOWING * (solution - before)
@@ -231,10 +223,10 @@ class Extrinsics:
         return f"{words}: check them (TF or a file, m), and that keypoints and lens are those of the camera"
 
     def _misfit(self, pairs: Pairs) -> float:
-        """Return the misfit of a pose, see WRONG; infinite if the body is behind a camera, or has no plausible size."""
+        """Return the misfit of a pose, see WRONG; infinite if half of the limbs have no plausible length."""
         distances, size, plausible = self._residuals(pairs, np.zeros(6))
         seen = pairs.weights > 0
-        if plausible < LEAST_SHARE:
+        if plausible < 0.5:
             return math.inf
         shown = np.where(seen[..., None], pairs.b, np.nan)
         extent = np.linalg.norm(np.nanmax(shown, axis=1) - np.nanmin(shown, axis=1), axis=-1)[:, None]
@@ -252,11 +244,12 @@ class Extrinsics:
 
     def _solved(self, pairs: Pairs, correction: np.ndarray, deviation: np.ndarray, steps: int) -> np.ndarray:
         """Return the correction (6,) that fits all frames best, from a start. deviation: (6,) of the given pose."""
-        share, seen = math.sqrt(INDEPENDENT / len(pairs.a)), pairs.weights.reshape(-1) > 0
+        share = math.sqrt(1 / len(pairs.a))  # all frames count as one: the errors of a detector last
+        seen, step = pairs.weights.reshape(-1) > 0, 1e-5
         for _ in range(steps):
             base = self._residuals(pairs, correction)
-            moved = [self._residuals(pairs, correction + STEP * unit) for unit in np.eye(6)]
-            J = np.stack([(one[0] - base[0]) / STEP for one in moved], axis=-1).reshape(-1, 6)
+            moved = [self._residuals(pairs, correction + step * unit) for unit in np.eye(6)]
+            J = np.stack([(one[0] - base[0]) / step for one in moved], axis=-1).reshape(-1, 6)
             r = base[0].reshape(-1)
             # Errors that are larger than configured count less.
             scale = max(1.0, float(np.median(np.abs(r[seen]))) / MEDIAN_OF_NORMAL)
@@ -267,7 +260,7 @@ class Extrinsics:
             H[np.arange(6), np.arange(6)] += 1 / deviation**2
             g += correction / deviation**2
             if self.size_known:
-                row = np.array([(one[1] - base[1]) / STEP for one in moved]) / SIZE_DEVIATION
+                row = np.array([(one[1] - base[1]) / step for one in moved]) / SIZE_DEVIATION
                 H += np.outer(row, row)
                 g += row * base[1] / SIZE_DEVIATION
             correction = correction - np.linalg.solve(H, g)

@@ -36,8 +36,6 @@ SHARE = 0.1
 CAP = 3.0
 """Upper limit of a landmark's squared residual, in units of its expectation. A larger one belongs to an outlier or to a
 limb on the wrong side in depth."""
-CAPPED = 1 - math.exp(-CAP)
-"""Ratio of the expectations with and without the cap, for Gaussian residuals."""
 
 
 class ModelError:
@@ -94,7 +92,8 @@ class ModelError:
         left = free.sum()
         if not left > 0:
             return
-        ratio = float(np.minimum(0.5 * squared_norm(residual), CAP * free).sum() / (CAPPED * left))
+        expected = (1 - math.exp(-CAP)) * left  # for Gaussian residuals
+        ratio = float(np.minimum(0.5 * squared_norm(residual), CAP * free).sum() / expected)
         deviation = np.broadcast_to(depth, weights.shape)[seen] / weights[seen]
         variance = float((free * deviation**2).sum() / left)
         gain = step / (self._known + step)

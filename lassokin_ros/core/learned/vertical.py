@@ -22,8 +22,6 @@ cost, people who lean in front of a level camera are estimated as upright. With 
 a tilted camera are estimated as leaning."""
 LEAST_COSINE = 0.5
 """Cosine of the lean, 60 degrees, beyond which a person is not used."""
-LEAST_TILT = 1e-4
-"""Difference of two unit vectors below which the mount is the same."""
 KNOWN_AFTER = 1.0
 """s for which the vertical must have been learned before it is input to the depth network."""
 LONGEST_STEP = 0.2
@@ -68,7 +66,7 @@ class Vertical:
         if not self.configured:
             self.mount, self.configured = mount, True
             self.reset()
-        elif np.abs(mount - self.mount).max() > LEAST_TILT:
+        elif np.abs(mount - self.mount).max() > 1e-4:
             moved = mount if self.learned_for == 0 else least_turn(self.mount, mount) @ self.direction
             self.direction, self.mount = moved, mount
 

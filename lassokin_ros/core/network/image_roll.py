@@ -15,8 +15,6 @@ from lassokin_ros.core.body.roles import STANDING_HEIGHT
 
 LEAST_HEIGHT = 0.28
 """In heights: least difference of the standing heights of the visible points; shoulders and head alone may lean."""
-LEAST = 1e-6
-"""Normalised units: smallest extent of the body in the image."""
 MEMORY_S = 0.5
 """s: time constant of the body's mean direction."""
 PERIOD_S = 0.1
@@ -75,4 +73,4 @@ class ImageRoll:
         sums, (height, count) = rows @ points, rows.sum(axis=1)
         direction = sums[0] - height / count * sums[1]
         size = math.hypot(*direction)
-        return direction / size if size > LEAST else None
+        return direction / size if size > 1e-6 else None
