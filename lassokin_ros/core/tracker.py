@@ -48,8 +48,7 @@ from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.learned.bone_lengths import OBSERVED_STATURE_DEVIATION
 from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.learned.extrinsics import Extrinsics
-from lassokin_ros.core.learned.floor_size import FloorSize, floor_size
-from lassokin_ros.core.learned.height import PEOPLE_DEVIATION
+from lassokin_ros.core.learned.height import PEOPLE_DEVIATION, FloorSize, floor_size
 from lassokin_ros.core.learned.learned import Learned
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
 from lassokin_ros.core.network.depth_network import shipped_network
@@ -236,15 +235,14 @@ class Tracker:
     def move_camera(self, roll: float, pitch: float) -> None:
         """Use a measured mount of the camera, rad, from the next frame on; see `camera_roll` and `camera_pitch`.
 
-        The state stays: the camera may be on a head that moves. Raises ConfigurationError for angles that are not
-        finite.
+        The state stays. Raises ConfigurationError for angles that are not finite.
         """
         if not (math.isfinite(roll) and math.isfinite(pitch)):
             raise ConfigurationError(f"the mount has roll {roll} and pitch {pitch}; expected finite angles, rad")
         self.learned.vertical.move_mount(roll, pitch)
 
     def place_cameras(self, poses: Sequence[CameraPose]) -> None:
-        """Tell where cameras that have no image of the next instant are then: their keypoints are predicted to it."""
+        """Tell where cameras without an image of the next instant are then: their keypoints are predicted to it."""
         extrinsics = self.learned.extrinsics
         for pose in poses:
             if (camera := self._named(pose.name)) is not None:
@@ -263,7 +261,7 @@ class Tracker:
         self._replaced = True
 
     def tune(self, config: TrackerConfig) -> None:
-        """Use new live settings. The others (skeleton, landmarks, depth_prior, solver) stay as they are.
+        """Use new live settings; the others stay as they are.
 
         A new height scales the given body, and makes the tracker forget the person; so does `calibrate` if another body
         results, see `averaged`. Raises ConfigurationError, before anything is changed, for a setting out of its range.
@@ -283,9 +281,8 @@ class Tracker:
     def track(self, observation: Observation | Sequence[Observation]) -> Estimate:
         """Process one observation, or those of several cameras, whose rows then stand in one lasso.
 
-        Observations that are given together are of one instant: their stamps differ by 5 ms at most. Cameras that are
-        not among them take part with keypoints predicted to that instant. Bad input does not raise: see
-        `Estimate.rejection`.
+        Observations that are given together are of one instant: their stamps differ by 5 ms at most. Other cameras take
+        part with keypoints predicted to that instant. Bad input does not raise: see `Estimate.rejection`.
         """
         observations = [observation] if isinstance(observation, Observation) else list(observation)
         if not observations:
@@ -347,7 +344,7 @@ class Tracker:
         return self._uncertainty.observed.from_visible(estimate.visible)
 
     def _find_cameras(self, observations: Sequence[Observation], extrinsics: Extrinsics) -> None:
-        """Compare what cameras without a pose see with the tracked person. Each follows the person by itself."""
+        """Compare what cameras without a pose see, each by itself, with the tracked person."""
         for one in observations:
             name = one.camera.name
             if name not in self._unplaced:
@@ -432,10 +429,7 @@ class Tracker:
     def _frame_data(
         self, measured: dict[Camera, Measurement], together: Measurement, observation: Observation
     ) -> FrameData:
-        """The views of all cameras, each with the depths that its network estimates from this frame and earlier ones.
-
-        Measured depths are left out as long as the person's size is unknown.
-        """
+        """The views of all cameras, without measured depths as long as the person's size is unknown."""
         sized, vertical = self.learned.height is None or self.learned.height.measured, self.learned.vertical
         body, error = self._body, self.learned.model_error.deviation
         main, *others = (
@@ -447,7 +441,7 @@ class Tracker:
         return replace(main, extra=observation.extra, floor=self.floor, others=tuple(others))
 
     def _start(self, measurement: Measurement, frame: FrameData) -> tuple[EvaluatedState, bool]:
-        """The state about which the frame is linearised, and whether it is a first one, fitted to this frame alone."""
+        """The state about which the frame is linearised, and whether it was fitted to this frame alone."""
         if self._solved is None or measurement.lost or self._stuck_frames >= STUCK_AFTER:
             fit = self._first_fit(frame)
             self._cost = fit.cost
@@ -486,12 +480,10 @@ class Tracker:
 
     def _fit_with_verticals(self, frame: FrameData) -> Fit:
         """The best state from all start poses and all verticals that the camera's mount allows. Keeps that vertical."""
-        vertical = self.learned.vertical
-        fits = []
-        for up, cost in vertical.candidates():
-            fit = self._initialiser.fit(replace(frame, up=up))
-            fits.append((fit.cost + cost, up, fit))
-        _, vertical.direction, best = min(fits, key=lambda entry: entry[0])
+        fits = [
+            (self._initialiser.fit(replace(frame, up=up)), cost, up) for up, cost in self.learned.vertical.candidates()
+        ]
+        best, _, self.learned.vertical.direction = min(fits, key=lambda entry: entry[0].cost + entry[1])
         return best
 
     def _solve(self, start: EvaluatedState, initialised: bool, frame: FrameData, measurement: Measurement) -> Increment:
@@ -502,9 +494,8 @@ class Tracker:
 
     def _check(self, start: BodyState, increment: Increment, frame: FrameData, focal: float) -> Rejection | None:
         """The reason to reject an answer, None to accept it. Counts consecutive rejections."""
-        place = start.translation + increment.x
+        place, rejection = start.translation + increment.x, None
         depth = min(float(view.camera.into_camera(place)[2]) for view in frame.views if view.weights.any())
-        rejection = None
         if not increment.solution.certified:
             rejection = Rejection.NOT_CERTIFIED
         elif self.skeleton.height * focal < SMALLEST_PX * self.config.noise_px * depth or depth <= 0:
@@ -529,8 +520,7 @@ class Tracker:
 
     def _estimate(self, answer: _Answer, smoothed: BodyState) -> Estimate:
         """The estimate for an accepted frame. smoothed: the state to publish."""
-        self._status = Status.TRACKING
-        pose = self.kinematics.pose(smoothed)
+        self._status, pose = Status.TRACKING, self.kinematics.pose(smoothed)
         measured, frame, increment, solved = answer.measured, answer.frame, answer.increment, answer.solved
         return Estimate(
             answer.together.stamp,
@@ -583,16 +573,15 @@ class Tracker:
         """Update all that is learned, and use it from the next frame on."""
         height, lengths = self.learned.height, self.learned.lengths
         frame, solved, initialised = answer.frame, answer.solved, answer.initialised
-        stamp, repeated = answer.together.stamp, answer.together.repeated
-        several = frame.seen_by > 1
+        stamp, repeated, several = answer.together.stamp, answer.together.repeated, frame.seen_by > 1
         if several:
             lengths.stature_deviation = OBSERVED_STATURE_DEVIATION if height is None else PEOPLE_DEVIATION
         if self.config.calibrate and (initialised or not repeated):
             if lengths.update(stamp, solved.state, frame, initialised or self._replaced):
                 self._adopt_lengths()
         seen = partial(_with_seen_landmarks, frame, [answer.measured.get(camera) for camera in self._cameras])
-        start = answer.start.state
-        if self.learned.update(answer.together, seen, start, initialised, answer.increment, solved.state):
+        start, increment = answer.start.state, answer.increment
+        if self.learned.update(answer.together, seen, start, initialised, increment, solved.state):
             self._solved = self._evaluated_again()  # the prior's mean has changed
         if height is None:
             return
@@ -619,7 +608,7 @@ class Tracker:
         self._solved = self._evaluated_again()
 
     def _tell_lengths(self, camera: Camera) -> None:
-        """Input the lengths to a camera's network: those of a skeleton without the built-in ones stay as given."""
+        """Input the lengths to a camera's network; those of a skeleton without the built-in ones stay as given."""
         if camera.network is not None:
             lengths, built_in = self.learned.lengths, has_built_in_proportions(self.given_skeleton)
             body = self.skeleton if built_in else lengths.proportions.given
@@ -678,15 +667,13 @@ def _unit_vertical(up: np.ndarray) -> np.ndarray:
 
 
 def _reprojection_px(measured: dict[Camera, Measurement], pose: BodyPose) -> float:
-    """Root mean square distance of the visible points from the pose's landmarks, px, over the cameras with an image."""
+    """px, over the cameras with an image, see `Measurement.reprojection_px`."""
     errors = [measurement.reprojection_px(pose, camera.pose) for camera, measurement in measured.items()]
     return errors[0] if len(errors) == 1 else math.sqrt(sum(error * error for error in errors) / len(errors))
 
 
 def _with_seen_landmarks(frame: FrameData, measured: Sequence[Measurement | None]) -> FrameData:
-    """The frame without the landmarks that were not seen but extrapolated. measured: by camera, None without an
-    image.
-    """
+    """The frame without landmarks that were extrapolated and not seen. measured: by camera, None without an image."""
     views = [
         replace(view, weights=np.where(one.visible, view.weights, 0.0) if one is not None else 0.0 * view.weights)
         for view, one in zip(frame.views, measured)

@@ -22,11 +22,7 @@ from lassokin_ros.core.record import record
 
 @record
 class Posture:
-    """Joint angles of a state, as the pose prior uses them.
-
-    theta: (..., joints, 3) rad, rotation vectors of the prior's joints.
-    residual: (..., k) right sides of the prior's rows, in standard deviations.
-    """
+    """theta: (..., joints, 3) rad, rotation vectors of the prior's joints. residual: (..., k), of the prior's rows."""
 
     theta: np.ndarray
     residual: np.ndarray
@@ -96,10 +92,9 @@ class Evidence(ABC):
 
     @abstractmethod
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
-        """Write the rows about a state, in standard deviations.
+        """Write the rows about a state, in standard deviations, into both outputs.
 
-        columns: (..., live + 3, count), output: J transposed, with the translation last.
-        z: (..., count), output: the right sides of || z - J [Omega; x] ||^2.
+        columns: (..., live + 3, count), J transposed, with the translation last. z: (..., count), the right sides.
         """
 
     @abstractmethod

@@ -57,10 +57,9 @@ class KeypointFilter:
 
         A landmark that is missing, or an outlier for the first time, is extrapolated with growing variance.
 
-        stamp: s, later than the last; points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing;
-        acceleration: standard deviation of a typical landmark's acceleration, normalised units / s^2. model_error:
-        standard deviation of the constant offset between keypoint and landmark, normalised units; it is a lower limit
-        for the standard deviation of the filtered points.
+        stamp: s, later than the last; points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing.
+        acceleration: standard deviation of a typical landmark's, normalised units / s^2. model_error: standard
+        deviation of the constant offset between keypoint and landmark, a lower limit for that of the filtered points.
         """
         gap = stamp - self._stamp
         if gap >= MAX_GAP:  # `_unseen` does not count a gap without any frame
@@ -125,10 +124,8 @@ class KeypointFilter:
         return self._tracks.position + step * self._tracks.velocity, PREDICTED_WEIGHT * self._weights
 
     def ahead(self, stamp: float, acceleration: float, model_error: float) -> tuple[np.ndarray, np.ndarray]:
-        """Points (l, 2) and weights (l,) predicted for a stamp, with the variance that this costs. Tracks do not
-        change.
-
-        acceleration, model_error: as in `update`.
+        """Points (l, 2) and weights (l,) predicted for a stamp, with the variance that this costs; otherwise as
+        `expected`.
         """
         points, variance = self._tracks.ahead(max(stamp - self._stamp, 0.0), acceleration)
         known = self._known & (self._weights > 0)

@@ -87,10 +87,8 @@ class MeasurementFilter:
 
     def reset(self) -> None:
         """Start again, as before the first frame."""
-        #: s: the stamp of the last frame that was used, -inf before the first.
-        self.newest = -np.inf
-        #: s: the stamp of the last frame with new keypoints.
-        self.last_new_stamp = -np.inf
+        #: s: stamps of the last frame that was used, and of the last one with new keypoints, -inf before the first.
+        self.newest = self.last_new_stamp = -np.inf
         self.forget()
 
     def forget(self) -> None:
@@ -119,8 +117,8 @@ class MeasurementFilter:
     ) -> Measurement:
         """The measurement of an observation with the weights (l,) of `gate_observation`.
 
-        depth: m, depth of the person, None if unknown. model_error: m, standard deviation of the constant offset
-        between keypoints and landmarks. The tracks are dropped if there were no new keypoints for `lost_after`.
+        depth: m, of the person, None if unknown. model_error: m, see `ModelError`. The tracks are dropped if there were
+        no new keypoints for `lost_after`.
         """
         stamp, focal, visible = observation.stamp, observation.focal, weights > 0
         repeated = self._age(observation)
@@ -143,12 +141,10 @@ class MeasurementFilter:
             measured = None if measured is None else (measured[0][assignment], measured[1][assignment])
         if measured is not None and repeated:
             measured = measured[0], PREDICTED_WEIGHT * measured[1]
-        speed = depth * self._filter.speed()
+        speed, step = depth * self._filter.speed(), stamp - self.newest
         since_new = 0.0 if repeated else stamp - self.last_new_stamp
-        step, depths = stamp - self.newest, measured or (None, None)
-        return Measurement(
-            stamp, detected, visible, focal, points, weights, speed, repeated, step, since_new, lost, *depths
-        )
+        times, depths = (speed, repeated, step, since_new, lost), measured or (None, None)
+        return Measurement(stamp, detected, visible, focal, points, weights, *times, *depths)
 
     def predicted(self, stamp: float, depth: float | None, model_error: float) -> tuple[np.ndarray, np.ndarray]:
         """Points (l, 2) and weights (l,) predicted for a stamp, s. depth, model_error: m, as in `filtered`."""

@@ -18,8 +18,10 @@ import numpy as np
 
 from lassokin_ros.core.config import TYPICAL_HEIGHT
 from lassokin_ros.core.evidence.evidence import EvaluatedState
+from lassokin_ros.core.evidence.floor import ANKLE_HEIGHT
+from lassokin_ros.core.evidence.floor import DEVIATION as FLOOR_DEVIATION
 from lassokin_ros.core.image.measurement import Measurement
-from lassokin_ros.core.learned.floor_size import FloorSize
+from lassokin_ros.core.record import record
 
 PEOPLE_DEVIATION = 0.15
 """Standard deviation of the logarithm of people's heights about that of `TYPICAL_HEIGHT`, children included."""
@@ -49,6 +51,14 @@ LOSS_SCALE = 2.5
 """Scale of Geman and McClure's loss of the three equations of a landmark, in standard deviations."""
 RANGE = 0.5, 2.3
 """m: limits of the height. A frame outside them is ignored: its depths are those of the wall behind, for example."""
+
+
+@record
+class FloorSize:
+    """ratio: size by the floor / size in use. deviation: standard deviation of its logarithm by tilt and distance."""
+
+    ratio: float
+    deviation: float
 
 
 class HeightEstimator:
@@ -162,3 +172,25 @@ def fit_scale(measurement: Measurement, body: np.ndarray, root: np.ndarray) -> t
         H = rows.T @ rows + 1e-9 * np.eye(4)
         solution = np.linalg.solve(H, rows.T @ right)
     return float(solution[0]), float(np.sqrt(np.linalg.inv(H)[0, 0]))
+
+
+def floor_size(
+    ankles: np.ndarray, floor: np.ndarray, centre: np.ndarray, height: float, tilt_deviation: float
+) -> FloorSize | None:
+    """Return the size by the ankles (k, 3) m of standing feet; None if they are not below the camera.
+
+    Feet that stand are on the floor: the body is scaled about the camera until its ankles are at their height.
+
+    floor: (4,) as in `FrameData`; centre: (3,) m, of the camera; height: m, of the body in use; tilt_deviation: rad, of
+    the floor's normal. It moves a point at a distance d by d * tilt_deviation up or down.
+    """
+    up, camera_height = floor[:3], float(floor[:3] @ centre + floor[3])
+    if camera_height <= 0 or not len(ankles):
+        return None
+    lower = ankles[np.argmin(ankles @ up)] - centre  # the heel of the other one may be raised
+    rise = float(lower @ up)
+    below = ANKLE_HEIGHT * height - rise
+    if below <= 0:
+        return None
+    distance = float(np.linalg.norm(lower - rise * up))
+    return FloorSize(camera_height / below, float(np.hypot(tilt_deviation * distance, FLOOR_DEVIATION)) / camera_height)
