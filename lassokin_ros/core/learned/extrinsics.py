@@ -95,7 +95,7 @@ class Extrinsics:
         """Forget the frames; the corrections stay, because cameras do not move with the person."""
         self._frames: dict[str, deque[Pairs]] = {}
         self._finders: dict[str, CameraFinder] = {}
-        self._newest, self._count = -math.inf, 0
+        self._newest, self.frame_count = -math.inf, 0
         self.wrong: dict[str, str] = {}
         """What is wrong with the pose of a camera, in words, by name; empty if it fits."""
 
@@ -133,11 +133,6 @@ class Extrinsics:
         """Return a given pose with what was learned about its camera, also if it is only checked."""
         solution = self._solutions.get(pose.name)
         return pose if solution is None else _moved(pose, solution)
-
-    @property
-    def frame_count(self) -> int:
-        """Number of frames that were used since the last reset."""
-        return self._count
 
     def moved(self, name: str) -> tuple[float, float] | None:
         """Return by how much a camera is elsewhere than given, rad and m; None if it is where it should be."""
@@ -181,8 +176,8 @@ class Extrinsics:
             return  # the camera whose pose is right, or another one, has not been seen
         common = [(view, _common(first, view)) for view in frame.views if view is not first]
         common = [(view, weights) for view, weights in common if np.count_nonzero(weights) >= FEWEST_POINTS]
-        self._count += bool(common)
-        due = self._count % (SOLVED_EVERY if self._used else CHECKED_EVERY) == 0
+        self.frame_count += bool(common)
+        due = self.frame_count % (SOLVED_EVERY if self._used else CHECKED_EVERY) == 0
         for view, weights in common:
             name = view.camera.name
             pose = self._given[name].relative_to(self._given[first.camera.name])

@@ -47,16 +47,10 @@ class Learned:
 
     def reset(self, same_camera: bool = False) -> None:
         """Forget what was learned. same_camera: keep the vertical."""
-        for learner in self._all:
-            learner.reset()
-        if not same_camera:
-            self.vertical.reset()
-
-    @property
-    def _all(self) -> tuple[Any, ...]:
-        """All but the vertical."""
         known = self.lengths, self.mean_pose, self.model_error, self.depth_noise, self.size_check, self.feet
-        return (*known, *(learner for learner in (self.height, self.extrinsics) if learner is not None))
+        learners: tuple[Any, ...] = *known, self.height, self.extrinsics, None if same_camera else self.vertical
+        for learner in filter(None, learners):
+            learner.reset()
 
     def resize(self, ratio: float) -> None:
         """Scale what is known to a body that is taller by a factor."""
