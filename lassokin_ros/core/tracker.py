@@ -438,7 +438,10 @@ class Tracker:
             else camera.predicted_view(together.stamp, vertical, body, error)
             for camera in self._cameras
         )
-        return replace(main, extra=observation.extra, floor=self.floor, others=tuple(others))
+        floor, extra = self.floor, observation.extra
+        if floor is None and not (extra or others):
+            return main
+        return replace(main, extra=extra, floor=floor, others=tuple(others))
 
     def _start(self, measurement: Measurement, frame: FrameData) -> tuple[EvaluatedState, bool]:
         """The state about which the frame is linearised, and whether it was fitted to this frame alone."""

@@ -44,6 +44,7 @@ _OUTER[np.arange(6), 3 * _FIRST + _SECOND] = _OUTER[np.arange(6), 3 * _SECOND + 
 #: (10, 9): maps a vector, a factor of the identity and the products of another vector to the matrix of `_combined`.
 _COMBINATION = np.vstack([_HAT_AND_IDENTITY, _OUTER])
 _ONES = np.ones(3)  # a product with it takes half the time of sum(axis=-1) on arrays this small
+_ONE_AND_A_HALF = 1.5 * np.eye(3)
 
 
 def hat(vectors: Array) -> Array:
@@ -141,7 +142,7 @@ def from_quaternion(quaternions: Array) -> Array:
 def orthonormalised(matrices: Array) -> Array:
     """One Newton step towards the nearest rotation, R (3 I - R^T R) / 2, (..., 3, 3): removes rounding drift."""
     gram = matrices.swapaxes(-1, -2) @ matrices
-    return matrices @ (1.5 * np.eye(3) - 0.5 * gram)
+    return matrices @ (_ONE_AND_A_HALF - 0.5 * gram)
 
 
 def least_turn(a: Array, b: Array) -> Array:

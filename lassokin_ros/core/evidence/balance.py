@@ -15,6 +15,7 @@ from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import squared_norm
+from lassokin_ros.core.observation import AXES
 
 OFFSET_DEVIATION = 0.1
 """m: standard deviation of each horizontal coordinate of the centre of mass about the middle of the feet."""
@@ -65,7 +66,7 @@ class Balance(Evidence):
 
 def _horizontal(up: np.ndarray) -> np.ndarray:
     """(3, 3) projection onto the horizontal plane."""
-    return np.asarray(np.eye(3) - up[:, None] * up)
+    return np.asarray(AXES - up[:, None] * up)
 
 
 def _shares(names: tuple[str, ...]) -> np.ndarray:

@@ -33,7 +33,7 @@ MAX_SURPRISE = 100.0
 """Upper limit of the negative log-likelihood, so that not all probabilities become 0 at once."""
 
 _MODELS = len(ACCELERATION_FACTORS)
-_ONES, _HALVES = np.ones(_MODELS), np.full(_MODELS, 0.5)
+_SAME, _ONES, _HALVES = np.eye(_MODELS), np.ones(_MODELS), np.full(_MODELS, 0.5)
 #: Factors of the products pp, pv, vv of p and v; also of gain * covariance, which a correction subtracts from each.
 _LEFT, _RIGHT = np.array([0, 0, 1]), np.array([0, 1, 1])
 
@@ -98,7 +98,7 @@ class KeypointTracks:
     def predict(self, step: float, acceleration: float) -> None:
         """Predict by step, s. acceleration: standard deviation of a typical track's, normalised units / s^2."""
         switching = _switching(step)
-        stays = switching + (1 - _MODELS * switching) * np.eye(_MODELS)
+        stays = switching + (1 - _MODELS * switching) * _SAME
         mixed = self._mixed
         np.matmul(stays, self._beliefs, out=mixed[:8])
         np.multiply(self._squares, mixed[0], out=mixed[8])

@@ -204,5 +204,6 @@ def _inverse(H: np.ndarray) -> np.ndarray | None:
     inverse, failed = lapack.dpotri(factor, lower=1, overwrite_c=1)
     if failed:
         return None
-    lower = np.tril(inverse)  # only this triangle was computed
-    return lower + np.tril(lower, -1).T
+    inverse += inverse.T  # only the lower triangle was computed
+    inverse.T.reshape(-1)[:: len(H) + 1] *= 0.5
+    return np.asarray(inverse)

@@ -27,6 +27,7 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.roles import NETWORK_JOINTS, SIDES, sided
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.kernel import kernel
+from lassokin_ros.core.observation import AXES
 from lassokin_ros.core.record import record
 
 TIMES = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
@@ -81,6 +82,7 @@ OUTPUTS = 3 * DEPTHS + DEPTHS + len(_LOWER[0]) + DEPTHS
 logarithms of the scales of x and y."""
 _FROM_OUTPUTS = np.zeros((DEPTHS, DEPTHS), dtype=int)
 _FROM_OUTPUTS[_LOWER] = np.arange(4 * DEPTHS, OUTPUTS - DEPTHS)
+_STRICTLY_LOWER, _UNIT = np.tri(DEPTHS, k=-1, dtype=np.float32), np.eye(DEPTHS, dtype=np.float32)
 LEAST_SEEN = 5
 """Smallest number of canonical points that must be visible now."""
 
@@ -188,7 +190,7 @@ def _virtual_camera(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
     across = centre * z[..., None]
     rotation = np.empty((*z.shape, 3, 3))
     moved = across[..., :, None] * across[..., None, :] * (1 / (1 + z))[..., None, None]
-    np.subtract(np.eye(2), moved, out=rotation[..., :2, :2])
+    np.subtract(AXES[:2, :2], moved, out=rotation[..., :2, :2])
     rotation[..., :2, 2], rotation[..., 2, :2], rotation[..., 2, 2] = -across, across, z
     return rotation
 
@@ -202,7 +204,7 @@ def interpreted(outputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     d = DEPTHS
     places = outputs[..., : 3 * d].reshape(*outputs.shape[:-1], 3, d).swapaxes(-1, -2)
     diagonal = np.exp(np.minimum(np.maximum(outputs[..., 3 * d : 4 * d], -1.0), 5.0))
-    whitening = np.tril(outputs.take(_FROM_OUTPUTS, axis=-1), -1) + np.eye(d, dtype=np.float32)
+    whitening = outputs.take(_FROM_OUTPUTS, axis=-1) * _STRICTLY_LOWER + _UNIT
     return places, whitening * diagonal[..., None]
 
 

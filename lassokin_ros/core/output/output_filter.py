@@ -37,6 +37,7 @@ Beyond it the filter restarts; otherwise a solved state that jumps in depth coul
 
 Covariance = tuple[float, float, float]
 """(variance of the value, covariance, variance of the velocity), in units of the variance of a solved value."""
+_ONES = np.ones(3)
 
 
 class Forward(NamedTuple):
@@ -191,5 +192,7 @@ def _in_depth(vectors: np.ndarray, rays: np.ndarray) -> np.ndarray:
 
     A rotation about the ray moves the body in the image. A translation along the ray moves it in depth.
     """
-    along = (vectors * rays).dot(np.ones(3))[:, None] * rays
-    return np.concatenate([vectors[:-1] - along[:-1], along[-1:]])
+    along = (vectors * rays).dot(_ONES)[:, None] * rays
+    depth: np.ndarray = vectors - along
+    depth[-1] = along[-1]
+    return depth
