@@ -117,11 +117,7 @@ def _is_large(omega: np.ndarray, x: np.ndarray) -> bool:
 
 
 def for_step(step: float, linearisations: int, sparsity: float) -> tuple[int, float]:
-    """Linearisations and sparsity for a frame `step` s after the last one.
-
-    Both settings are for frames at 30 Hz or more. In a longer step people move farther: the l1 weight falls with the
-    step, and more linearisations are used from `LONG_STEP` on.
-    """
+    """Linearisations and sparsity for a frame `step` s after the last one; the settings are for 30 Hz or more."""
     if not np.isfinite(step) or step <= SHORT_STEP:
         return linearisations, sparsity
     return linearisations + (step > LONG_STEP) * MORE_LINEARISATIONS, sparsity * SHORT_STEP / step

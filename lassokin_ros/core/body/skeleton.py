@@ -1,7 +1,7 @@
 """The skeleton: a tree of ball joints at rest.
 
-The built-in tree has SMPL's joint numbers and parents (24 joints, gamma in the paper). Any other tree is read from a
-YAML file of the same form as `skeletons/anthropometric.yaml`.
+The built-in tree has SMPL's joint numbers and parents (24 joints, gamma in the paper). Others are read from a YAML file
+of the same form.
 """
 
 from __future__ import annotations

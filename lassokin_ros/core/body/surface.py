@@ -1,7 +1,6 @@
 """The body's surface as a depth camera sees it: capsules along the bones.
 
-At a landmark's keypoint the camera measures the nearest surface. In a side view this often is another part of the body:
-an arm may hide the hips, or one leg the other leg. The measured depth is then not that of the landmark.
+At a landmark's keypoint the camera measures the nearest surface. In a side view this often is another part of the body.
 """
 
 from __future__ import annotations

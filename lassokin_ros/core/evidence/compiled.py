@@ -1,7 +1,6 @@
-"""Rows and costs of the built-in evidence by the compiled kernel, for a frame in which all of it is regular.
+"""`linearise` and `cost` of `ImagePoints`, `LearnedDepth`, `PosePrior`, `Upright` and `Balance` by the compiled kernel.
 
-Regular are one state, Huber's weights, and rows about the frame's start. The kernel then does what `linearise` and
-`cost` of `ImagePoints`, `LearnedDepth`, `PosePrior`, `Upright` and `Balance` do.
+It treats regular frames: one state, Huber's weights, and rows about the frame's start.
 """
 
 from __future__ import annotations

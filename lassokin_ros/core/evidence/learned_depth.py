@@ -1,8 +1,8 @@
 """Learned depth: depths of joints relative to the hips, estimated by a network from the keypoints.
 
-The network (`depth_network`) gives depths along the line of sight to the body's middle, relative to the middle of the
-hips, and a matrix that whitens their errors. The whitened errors follow Student's t distribution, so the weight of a
-row decreases where the state disagrees with the network. All depths are relative and do not depend on the translation.
+The network (`depth_network`) gives depths along the line of sight to the body's middle, and a matrix that whitens their
+errors. The whitened errors follow Student's t distribution, so the weight of a row decreases where the state disagrees
+with the network.
 """
 
 from __future__ import annotations

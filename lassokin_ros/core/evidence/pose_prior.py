@@ -1,11 +1,7 @@
-"""The pose prior, as rows of the frame's lasso.
+"""The pose prior: a Gaussian on the rotation vectors of all joints except the root, learned from motion capture
+(benchmarks/learn_prior.py). Its rows, linearised like the image's, are
 
-The prior is a Gaussian on the rotation vectors of all joints except the root, learned from motion capture
-(benchmarks/learn_prior.py wrote the shipped file and lists the clips). Its rows
-
-    || W (theta(R exp(Omega)) - mean) ||^2,   W^T W = Sigma^-1,
-
-are linearised like the image's, so that each frame's problem remains a lasso.
+    || W (theta(R exp(Omega)) - mean) ||^2,   W^T W = Sigma^-1.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Uprightness: a weak prior that people stand, walk and sit upright.
 
-One camera hardly observes a lean towards it. The residual compares the pelvis' y axis with the vertical in the camera
-frame (see `learned.vertical`). The loss is Cauchy's, so that the weight decreases for large leans: a person may lie.
-
-Without it, the first frame of the validation people has 46.8 instead of 44.7 mm.
+One camera hardly observes a lean towards it. The residual compares the pelvis' y axis with the vertical. The loss is
+Cauchy's, so that the weight decreases for large leans: a person may lie. Without it, the first frame of the validation
+people has 46.8 instead of 44.7 mm.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Initialisation: the first state from a single frame and the person's height, for any orientation of the body.
 
 Several start states (the mean pose, turned about the vertical) are fitted at once by damped Gauss-Newton on the
-tracker's rows, coarse to fine, without the l1 term (there is no earlier state). If none of them fits, further starts
-have other directions of the body's up axis: lying or upside down. The fit with the lowest cost is used.
+tracker's rows, coarse to fine, without the l1 term. If none of them fits, further starts lie or are upside down. The
+fit with the lowest cost is used.
 """
 
 from __future__ import annotations

@@ -51,9 +51,8 @@ def gate_depth(
     """(depth, weights) of an observation, each (l,), or None if no depth can be used.
 
     visible: (l,) bool, landmarks whose keypoints are used. surface: (l,) m from the body's surface to the landmark.
-    expected: m, depth of the person; None if unknown: the median of the measurements is used. reach: m, measurements
-    farther from the person are ignored. noise: m, standard deviation of a depth, if the observation does not give it.
-    weights: 1/m, 1 / standard deviation, 0 = not used.
+    expected: m, depth of the person; None for the median of the measurements. reach: m, measurements farther from the
+    person are ignored. noise: m, standard deviation unless the observation gives it. weights: 1/m, 0 = not used.
     """
     if observation.depth is None or not math.isfinite(observation.depth_age):
         return None

@@ -1,10 +1,10 @@
 """Tracks of points in the image, by interacting multiple models (IMM).
 
-A slow motion needs a filter with a small process noise, a fast motion one with a large process noise. Each landmark
-therefore has several constant-velocity Kalman filters ("models") with different white-noise accelerations, combined by
-the interacting multiple model algorithm (Blom, Bar-Shalom, The interacting multiple model algorithm for systems with
+A slow motion needs a filter with a small process noise, a fast motion one with a large one. Each landmark therefore has
+several constant-velocity Kalman filters ("models") with different white-noise accelerations, combined by the
+interacting multiple model algorithm (Blom, Bar-Shalom, The interacting multiple model algorithm for systems with
 Markovian switching coefficients, 1988; Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and
-Navigation, 2001, sec. 11.6.6). The probability of a model follows from the likelihood of the measured points.
+Navigation, 2001, sec. 11.6.6).
 
 Between frames the state of a model is eight numbers: its probability and, multiplied by the probability and relative
 to the track's merged position and velocity, the means of x, y, v_x, v_y and the second moments pp, pv, vv, each summed

@@ -60,9 +60,8 @@ class SideSwaps:
     def assign(
         self, stamp: float, step: float, straight: np.ndarray, crossed: np.ndarray, variance: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return (l,) the landmark whose point each one must use, and (l,) bool the tracks that must be restarted.
-
-        The caller restarts a track, from the points as given, if its swap has lasted too long.
+        """Return (l,) the landmark whose point each one must use, and (l,) bool the tracks that must be restarted from
+        the points as given, because a swap has lasted too long.
 
         step: s since the last frame. straight, crossed: (l,) squared distance over variance of each track from its own
         and from the other side's point, nan if the track or the point is missing. variance: (l,) > 0, of the tracks.

@@ -1,10 +1,9 @@
 """The person's height, measured with depth, with several cameras, or on request with feet on the floor.
 
-One camera does not observe size: a body twice as tall at twice the distance gives the same keypoints. Measured depths
-and further cameras remove this ambiguity. With several cameras, the scale is the sum of the triangulated lengths of
-limbs and trunk, relative to the skeleton's: people's proportions differ, and the sum differs less than each length.
-With depths, the body's pose is kept fixed in each frame. Its scale s and translation t are fitted to the keypoints u_i
-and the depths d_i by robust least squares on equations that are linear in (s, t), with q_i the landmarks relative to
+One camera does not observe size: a body twice as tall at twice the distance gives the same keypoints. With several
+cameras, the scale is the sum of the triangulated lengths of limbs and trunk, relative to the skeleton's: people's
+proportions differ, and the sum differs less than each length. With depths, the body's scale s and translation t are
+fitted in each frame to the keypoints u_i and the depths d_i by robust least squares, with q_i the landmarks relative to
 the pelvis:
 
     s q_xy + t_xy - u_i (s q_z + t_z) = 0,     s q_z + t_z - d_i = 0.

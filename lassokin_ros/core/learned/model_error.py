@@ -1,9 +1,9 @@
 """The model error: constant offsets between a detector's keypoints and the landmarks, estimated from residuals.
 
 The detector's definition of a hip differs from the skeleton's, clothes hide the body, and the lengths are not exact.
-Such errors are constant, so a filter of the tracks cannot remove them. With the standard deviation s_i of the noise
-that is left on landmark i's track and the standard deviation lambda of its constant error, a keypoint has the variance
-v_i = lambda^2 + s_i^2. The residuals r_i of the solved frame, in units of sqrt(v_i), determine lambda:
+With the standard deviations s_i of the noise that is left on landmark i's track and lambda of its constant error, a
+keypoint has the variance v_i = lambda^2 + s_i^2. The residuals r_i of the solved frame, in units of sqrt(v_i),
+determine lambda:
 
     E sum_i |r_i|^2 / 2 = sum_i f_i,    f_i = 1 - a_i^T H^-1 a_i,
 

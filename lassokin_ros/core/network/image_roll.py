@@ -1,8 +1,7 @@
 """Quarter turns of the image after which a person's body points up in it.
 
-The depth network was trained with people who stand in nearly level images. A camera whose mount is not configured may
-be on its side or upside down, and a person may lie. The network's input is then turned by the multiple of 90 degrees
-after which the body points up. Depths along the optical axis do not change.
+The depth network was trained with people who stand in nearly level images. A camera may be on its side or upside down,
+and a person may lie: the input is then turned by the multiple of 90 degrees after which the body points up.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Fixed-lag smoothing of the published poses, with the model of the output filter.
 
-`OutputFilter` is the forward pass. Here a frame is held back until a frame has arrived that is later by the lag. Its
-state is then corrected with the later frames by the backward pass of Rauch, Tung and Striebel (Bar-Shalom, Li,
-Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, sec. 8.6). The backward pass stops where the
-filter was restarted: there the state was replaced, or the motion was not observed.
+`OutputFilter` is the forward pass. Here a frame is held back until one has arrived that is later by the lag. It is then
+corrected with the later frames by the backward pass of Rauch, Tung and Striebel (Bar-Shalom, Li, Kirubarajan,
+Estimation with Applications to Tracking and Navigation, 2001, sec. 8.6), up to where the filter was restarted.
 
 In a recording that is also tracked backward in time (`recording`), the published pose is between both tracks, nearer to
 the one whose costs are lower about this frame.

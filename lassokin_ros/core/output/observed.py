@@ -8,11 +8,9 @@ from lassokin_ros.core.body.skeleton import Skeleton
 
 
 class ObservedJoints:
-    """Determines which joints are observed, for one skeleton and layout.
+    """Determines which joints are observed: those with a visible keypoint, or between two neighbours with one.
 
-    A joint is observed if a visible keypoint is attached to it, or to each of two of its neighbours (parent and
-    children). An elbow between a visible shoulder and a visible wrist is observed; a hand beyond the last visible
-    keypoint is not.
+    An elbow between a visible shoulder and a visible wrist is observed; a hand beyond the last visible keypoint is not.
     """
 
     def __init__(self, skeleton: Skeleton, landmark_joints: np.ndarray) -> None:
