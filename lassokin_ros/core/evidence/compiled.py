@@ -23,7 +23,6 @@ from lassokin_ros.core.image.robust_loss import CAP, THRESHOLD, huber_weights
 from lassokin_ros.core.kernel import kernel
 
 _CONSTANTS = np.array([NEAREST_DEPTH, THRESHOLD, CAP, LEAN_DEVIATION, OFFSET_DEVIATION, TAIL])
-_NO_DEPTH = (None,) * 5
 
 
 class CompiledEvidence:
@@ -92,7 +91,7 @@ class CompiledEvidence:
             begin = rows[image.name].start if rows else 0
             seen = view.points, view.weights, camera.rotation, camera.translation, begin
             if depth is None or given is None:
-                views.append((*seen, *_NO_DEPTH))
+                views.append((*seen, None, None, None, None, None))
                 continue
             names.add(depth.name)
             begin = rows[depth.name].start if rows else 0

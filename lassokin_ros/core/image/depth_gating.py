@@ -8,8 +8,6 @@ import numpy as np
 
 from lassokin_ros.core.observation import Observation
 
-SMALLEST_DEVIATION = 0.005
-"""m: lower limit of the standard deviation: the distance from the surface to the landmark is not known more exactly."""
 DEPTH_RANGE = 0.05, 100.0
 """m: a depth outside this range is ignored."""
 HIDDEN = 0.03
@@ -69,5 +67,6 @@ def gate_depth(
     used &= np.abs(np.where(used, depth, centre) - centre) < reach
     if not used.any():
         return None
-    weights = np.where(used, 1 / np.maximum(np.where(used, deviation, 1.0), SMALLEST_DEVIATION), 0.0)
+    deviation = np.maximum(np.where(used, deviation, 1.0), 0.005)  # a surface is not known more exactly
+    weights = np.where(used, 1 / deviation, 0.0)
     return np.where(used, depth, 0.0), weights

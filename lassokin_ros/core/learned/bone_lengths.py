@@ -55,8 +55,6 @@ WORK = Schedule(0.05, 0.05, 0.13)
 """s between two pieces of work: keep one frame, or relinearise one."""
 UPDATE = Schedule(0.2, 0.25, 1.0)
 """s between two updates of the skeleton."""
-SETTLED = 0.05
-"""s after an initialisation before frames are kept."""
 TYPICAL_COST = 12.0
 """Robust cost of a frame (image and prior) at which its weight is halved: its pose is probably wrong. The median over
 the kept frames is used instead if it is larger, as it is while the lengths are wrong."""
@@ -138,7 +136,7 @@ class Calibration:
         kept until the next state has settled.
         """
         if restarted or np.isnan(self._kept_at):
-            self._kept_at = stamp + SETTLED
+            self._kept_at = stamp + 0.05
         if restarted or self.frozen or stamp - self._last_work_stamp < WORK.interval(self.kept_motion):
             return False
         self._last_work_stamp = stamp

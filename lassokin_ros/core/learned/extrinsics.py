@@ -38,12 +38,8 @@ SIZE_DEVIATION = 0.1
 """Standard deviation of the logarithm of the person's size, with that of the proportions."""
 PERIOD_S, LONGEST = 0.1, 200
 """s between two frames that are kept; frames that are kept."""
-SOLVED_EVERY, CHECKED_EVERY = 5, 20
-"""Kept frames between two solutions, if poses are corrected, and if they are only checked."""
 FEWEST, FEWEST_POINTS = 10, 6
 """Frames before there is a correction; common landmarks of a frame that is kept."""
-STEPS, FIRST_STEPS = 3, 15
-"""Gauss-Newton steps of a solution, which starts from the last one, and of one that starts from the joints."""
 OUTLIER = 3.0
 """Distance r from an epipolar line, in standard deviations, from which its weight decreases, with r^-2."""
 FOLLOWING = 0.1
@@ -123,7 +119,7 @@ class Extrinsics:
         frames = _entries(finder, pose)
         if len(frames) < FEWEST:
             return
-        pose = _moved(pose, self._solved(_stacked(frames), np.zeros(6), FOUND_DEVIATION, FIRST_STEPS))
+        pose = _moved(pose, self._solved(_stacked(frames), np.zeros(6), FOUND_DEVIATION, steps=15))
         frames = _entries(finder, pose)
         if self._misfit(_stacked(frames)) < FOUND:
             self.found[name], self._frames[name] = pose, frames
@@ -177,7 +173,7 @@ class Extrinsics:
         common = [(view, _common(first, view)) for view in frame.views if view is not first]
         common = [(view, weights) for view, weights in common if np.count_nonzero(weights) >= FEWEST_POINTS]
         self.frame_count += bool(common)
-        due = self.frame_count % (SOLVED_EVERY if self._used else CHECKED_EVERY) == 0
+        due = self.frame_count % (5 if self._used else 20) == 0
         for view, weights in common:
             name = view.camera.name
             pose = self._given[name].relative_to(self._given[first.camera.name])
@@ -186,7 +182,7 @@ class Extrinsics:
             if due and len(frames) >= FEWEST:
                 pairs, before = _stacked(frames), self._solutions.get(name, np.zeros(6))
                 deviation = FOUND_DEVIATION if name in self.found else GIVEN_DEVIATION
-                self._solutions[name] = self._solved(pairs, before, deviation, STEPS)
+                self._solutions[name] = self._solved(pairs, before, deviation)
                 self.wrong[name] = self._what_is_wrong(pairs, first.camera.name, name)
                 if not self._used and self.moved(name) is not None:
                     self._explain(_stacked(list(frames)[::4]), name)  # 15 ms
@@ -232,13 +228,15 @@ class Extrinsics:
         """Fit a turn, a shift, and both, without regard to the given pose."""
         before, found = self._explanations.get(name, 3 * [(np.zeros(6), 0.0)]), []
         for (start, _), deviation in zip(before, (TURNED, SHIFTED, FOUND_DEVIATION)):
-            solution = self._solved(pairs, start, deviation, STEPS)
+            solution = self._solved(pairs, start, deviation)
             distances, *_ = self._residuals(pairs, solution)
             found.append((solution, float(np.median(np.abs(distances[pairs.weights > 0])))))
         self._explanations[name] = found
 
-    def _solved(self, pairs: Pairs, correction: np.ndarray, deviation: np.ndarray, steps: int) -> np.ndarray:
-        """Return the correction (6,) that fits all frames best, from a start. deviation: (6,) of the given pose."""
+    def _solved(self, pairs: Pairs, correction: np.ndarray, deviation: np.ndarray, steps: int = 3) -> np.ndarray:
+        """Return the correction (6,) that fits all frames best, by Gauss-Newton from a start. deviation: (6,) of the
+        given pose.
+        """
         share = math.sqrt(1 / len(pairs.a))  # all frames count as one: the errors of a detector last
         seen, step = pairs.weights.reshape(-1) > 0, 1e-5
         for _ in range(steps):

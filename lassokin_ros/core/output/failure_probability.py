@@ -13,11 +13,9 @@ import math
 
 WRONG = 0.1
 """m: mean joint error, relative to the pelvis, from which a pose is called wrong."""
-OFFSET, BY_DEVIATION, BY_ERROR_RATIO, BY_COST = -5.6, 4.4, 2.0, 1.7
-"""Coefficients of the curve: offset, and slopes for the three logarithms.
-
-If the factors in `uncertainty` change, the offset must change so that the same pose has the same probability.
-"""
+OFFSET, SLOPES = -5.6, (4.4, 2.0, 1.7)
+"""Coefficients of the curve, in the order of the arguments. If the factors in `uncertainty` change, the offset must
+change so that the same pose has the same probability."""
 
 
 def failure_probability(deviation: float, keypoint_error_ratio: float, cost: float) -> float:
@@ -26,5 +24,5 @@ def failure_probability(deviation: float, keypoint_error_ratio: float, cost: flo
     deviation: m, mean over the joints. keypoint_error_ratio: the keypoints' model error as a multiple of its lower
     limit. cost: per measurement.
     """
-    figures = (BY_DEVIATION, deviation / WRONG), (BY_ERROR_RATIO, keypoint_error_ratio), (BY_COST, cost)
+    figures = zip(SLOPES, (deviation / WRONG, keypoint_error_ratio, cost))
     return 1 / (1 + math.exp(-OFFSET - sum(slope * math.log(max(value, 1e-6)) for slope, value in figures)))
