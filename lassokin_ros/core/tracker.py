@@ -585,7 +585,7 @@ class Tracker:
         seen = partial(_with_seen_landmarks, frame, [answer.measured.get(camera) for camera in self._cameras])
         start, increment = answer.start.state, answer.increment
         if self.learned.update(answer.together, seen, start, initialised, increment, solved.state):
-            self._solved = self._evaluated_again()  # the prior's mean has changed
+            self._evaluate_again()  # the prior's mean has changed
         if height is None:
             return
         limbs, floor = None, None if several or repeated else self._floor_size(frame, solved)
@@ -608,7 +608,7 @@ class Tracker:
         self.kinematics.set_skeleton(lengths.skeleton)
         for camera in self._cameras:
             self._tell_lengths(camera)
-        self._solved = self._evaluated_again()
+        self._evaluate_again()
 
     def _tell_lengths(self, camera: Camera) -> None:
         """Input the lengths to a camera's network; those of a skeleton without the built-in ones stay as given."""
@@ -627,9 +627,10 @@ class Tracker:
         self._output_filter.reset()
         self._adopt_lengths()
 
-    def _evaluated_again(self) -> EvaluatedState | None:
-        """The present state with the present body and prior."""
-        return None if self._solved is None else self.frame_model.evaluate(self._solved.state)
+    def _evaluate_again(self) -> None:
+        """Evaluate the present state with the present body and prior."""
+        if self._solved is not None:
+            self._solved = self.frame_model.evaluate(self._solved.state)
 
     def _publish(self, estimate: Estimate, measured: dict[Camera, Measurement]) -> None:
         """Collect the estimates that are due."""

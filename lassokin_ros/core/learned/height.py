@@ -106,44 +106,34 @@ class HeightEstimator:
         height: m, of the skeleton in use. lengths: (k,) m, as several cameras measure them, and those of that skeleton.
         floor: from feet on the floor; it is used in frames without measured depth.
         """
+        stamp = measurement.stamp
         if lengths is not None and len(lengths[0]) >= FEWEST:
             measured, given = (float(one.sum()) for one in lengths)
-            deviation = LIMB_DEVIATION / np.sqrt(len(lengths[0]))
-            self._add(measurement.stamp, float(np.log(measured / given * height / TYPICAL_HEIGHT)), deviation)
+            self._add(stamp, measured / given * height, LIMB_DEVIATION / np.sqrt(len(lengths[0])))
         elif measurement.depth is not None:
-            self._learn(measurement, solved, height)
+            if not measurement.repeated and measurement.depth_count >= FEWEST:
+                root = solved.state.translation
+                scale, deviation = fit_scale(measurement, solved.pose.landmarks - root, root)
+                if RANGE[0] < scale * height < RANGE[1]:
+                    self._add(stamp, scale * height, deviation)
         elif floor is not None:
-            self._learn_from_floor(measurement.stamp, floor, height)
-        stamp = measurement.stamp
+            self.floor_deviation, self._floor_since = floor.deviation, min(self._floor_since, stamp)
+            usable = floor.deviation < LARGEST_FLOOR_DEVIATION and RANGE[0] < floor.ratio * height < RANGE[1]
+            if usable and stamp >= self._floor_since + FLOOR_AFTER:
+                self._add(stamp, floor.ratio * height, floor.deviation)
         if not self.measured or stamp - self._adopted_at < PAUSE_S or abs(np.log(self.height / height)) < CHANGE:
             return False
         self._adopted_at = stamp
         return True
 
-    def _learn(self, measurement: Measurement, solved: EvaluatedState, height: float) -> None:
-        if measurement.repeated or measurement.depth_count < FEWEST:
-            return
-        root = solved.state.translation
-        scale, deviation = fit_scale(measurement, solved.pose.landmarks - root, root)
-        if not RANGE[0] < scale * height < RANGE[1]:
-            return
-        self._add(measurement.stamp, float(np.log(scale * height / TYPICAL_HEIGHT)), deviation)
-
-    def _learn_from_floor(self, stamp: float, floor: FloorSize, height: float) -> None:
-        self.floor_deviation, self._floor_since = floor.deviation, min(self._floor_since, stamp)
-        if stamp < self._floor_since + FLOOR_AFTER:
-            return
-        if floor.deviation < LARGEST_FLOOR_DEVIATION and RANGE[0] < floor.ratio * height < RANGE[1]:
-            self._add(stamp, float(np.log(floor.ratio * height / TYPICAL_HEIGHT)), floor.deviation)
-
-    def _add(self, stamp: float, log_height: float, deviation: float) -> None:
-        """Average a frame's logarithm of the height / `TYPICAL_HEIGHT`, with the standard deviation of its fit."""
+    def _add(self, stamp: float, height: float, deviation: float) -> None:
+        """Average a frame's height, m, whose logarithm has this standard deviation by its fit."""
         elapsed, self._stamp = stamp - self._stamp, stamp
         fade = np.exp(-min(elapsed, 1e3) / TIME_CONSTANT_S)
         share = min(elapsed / CORRELATED_S, 1.0)
         information = share / (FRAME_DEVIATION**2 + deviation**2)
         self._information = fade * self._information + information
-        self._weighted = fade * self._weighted + information * log_height
+        self._weighted = fade * self._weighted + information * float(np.log(height / TYPICAL_HEIGHT))
 
 
 def fit_scale(measurement: Measurement, body: np.ndarray, root: np.ndarray) -> tuple[float, float]:
