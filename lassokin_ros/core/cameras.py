@@ -84,9 +84,8 @@ class Camera:
                     up, mount = self.pose.rotation @ up, self.pose.rotation @ mount
                 known = up if vertical.known else None
                 self.network.update(measurement.stamp, measurement.points, measurement.used, known, mount)
-        weights = measurement.weights if self._presence == 1 else self._presence * measurement.weights
-        points, up, depths = measurement.points, vertical.direction, self._joint_depths()
-        return FrameData(points, weights, up, depth, depth_weights, depths, camera=self.pose)
+        points, weights, up = measurement.points, self._presence * measurement.weights, vertical.direction
+        return FrameData(points, weights, up, depth, depth_weights, self._joint_depths(), camera=self.pose)
 
     def predicted_view(self, stamp: float, vertical: Vertical, body: BodyPose | None, model_error: float) -> FrameData:
         """The view at a stamp, s, without an image."""

@@ -78,21 +78,16 @@ class KeypointFilter:
         variance = 1 / np.where(seen, weights, 1.0) ** 2
         self._tracks.predict(step, acceleration)
         innovation, distance = self._innovations(points, variance)
-        used = seen & self._known
-        restarted = seen & ~self._known
-        if self._swaps.pending or np.count_nonzero(used & (distance > SWAP_GAIN / 2)):
-            assignment, given_up = self._sides(points, variance, seen, distance, step)
-            points, variance, seen = points[assignment], variance[assignment], seen[assignment]
-            self.assignment = assignment
+        self.assignment, given_up = None, np.zeros(self._count, dtype=bool)
+        if self._swaps.pending or np.count_nonzero(seen & self._known & (distance > SWAP_GAIN / 2)):
+            self.assignment, given_up = self._sides(points, variance, seen, distance, step)
+            points, variance, seen = (array[self.assignment] for array in (points, variance, seen))
             innovation, distance = self._innovations(points, variance)
-            tracked = seen & self._known
-            outliers = tracked & (distance > GATE)
-            used = tracked & ~outliers
-            self._outlier_frames = (self._outlier_frames + 1) * outliers
-            restarted = (seen & ~self._known) | given_up | (self._outlier_frames >= RESTART_AFTER)
-        else:
-            self._outlier_frames[:] = 0.0
-            self.assignment = None
+        tracked = seen & self._known
+        outliers = tracked & (distance > GATE)
+        used = tracked & ~outliers
+        self._outlier_frames = (self._outlier_frames + 1) * outliers
+        restarted = (seen & ~self._known) | given_up | (self._outlier_frames >= RESTART_AFTER)
         self._tracks.correct(used, innovation, variance)
         if np.count_nonzero(restarted):
             self._tracks.start(restarted, points, variance)
