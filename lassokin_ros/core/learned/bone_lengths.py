@@ -10,7 +10,7 @@ is Gauss-Newton, distributed over time (Triggs et al., Bundle adjustment: a mode
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import lapack
@@ -76,9 +76,9 @@ class KeptFrame:
     state: BodyState
     data: FrameData
     share: float
-    lengths: np.ndarray
-    information: np.ndarray
-    pull: np.ndarray
+    lengths: np.ndarray = field(init=False)
+    information: np.ndarray = field(init=False)
+    pull: np.ndarray = field(init=False)
     cost: float = np.inf
 
 
@@ -145,9 +145,7 @@ class Calibration:
         since = min(stamp - self._kept_at, KEEP.last)
         if since >= KEEP.interval(self.kept_motion):
             self.kept_motion += since
-            self._kept_at, count = stamp, self.proportions.count
-            empty = np.zeros((count, count)), np.zeros(count)
-            frame = KeptFrame(state, data, since / KEEP.last, self.lengths, *empty)
+            self._kept_at, frame = stamp, KeptFrame(state, data, since / KEEP.last)
             self._linearise(frame)
             if math.isfinite(frame.cost):  # otherwise the linearisation failed
                 self._frames.append(frame)

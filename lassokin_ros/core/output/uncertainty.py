@@ -121,14 +121,44 @@ class JointUncertainty:
         """(n,) rad, of each joint's rotation relative to its parent (the root's: in the frame of the skeleton).
 
         It is the square root of the trace of the rotation's covariance (3, 3), that is the root mean square angle
-        between the estimated and the true rotation; two thirds of the angles are smaller.
+        between the estimated and the true rotation; two thirds of the angles are smaller. A degree of freedom that is
+        not live has the variance of the prior.
         """
-        return self.posterior.rotation_deviation()
+        model, visible = self.posterior.model, self.posterior.estimate.visible
+        assert visible is not None
+        inverse, _ = lapack.dtrtri(self.posterior.lower, lower=1)
+        diagonal = squared_norm(inverse.T)  # of H^-1
+        size = ROTATION_FACTOR**2 * (model.own.dot(diagonal) + model.prior_variances)
+        size[model.observed.beyond_last_keypoint(visible)] *= FACTOR_BELOW_LAST_KEYPOINT**2
+        return np.maximum(np.sqrt(size / (1 + size / LARGEST_ROTATION**2)), model.least_rotation)
 
     @cached_property
     def absolute(self) -> AbsoluteUncertainty:
-        """The uncertainty of positions in the frame of the skeleton."""
-        return self.posterior.absolute()
+        """The uncertainty of positions in the frame of the skeleton.
+
+        It adds that of the pelvis: x = Y (z - A Omega) by (15), and (B^T B)^-1 = Y Y^T for a given Omega.
+        """
+        own, estimate, Y = self.posterior, self.posterior.estimate, self.posterior.problem.reduced.Y
+        assert estimate.pose is not None
+        pose, count, turns = estimate.pose, len(own.lower), own.model.live_root
+        columns = np.zeros((count, 6))
+        # The root's degrees of freedom come first, and every landmark moves with it.
+        columns[:, :3], columns[: len(turns), 3:] = -Y.dot(own.problem.A).T, pose.orientations[0].T[turns]
+        root, _ = lapack.dtrtrs(own.lower, columns, lower=1)
+        pelvis = root.T.dot(root)
+        crossed = own.live.reshape(-1, count).dot(root[:, :3]).reshape(-1, 3, 3)
+        joints = own.scaled(own.relative + crossed + crossed.swapaxes(1, 2) + root[:, :3].T.dot(root[:, :3]))
+        # The position's factor contains its limit: with the same for the cross block, it is positive semidefinite.
+        sizes = np.repeat([math.sqrt(joints[0].trace() / max(pelvis[:3, :3].trace(), 1e-12)), ROTATION_FACTOR], 3)
+        pelvis *= sizes[:, None] * sizes
+        place = own.factor[0] ** 2 * Y.dot(Y.T)
+        place.reshape(-1)[::4] += PLACE_DEVIATION**2
+        if not (estimate.depth_measured or estimate.cameras > 1):
+            sight = SCALE_DEVIATION * (pose.positions[0] - estimate.centre)
+            place += sight[:, None] * sight
+        joints += place
+        pelvis[:3, :3] = joints[0]
+        return AbsoluteUncertainty(joints, pelvis)
 
 
 class UncertaintyModel:
@@ -253,40 +283,6 @@ class Posterior:
         size = _trace(covariance)
         wanted = np.maximum(self.factor**2 * size / (1 + size / LARGEST_DEVIATION**2) + self.added, self.least)
         return covariance * (wanted / np.maximum(size, 1e-12))[:, None, None]
-
-    def rotation_deviation(self) -> np.ndarray:
-        """(n,) rad, see `JointUncertainty`. A degree of freedom that is not live has the variance of the prior."""
-        model, visible = self.model, self.estimate.visible
-        assert visible is not None
-        inverse, _ = lapack.dtrtri(self.lower, lower=1)
-        diagonal = squared_norm(inverse.T)  # of H^-1
-        size = ROTATION_FACTOR**2 * (model.own.dot(diagonal) + model.prior_variances)
-        size[model.observed.beyond_last_keypoint(visible)] *= FACTOR_BELOW_LAST_KEYPOINT**2
-        return np.maximum(np.sqrt(size / (1 + size / LARGEST_ROTATION**2)), model.least_rotation)
-
-    def absolute(self) -> AbsoluteUncertainty:
-        """Add the pelvis' own uncertainty: x = Y (z - A Omega) by (15), and (B^T B)^-1 = Y Y^T for a given Omega."""
-        estimate, pose, Y = self.estimate, self.estimate.pose, self.problem.reduced.Y
-        assert pose is not None
-        count, turns = len(self.lower), self.model.live_root
-        columns = np.zeros((count, 6))
-        # The root's degrees of freedom come first, and every landmark moves with it.
-        columns[:, :3], columns[: len(turns), 3:] = -Y.dot(self.problem.A).T, pose.orientations[0].T[turns]
-        root, _ = lapack.dtrtrs(self.lower, columns, lower=1)
-        pelvis = root.T.dot(root)
-        crossed = self.live.reshape(-1, count).dot(root[:, :3]).reshape(-1, 3, 3)
-        joints = self.scaled(self.relative + crossed + crossed.swapaxes(1, 2) + root[:, :3].T.dot(root[:, :3]))
-        # The position's factor contains its limit: with the same for the cross block, it is positive semidefinite.
-        sizes = np.repeat([math.sqrt(joints[0].trace() / max(pelvis[:3, :3].trace(), 1e-12)), ROTATION_FACTOR], 3)
-        pelvis *= sizes[:, None] * sizes
-        place = self.factor[0] ** 2 * Y.dot(Y.T)
-        place.reshape(-1)[::4] += PLACE_DEVIATION**2
-        if not (estimate.depth_measured or estimate.cameras > 1):
-            sight = SCALE_DEVIATION * (pose.positions[0] - estimate.centre)
-            place += sight[:, None] * sight
-        joints += place
-        pelvis[:3, :3] = joints[0]
-        return AbsoluteUncertainty(joints, pelvis)
 
 
 def moved_joints(skeleton: Skeleton, columns: np.ndarray) -> np.ndarray:
