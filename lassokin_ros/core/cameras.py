@@ -19,7 +19,7 @@ from lassokin_ros.core.image.measurement import Measurement, MeasurementFilter
 from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
-from lassokin_ros.core.observation import HERE, CameraPose, Observation
+from lassokin_ros.core.observation import HERE, Observation
 
 SILENT_SHARE = 0.3
 """Share of `camera_timeout` without an image after which the rows of a camera begin to fade."""
@@ -61,7 +61,9 @@ class Camera:
         """
         depth, self.pose, self._timeout = None, observation.camera, config.camera_timeout
         if body is not None:
-            seen = _in_camera(body, self.pose)
+            camera, into, seen = self.pose, self.pose.into_camera, body
+            if not camera.is_identity:
+                seen = BodyPose(camera.rotation @ body.orientations, into(body.positions), into(body.landmarks))
             depth = _in_front(seen.positions[0])
             if observation.depth is not None and observation.depth_of_surface:
                 layout, skeleton = self._kinematics.layout, self._kinematics.skeleton
@@ -142,10 +144,3 @@ class Camera:
 def _in_front(place: np.ndarray) -> float | None:
     """The depth of a place (3,) m in the camera's frame; None behind the camera, as with a wrong pose of it."""
     return float(place[2]) if place[2] > 0 else None
-
-
-def _in_camera(body: BodyPose, camera: CameraPose) -> BodyPose:
-    if camera.is_identity:
-        return body
-    into = camera.into_camera
-    return BodyPose(camera.rotation @ body.orientations, into(body.positions), into(body.landmarks))

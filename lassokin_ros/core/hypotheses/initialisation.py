@@ -19,7 +19,6 @@ from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import capped_weights
 from lassokin_ros.core.lasso.problem import WEAKEST
-from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.core.record import record
 
 START_ROTATIONS = np.array([
@@ -89,7 +88,8 @@ class Initialiser:
             about = self._frame_model.evaluate(states)
             rows = self._frame_model.linearise(about, frame.with_larger_noise(factor), capped_weights)
             states = states.retract(*self._step(rows))
-            _limit_depths(states.translation, frame.camera)
+            missing = np.maximum(LEAST_DEPTH - frame.camera.into_camera(states.translation)[:, 2], 0.0)
+            states.translation[...] += missing[:, None] * frame.camera.rotation[2]
         return states
 
     def best(self, states: BodyState, frame: FrameData) -> Fit:
@@ -138,12 +138,6 @@ class Initialiser:
             LARGEST_ROTATION / np.maximum(largest, LARGEST_ROTATION)
         )
         return omega, step[:, -3:]
-
-
-def _limit_depths(translation: np.ndarray, camera: CameraPose) -> None:
-    """Limit translations (S, 3) in place to depths of at least `LEAST_DEPTH` in a camera."""
-    missing = np.maximum(LEAST_DEPTH - camera.into_camera(translation)[:, 2], 0.0)
-    translation += missing[:, None] * camera.rotation[2]
 
 
 def _solved(H: np.ndarray, g: np.ndarray) -> np.ndarray:

@@ -83,7 +83,8 @@ def solve_active_set(
         agreement = values * signs.take(support)
         contradicted = support.size > 0 and agreement[agreement.argmin()] < 0
         if worst <= 0 and not contradicted:
-            if _nearly_singular(factor):
+            diagonal = factor.diagonal()
+            if diagonal[diagonal.argmin()] < 1e-6 * diagonal[diagonal.argmax()]:
                 return None
             solution = np.zeros(len(g))
             solution[support] = values
@@ -103,8 +104,3 @@ def _solve_on(rows: np.ndarray, support: np.ndarray, right: np.ndarray) -> tuple
     # Two takes are faster than np.ix_. LAPACK works in place on the transposed view of a symmetric matrix.
     factor, values, failed = lapack.dposv(rows.take(support, axis=1).T, right, overwrite_a=1)
     return values, factor, bool(failed)
-
-
-def _nearly_singular(factor: np.ndarray) -> bool:
-    diagonal = factor.diagonal()
-    return bool(diagonal[diagonal.argmin()] < 1e-6 * diagonal[diagonal.argmax()])

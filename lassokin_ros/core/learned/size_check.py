@@ -47,7 +47,8 @@ class SizeCheck:
         lengths = np.linalg.norm(rest[above] - rest[below], axis=1)
         long = lengths > SHORTEST * given.height
         self._above, self._below, self._lengths = above[long], below[long], lengths[long]
-        trunk = [np.argwhere(np.outer(*(joints == j for j in pair))) for pair in _sides_of_trunk(given)]
+        sides = [pair for pair in zip(sided("shoulder"), sided("hip")) if set(pair) <= set(given.joint_names)]
+        trunk = [np.argwhere(np.outer(*(joints == given.index(name) for name in side))) for side in sides]
         self._ends = np.concatenate([np.column_stack([self._above, self._below]), *trunk])
         self._with_trunk = np.linalg.norm(rest[self._ends[:, 0]] - rest[self._ends[:, 1]], axis=1)
         self.reset()
@@ -101,9 +102,3 @@ class SizeCheck:
         if len(ratios):
             self._newest = measurement.stamp
             self._ratios.append(ratios)
-
-
-def _sides_of_trunk(skeleton: Skeleton) -> list[tuple[int, int]]:
-    """Shoulder and hip of each side; none for a skeleton without them."""
-    pairs = zip(sided("shoulder"), sided("hip"))
-    return [(skeleton.index(a), skeleton.index(b)) for a, b in pairs if {a, b} <= set(skeleton.joint_names)]
