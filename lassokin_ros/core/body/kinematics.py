@@ -114,18 +114,13 @@ class Kinematics:
             tree = self.skeleton.parents, self.layout.joints
             if kernel.pose(state.rotations, state.translation, *tree, vectors, orientations, places):
                 return BodyPose(orientations, places[..., :n, :], places[..., n:, :])
-        orientations = self._orientations(state.rotations)
+        orientations = state.rotations.copy()
+        for joints in self._levels:  # of the tree
+            above = orientations.take(self.skeleton.parents[joints], axis=-3)
+            orientations[..., joints, :, :] = above @ state.rotations.take(joints, axis=-3)
         places = self._sums @ (orientations.take(self._carriers, axis=-3) @ vectors)[..., 0]
         places += state.translation[..., None, :]
         return BodyPose(orientations, places[..., :n, :], places[..., n:, :])
-
-    def _orientations(self, rotations: np.ndarray) -> np.ndarray:
-        """(..., n, 3, 3): products of the rotations from the root to each joint, level by level of the tree."""
-        product = rotations.copy()
-        for joints in self._levels:
-            above = product.take(self.skeleton.parents[joints], axis=-3)
-            product[..., joints, :, :] = above @ rotations.take(joints, axis=-3)
-        return product
 
     def jacobian(self, pose: BodyPose) -> np.ndarray:
         """L of (11), (..., 3 l, 3 n): block (i, j) is J_j(q_i) of (3)-(4), zero where joint j does not move q_i (5).

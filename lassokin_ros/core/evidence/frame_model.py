@@ -109,7 +109,7 @@ class FrameModel:
         rows, count = self._rows(frame)
         shape = states.pose.landmarks.shape[:-2]
         columns, z = np.empty((*shape, len(self.live) + 3, count)), np.empty((*shape, count))
-        done = self._compiled.linearise(about, rows, columns, z)
+        done = self._compiled.names if self._compiled.linearise(about, rows, columns, z) else ()
         for name, own in rows.items():
             if name not in done:
                 self.pieces[name].linearise(about, columns[..., own], z[..., own])
@@ -137,6 +137,7 @@ class FrameModel:
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(...,) negative log-likelihood of each state, all evidence together."""
-        cost, done = self._compiled.cost(states, frame)
+        compiled = self._compiled.cost(states, frame)
+        cost, done = (0.0, ()) if compiled is None else (compiled, self._compiled.names)
         others = (piece for name, piece in self.pieces.items() if name not in done and piece.present(frame))
         return np.asarray(cost + sum(piece.cost(states, frame) for piece in others))
