@@ -110,7 +110,7 @@ class Camera:
 
     def network_places(self) -> np.ndarray | None:
         """See `DepthEstimator.places`, but in the frame of the skeleton."""
-        found = None if self.network is None else self.network.places()
+        found = None if self.network is None else self.network.places
         return found if found is None or self.pose.is_identity else found @ self.pose.rotation
 
     def _joint_depths(self) -> JointDepths | None:

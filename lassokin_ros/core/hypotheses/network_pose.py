@@ -28,7 +28,7 @@ class NetworkPose:
     """The network's pose for the newest frame, on the present skeleton."""
 
     def __init__(self, places: Callable[[], np.ndarray | None], kinematics: Kinematics, mean_pose: np.ndarray) -> None:
-        """places: as `DepthEstimator.places`, in the frame of the skeleton. mean_pose: (n, 3, 3) local rotations."""
+        """places: gives `DepthEstimator.places` in the frame of the skeleton. mean_pose: (n, 3, 3) local rotations."""
         self._places, self._kinematics, self._mean_pose = places, kinematics, mean_pose
         names = kinematics.skeleton.joint_names
         shared = [name for name in PLACES if name in names]
