@@ -33,8 +33,7 @@ LEAST_MOTION = 0.003
 class Increment:
     """Increment of one frame: omega (3 n,) rad for all joints and x (3,) m for the root, from the last solution.
 
-    problem: the lasso as solved; if the solver raised alpha (see `solver.SMALLEST_ALPHA`), with the raised alpha.
-    rows: the slice of its rows of each piece of evidence, by name.
+    problem: the lasso as solved, with the alpha that was used. rows: the slice of its rows of each piece of evidence.
     """
 
     omega: np.ndarray

@@ -338,7 +338,7 @@ class Tracker:
         return self._uncertainty.evaluate(estimate)
 
     def observed(self, estimate: Estimate) -> np.ndarray:
-        """Return (n,) bool, the joints that keypoints observe. Raises ValueError for a rejected estimate."""
+        """Return (n,) bool, the joints that keypoints observe. Raises ValueError for a rejected frame."""
         if estimate.visible is None:
             raise ValueError("this frame was rejected; only an accepted estimate has observed joints")
         return self._uncertainty.observed.from_visible(estimate.visible)

@@ -106,7 +106,6 @@ class Evidence(ABC):
     ) -> np.ndarray | float:
         """(count, p) derivative of the rows' right sides, negative, with respect to the log-lengths, for one state.
 
-        columns: (live + 3, count) as `linearise` wrote them. Zero for evidence that does not depend on the lengths, or
-        from which calibration shall not learn them.
+        columns: (live + 3, count) as `linearise` wrote them. Zero for evidence from which calibration learns nothing.
         """
         return 0.0

@@ -47,8 +47,8 @@ def loss_weights(errors: np.ndarray) -> np.ndarray:
 def common_shift(errors: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """(..., 1) m: motion in depth of the whole body by which its depth errors (..., l) m become smallest.
 
-    A person who comes nearer changes all depths. Without this the depths of a fast person look like an occluder's. The
-    shift with the lowest loss is selected among 0 and the errors themselves. weights: (..., l) 1/m.
+    Without it the depths of a fast person look like an occluder's. The shift with the lowest loss is selected among 0
+    and the errors themselves. weights: (..., l) 1/m.
     """
     shifts = np.where(weights > 0, errors, 0.0)
     shifts = np.concatenate([0.0 * shifts[..., :1], shifts], axis=-1)

@@ -27,10 +27,8 @@ WEIGHT_WITH_DEPTH = 0.7
 
 @dataclass(frozen=True, eq=False)
 class PoseDistribution:
-    """mean: (n, 3) rad rotation vectors; covariance: (3 n, 3 n) rad^2, both in the skeleton's joint order.
-
-    motion: (3 n,) rad per frame at 60 Hz: the mean size of each degree of freedom's increment in human motion.
-    Joints that are not in the file have mean 0 and standard deviation 0.5 rad. The root has no prior.
+    """mean: (n, 3) rad rotation vectors; covariance: (3 n, 3 n) rad^2; motion: (3 n,) rad per frame at 60 Hz, the mean
+    size of increments in human motion. Joints that are not in the file have mean 0 and standard deviation 0.5 rad.
     """
 
     mean: np.ndarray
@@ -123,8 +121,8 @@ class PosePrior(Evidence):
     def live_columns(self, posture: Posture, increment_jacobian: np.ndarray | None = None) -> np.ndarray:
         """Rows for Omega, transposed, for the live degrees of freedom after the root's: (..., live - first, k).
 
-        d theta / d Omega is the inverse right Jacobian of SO(3) at theta. increment_jacobian: (..., n, 3, 3), right
-        Jacobian of an increment already applied: a right factor of each joint's block.
+        d theta / d Omega is the inverse right Jacobian of SO(3) at theta. increment_jacobian: see `LinearisationPoint`;
+        a right factor of each joint's block.
         """
         inner = right_jacobian_inverse(posture.theta)
         if increment_jacobian is not None:

@@ -38,9 +38,8 @@ class FrameData:
     points: (l, 2) normalised image coordinates, any finite value where the weight is 0.
     weights: (l,) 1 / standard deviation in that unit, 0 = missing.
     up: (3,) unit vector, the vertical in the frame of the skeleton.
-    depth: (l,) m, depth of each landmark along the optical axis; None in a frame without any measured depth.
-    depth_weights: (l,) 1/m, 1 / standard deviation of `depth`, 0 = not measured.
-    joint_depths: the network's estimate; None without one.
+    depth: (l,) m, of each landmark along the optical axis, and depth_weights: (l,) 1 / standard deviation, 0 = not
+    measured; None in a frame without any. joint_depths: the network's estimate; None without one.
     extra: data for the user's own evidence, by name, as in `Observation.extra`.
     anchors: (2, 3) m, where the left and the right ankle stand still, NaN for one that does not; None without any.
     floor: (4,) n and h: a point p (3,) m is n p + h m above a flat floor; None if it is not known.

@@ -78,10 +78,9 @@ class KeypointTracks:
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """Predict and correct all tracks with the compiled kernel if no track begins and no point is far from its own.
 
-        Returns the filtered points (l, 2) and weights (l,), as `KeypointFilter.update`; None, and nothing has changed,
-        if the kernel does not treat the frame. weights: (l,) 1 / standard deviation of the points, 0 = missing. known,
-        unseen: (l,) those of the filter, updated in place. limits: largest squared distance over variance of a point
-        from its track; s without a point after which a track is no longer known; and the model error.
+        Returns as `KeypointFilter.update`; None, and nothing has changed, if the kernel does not treat the frame.
+        weights: (l,) of the points, 0 = missing. known, unseen: (l,) those of the filter, updated in place. limits:
+        largest squared distance over variance of a point from its track, `MAX_GAP`, and the model error.
         """
         if not kernel.active:
             return None

@@ -31,13 +31,11 @@ class Measurement:
     """One frame's keypoints as the tracker uses them; all points are normalised image coordinates.
 
     detected: (l, 2) the detector's points, with swapped sides corrected, 0 where not visible. visible: (l,) bool.
-    focal: px per normalised unit.
-    points: (l, 2) filtered points; weights: (l,) 1 / standard deviation, 0 = missing.
-    speed: m/s, mean speed of the keypoints' tracks. repeated: s since the keypoints last changed, 0 for new ones.
-    step: s since the last used frame. since_new_keypoints: s since the last frame with new keypoints, 0 if this one has
-    none.
-    lost: whether the last new keypoints are too old, so that the tracks were dropped.
-    depth: (l,) m and depth_weights: (l,) 1/m, see `gate_depth`; None without a measured depth.
+    focal: px per normalised unit. points: (l, 2) filtered points; weights: (l,) 1 / standard deviation, 0 = missing.
+    speed: m/s, mean speed of the keypoints' tracks. repeated: s since the keypoints last changed, 0 for new ones. step:
+    s since the last used frame. since_new_keypoints: s since the last frame with new keypoints, 0 if this one has none.
+    lost: whether the last new keypoints are too old, so that the tracks were dropped. depth: (l,) m and depth_weights:
+    (l,) 1/m, see `gate_depth`; None without a measured depth.
     """
 
     stamp: float

@@ -79,8 +79,7 @@ class Learned:
     ) -> bool:
         """Use a tracked frame for all but lengths and height. Returns True if the prior's mean has changed.
 
-        seen: gives the frame with the weights of the landmarks that were seen. start: the state about which the
-        frame's lasso was linearised; solved: the state after its increment.
+        seen: gives the frame with the landmarks that were seen. start, solved: before and after the `increment`.
         """
         stamp, problem, rows = measurement.stamp, increment.problem, increment.rows
         if self.height is None:

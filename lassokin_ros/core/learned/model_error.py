@@ -80,9 +80,8 @@ class ModelError:
     ) -> None:
         """Use a tracked frame for which a measurement is `due`.
 
-        problem: its lasso; image: the rows of the image in it; omega: (live,) rad, its solution. stamp: s; weights:
-        (l,), 1 / standard deviation in normalised units, 0 = missing; depth: m, of the person, or (l,) in each
-        landmark's camera.
+        stamp: s. image: the rows of the image in the problem; omega: (live,) rad, its solution. weights: (l,) of the
+        points, 0 = missing. depth: m, of the person, or (l,) in each landmark's camera.
         """
         step = min(stamp - self._measured_at, 2 * self._interval())
         self._measured_at = stamp

@@ -44,9 +44,8 @@ class Forward(NamedTuple):
     """The forward pass of one frame, for the backward pass in `fixed_lag`.
 
     restarted: the filter started with this frame. step: s since the last frame. rays: see `OutputFilter._updated`.
-    predicted, predicted_covariance: offset predicted from the last frame. offset, velocity, covariance: after this
-    frame. An offset is that of the published from the solved state. Covariances are pairs (in the image, in depth); all
-    other arrays are (n + 1, 3).
+    predicted, predicted_covariance: from the last frame. offset, of the published from the solved state, velocity,
+    covariance: after this frame. Covariances are pairs (in the image, in depth); arrays are (n + 1, 3).
     """
 
     restarted: bool
@@ -95,9 +94,8 @@ class OutputFilter:
     ) -> BodyState:
         """The state to publish.
 
-        solved: the state after the frame's `increment`. step: s since the last frame. speed: m/s, mean speed of the
-        keypoints. time: s, time constant in the image at the typical speed; below `SHORTEST_TIME` the filter is off.
-        centre: (3,) m, of the camera.
+        solved: after the frame's `increment`. step: s since the last frame. speed: m/s, mean of the keypoints. time: s,
+        see `time_constant`; below `SHORTEST_TIME` the filter is off. centre: (3,) m, of the camera.
         """
         state = solved.state
         steady_over = max(time_constant(speed, time), SHORTEST_TIME)
