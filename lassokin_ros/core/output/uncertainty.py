@@ -190,7 +190,7 @@ class UncertaintyModel:
         """The uncertainty of an accepted estimate."""
         posterior = self._posterior(estimate)
         covariance = posterior.scaled(posterior.relative)
-        deviation = np.sqrt(_trace(covariance))
+        deviation = np.sqrt(covariance.trace(axis1=1, axis2=2))
         mean, cost = float(deviation[1:].sum()) / (len(deviation) - 1), estimate.cost / max(estimate.measurements, 1)
         probability = failure_probability(mean, estimate.keypoint_error_ratio, cost)
         return JointUncertainty(covariance, deviation, probability, posterior)
@@ -280,7 +280,7 @@ class Posterior:
 
     def scaled(self, covariance: np.ndarray) -> np.ndarray:
         """Covariances (n, 3, 3) times the factors on the deviation, limited by `LARGEST_DEVIATION`, plus `added`."""
-        size = _trace(covariance)
+        size = covariance.trace(axis1=1, axis2=2)
         wanted = np.maximum(self.factor**2 * size / (1 + size / LARGEST_DEVIATION**2) + self.added, self.least)
         return covariance * (wanted / np.maximum(size, 1e-12))[:, None, None]
 
@@ -300,8 +300,3 @@ def position_jacobian(pose: BodyPose, columns: np.ndarray, moved: np.ndarray) ->
     jacobian += twist[3:]
     jacobian *= moved
     return jacobian
-
-
-def _trace(matrices: np.ndarray) -> np.ndarray:
-    """Traces of (n, 3, 3); twice as fast as np.trace for few matrices."""
-    return np.asarray(matrices.reshape(-1, 9) @ np.eye(3).reshape(9))
