@@ -28,6 +28,7 @@ FUNCTIONS = (
     "pose posture retract twists point_columns linearise cost smooth eliminate predicted condensed certify follow "
     "sampled features activate decode"
 ).split()
+"""Of the kernel; Python does the same without it."""
 
 
 class Kernel:

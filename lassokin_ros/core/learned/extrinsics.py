@@ -170,15 +170,15 @@ class Extrinsics:
         self._newest, first = stamp, self._anchor_of(frame)
         if first is None or not self._given.keys() >= {view.camera.name for view in frame.views}:
             return  # the camera whose pose is right, or another one, has not been seen
-        common = [(view, _common(first, view)) for view in frame.views if view is not first]
-        common = [(view, weights) for view, weights in common if np.count_nonzero(weights) >= FEWEST_POINTS]
-        self.frame_count += bool(common)
+        anchor, others = self._given[first.camera.name], [view for view in frame.views if view is not first]
+        seen = {view.camera.name: _pair(first, view, self._given[view.camera.name], anchor) for view in others}
+        self.frame_count += any(seen.values())
         due = self.frame_count % (5 if self._used else 20) == 0
-        for view, weights in common:
-            name = view.camera.name
-            pose = self._given[name].relative_to(self._given[first.camera.name])
+        for name, pair in seen.items():
+            if pair is None:
+                continue
             frames = self._frames.setdefault(name, deque(maxlen=LONGEST))
-            frames.append(Pairs(first.points, view.points, weights, pose.rotation, pose.translation))
+            frames.append(pair)
             if due and len(frames) >= FEWEST:
                 pairs, before = _stacked(frames), self._solutions.get(name, np.zeros(6))
                 deviation = FOUND_DEVIATION if name in self.found else GIVEN_DEVIATION
@@ -291,19 +291,18 @@ def _stacked(frames: Iterable[Pairs]) -> Pairs:
 
 def _entries(finder: CameraFinder, pose: CameraPose) -> deque[Pairs]:
     """Frames of a camera with a found pose, as `Extrinsics` keeps them."""
-    frames: deque[Pairs] = deque(maxlen=LONGEST)
-    for placed, unplaced in finder.views:
-        weights = _common(placed, unplaced)
-        if np.count_nonzero(weights) >= FEWEST_POINTS:
-            relative = pose.relative_to(placed.camera)
-            frames.append(Pairs(placed.points, unplaced.points, weights, relative.rotation, relative.translation))
-    return frames
+    pairs = (_pair(placed, unplaced, pose, placed.camera) for placed, unplaced in finder.views)
+    return deque(filter(None, pairs), maxlen=LONGEST)
 
 
-def _common(a: FrameData, b: FrameData) -> np.ndarray:
-    """(l,) weights of the landmarks that both views show, for their difference."""
+def _pair(a: FrameData, b: FrameData, pose: CameraPose, first: CameraPose) -> Pairs | None:
+    """The landmarks that both views show; None for too few. pose, first: of their cameras."""
     both = (a.weights > 0) & (b.weights > 0)
-    return np.where(both, 1 / np.hypot(1 / np.maximum(a.weights, 1e-9), 1 / np.maximum(b.weights, 1e-9)), 0.0)
+    if np.count_nonzero(both) < FEWEST_POINTS:
+        return None
+    weights = np.where(both, 1 / np.hypot(1 / np.maximum(a.weights, 1e-9), 1 / np.maximum(b.weights, 1e-9)), 0.0)
+    relative = pose.relative_to(first)
+    return Pairs(a.points, b.points, weights, relative.rotation, relative.translation)
 
 
 def _size(correction: np.ndarray) -> tuple[float, float]:
