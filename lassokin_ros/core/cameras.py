@@ -91,7 +91,7 @@ class Camera:
 
     def predicted_view(self, stamp: float, vertical: Vertical, body: BodyPose | None, model_error: float) -> FrameData:
         """The view at a stamp, s, without an image."""
-        if not np.isfinite(self._seen_at):
+        if not np.isfinite(self._seen_at):  # never
             nothing = np.zeros((self._kinematics.landmark_count, 2))
             return FrameData(nothing, nothing[:, 0], vertical.direction, camera=self.pose)
         depth = None if body is None else _in_front(self.pose.into_camera(body.positions[0]))

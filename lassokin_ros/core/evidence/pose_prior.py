@@ -28,7 +28,8 @@ WEIGHT_WITH_DEPTH = 0.7
 @dataclass(frozen=True, eq=False)
 class PoseDistribution:
     """mean: (n, 3) rad rotation vectors; covariance: (3 n, 3 n) rad^2; motion: (3 n,) rad per frame at 60 Hz, the mean
-    size of increments in human motion. Joints that are not in the file have mean 0 and standard deviation 0.5 rad.
+    size of increments in human motion; all in the skeleton's joint order. Joints that are not in the file have mean 0
+    and standard deviation 0.5 rad. The root has no prior.
     """
 
     mean: np.ndarray

@@ -205,5 +205,5 @@ def _inverse(H: np.ndarray) -> np.ndarray | None:
     if failed:
         return None
     inverse += inverse.T  # only the lower triangle was computed
-    inverse.T.reshape(-1)[:: len(H) + 1] *= 0.5
+    inverse.T.reshape(-1)[:: len(H) + 1] *= 0.5  # a view: LAPACK's arrays are in Fortran's order
     return np.asarray(inverse)

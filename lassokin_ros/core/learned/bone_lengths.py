@@ -136,7 +136,7 @@ class Calibration:
         kept until the next state has settled.
         """
         if restarted or np.isnan(self._kept_at):
-            self._kept_at = stamp + 0.05
+            self._kept_at = stamp + 0.05  # s, until it has settled
         if restarted or self.frozen or stamp - self._last_work_stamp < WORK.interval(self.kept_motion):
             return False
         self._last_work_stamp = stamp
