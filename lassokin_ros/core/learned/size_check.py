@@ -43,14 +43,12 @@ class SizeCheck:
         layout = self._kinematics.layout.scaled(given.height / self._kinematics.skeleton.height)
         joints, rest = layout.joints, given.rest_positions[layout.joints] + layout.offsets
         # Pairs of landmarks: one of a joint, one of a child of that joint.
-        above, below = np.nonzero(given.parents[joints] == joints[:, None])
-        lengths = np.linalg.norm(rest[above] - rest[below], axis=1)
-        long = lengths > SHORTEST * given.height
-        self._above, self._below, self._lengths = above[long], below[long], lengths[long]
+        limbs = np.argwhere(given.parents[joints] == joints[:, None])
+        limbs = limbs[np.linalg.norm(rest[limbs[:, 0]] - rest[limbs[:, 1]], axis=1) > SHORTEST * given.height]
         sides = [pair for pair in zip(sided("shoulder"), sided("hip")) if set(pair) <= set(given.joint_names)]
         trunk = [np.argwhere(np.outer(*(joints == given.index(name) for name in side))) for side in sides]
-        self._ends = np.concatenate([np.column_stack([self._above, self._below]), *trunk])
-        self._with_trunk = np.linalg.norm(rest[self._ends[:, 0]] - rest[self._ends[:, 1]], axis=1)
+        self._limbs, self._ends = limbs.T, np.concatenate([limbs, *trunk])
+        self._lengths = np.linalg.norm(rest[self._ends[:, 0]] - rest[self._ends[:, 1]], axis=1)
         self.reset()
 
     def reset(self) -> None:
@@ -70,9 +68,9 @@ class SizeCheck:
 
     def ratios(self, places: np.ndarray, usable: np.ndarray) -> np.ndarray:
         """Ratios of the limbs' measured and given lengths, of all bodies. places: (..., l, 3) m; usable: (..., l)."""
-        limbs = usable[..., self._above] & usable[..., self._below]
-        measured = np.linalg.norm(places[..., self._above, :] - places[..., self._below, :], axis=-1)
-        found = (measured / self._lengths)[limbs]
+        above, below = self._limbs
+        measured = np.linalg.norm(places[..., above, :] - places[..., below, :], axis=-1)
+        found = (measured / self._lengths[: len(above)])[usable[..., above] & usable[..., below]]
         return np.asarray(found[(found > 1 / LARGEST_RATIO) & (found < LARGEST_RATIO)])
 
     def lengths(self, places: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -82,13 +80,13 @@ class SizeCheck:
         """
         seen = usable[self._ends].all(axis=1)
         a, b = places[self._ends[seen]].swapaxes(0, 1)
-        measured, given = np.linalg.norm(a - b, axis=1), self._with_trunk[seen]
+        measured, given = np.linalg.norm(a - b, axis=1), self._lengths[seen]
         plausible = (measured < LARGEST_RATIO * given) & (given < LARGEST_RATIO * measured)
         return measured[plausible], given[plausible]
 
     def limb_count(self, usable: np.ndarray) -> int:
         """Number of limbs between usable landmarks (..., l), of all bodies."""
-        return int(np.count_nonzero(usable[..., self._above] & usable[..., self._below]))
+        return int(np.count_nonzero(usable[..., self._limbs].all(axis=-2)))
 
     def update(self, measurement: Measurement) -> None:
         """Use a tracked frame."""
