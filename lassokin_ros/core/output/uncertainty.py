@@ -179,7 +179,6 @@ class UncertaintyModel:
         self.own = (live // 3 == np.arange(kinematics.joint_count)[:, None]).astype(float)
         self.prior_variances = np.bincount(dead // 3, np.diagonal(prior.covariance)[dead], kinematics.joint_count)
         self._proportions, self.observed, self._learned_depth = proportions, observed, frame_model.learned_depth
-        self._given_lengths = np.zeros(proportions.count)
         self._pieces = frame_model.pieces
         names = kinematics.skeleton.joint_names
         still = np.isin(names, [name for part in STILL for name in sided(part)])
@@ -207,11 +206,10 @@ class UncertaintyModel:
         seen, _ = lapack.dtrtrs(lower, live.reshape(-1, self.live_count).T, lower=1, overwrite_b=1)
         live[:] = seen.T.reshape(live.shape)  # J H^-1 J^T = seen^T seen
         hidden = self.observed.below_last_keypoint(estimate.visible)
-        factor = self._factor(estimate) * np.where(hidden, FACTOR_BELOW_LAST_KEYPOINT, 1.0)
-        relative = spread @ np.swapaxes(spread, -1, -2)
-        return Posterior(
-            self, estimate, problem, lower, live, relative, factor, self._by_lengths(estimate), self._least(hidden)
-        )
+        factor = self._factor(estimate, pose) * np.where(hidden, FACTOR_BELOW_LAST_KEYPOINT, 1.0)
+        relative, least = spread @ np.swapaxes(spread, -1, -2), self._least(hidden)
+        added = self._by_lengths(estimate, pose)
+        return Posterior(self, estimate, problem, lower, live, relative, factor, added, least)
 
     def _problem(self, estimate: Estimate) -> Lasso:
         """The frame's problem, with smaller rows of evidence whose errors are not independent from frame to frame."""
@@ -230,22 +228,20 @@ class UncertaintyModel:
             return problem
         return Lasso((problem.A.T * scale).T, (problem.B.T * scale).T, problem.z, problem.alpha)
 
-    def _factor(self, estimate: Estimate) -> float:
+    def _factor(self, estimate: Estimate, pose: BodyPose) -> float:
         """Factor on the posterior's standard deviations."""
-        assert estimate.pose is not None
         if estimate.depth_covers:
             return FACTOR_WITH_DEPTH
         if estimate.cameras > 1:
             return FACTOR_OF_SEVERAL
         if self._learned_depth is None or estimate.joint_depths is None:
             return FACTOR
-        disagreement = self._learned_depth.disagreement(estimate.pose, estimate.joint_depths) / USUAL_DISAGREEMENT
+        disagreement = self._learned_depth.disagreement(pose, estimate.joint_depths) / USUAL_DISAGREEMENT
         return float(FACTOR * min(max(disagreement, RANGE[0]), RANGE[1]) ** POWER)
 
-    def _by_lengths(self, estimate: Estimate) -> np.ndarray:
+    def _by_lengths(self, estimate: Estimate, pose: BodyPose) -> np.ndarray:
         """(n,) m^2: variance of each joint by that of the lengths. Several cameras observe the lengths."""
-        assert estimate.pose is not None
-        by_length = self._proportions.motion(estimate.pose, self._given_lengths).joints
+        by_length = self._proportions.motion(pose, np.zeros(self._proportions.count)).joints
         by_length *= LENGTHS_FACTOR * (estimate.length_deviation if estimate.cameras == 1 else 0.0)
         return squared_norm(by_length.reshape(len(by_length), -1))
 
