@@ -362,31 +362,23 @@ class History:
         wanted = stamps[-1] - TIMES
         later = np.minimum(np.maximum(stamps.searchsorted(wanted - 1e-9), 1), self._count - 1)
         frames = np.maximum([later - 1, later], 0)
-        return interpolated(wanted, *stamps.take(frames), *self._points.take(frames, 0), *self._seen.take(frames, 0))
+        return interpolated(wanted, stamps.take(frames), self._points.take(frames, 0), self._seen.take(frames, 0))
 
 
 def interpolated(
-    wanted: np.ndarray,
-    before: np.ndarray,
-    after: np.ndarray,
-    points_before: np.ndarray,
-    points_after: np.ndarray,
-    seen_before: np.ndarray,
-    seen_after: np.ndarray,
+    wanted: np.ndarray, stamps: np.ndarray, points: np.ndarray, seen: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points between two detections, (..., times, canonical, 2), and which are known, (..., times, canonical).
+    """Points (..., times, canonical, 2) at the wanted times (..., times), s, and whether each is known.
 
-    wanted, before, after: (..., times) s. A point is known if both detections contain it, at most `LONGEST_GAP` apart,
-    and the wanted time is between them; or if the wanted time is that of one detection.
+    stamps, points, seen: of the detections before and after each time, on a further first axis. A point is known if
+    both contain it, at most `LONGEST_GAP` apart, and the time is between them; or if the time is that of one detection.
     """
+    before, after = stamps
     gap = after - before
     share = np.minimum(np.maximum((wanted - before) / np.maximum(gap, 1e-6), 0.0), 1.0)
     share[wanted >= after - 1e-6] = 1.0
     inside = (wanted >= before - 1e-6) & (gap <= LONGEST_GAP)
     s = share[..., None]
     known = (inside | (share >= 1)) & (wanted <= after + 1e-6)
-    seen = (seen_before | (s >= 1 - 1e-6)) & (seen_after | (s <= 1e-6)) & known[..., None]
-    points = points_after - points_before
-    points *= s[..., None]
-    points += points_before
-    return points, seen
+    seen = (seen[0] | (s >= 1 - 1e-6)) & (seen[1] | (s <= 1e-6)) & known[..., None]
+    return (points[1] - points[0]) * s[..., None] + points[0], seen
