@@ -44,8 +44,6 @@ class KeypointTracks:
     def __init__(self, count: int) -> None:
         self._count = count
         self._squares = (ACCELERATION_FACTORS**2)[:, None]
-        self._transition = np.eye(8, 9)
-        self._mixed = np.empty((9, _MODELS, count))
         self.reset()
 
     def reset(self) -> None:
@@ -98,17 +96,17 @@ class KeypointTracks:
         """Predict by step, s. acceleration: standard deviation of a typical track's, normalised units / s^2."""
         switching = _switching(step)
         stays = switching + (1 - _MODELS * switching) * _SAME
-        mixed = self._mixed
+        mixed = np.empty((9, _MODELS, self._count))
         np.matmul(stays, self._beliefs, out=mixed[:8])
         np.multiply(self._squares, mixed[0], out=mixed[8])
-        np.dot(self._prediction_matrix(step, acceleration), mixed.reshape(9, -1), out=self._beliefs.reshape(8, -1))
+        self._beliefs = _prediction_matrix(step, acceleration).dot(mixed.reshape(9, -1)).reshape(8, _MODELS, -1)
         self._merged[0] += step * self._merged[1]
         self.variance = _HALVES.dot(self._beliefs[5])
 
     def ahead(self, step: float, acceleration: float) -> tuple[np.ndarray, np.ndarray]:
         """(positions (l, 2), variances (l,)) predicted by step, s, as by `predict`; the tracks do not change."""
         other = copy(self)
-        other._beliefs, other._merged, other._mixed = self._beliefs.copy(), self._merged.copy(), self._mixed.copy()
+        other._merged = self._merged.copy()
         other.predict(step, acceleration)
         return other._merged[0].T.copy(), other.variance
 
@@ -134,13 +132,14 @@ class KeypointTracks:
         self._merged += merged
         self.variance = _HALVES.dot(beliefs[5])
 
-    def _prediction_matrix(self, step: float, acceleration: float) -> np.ndarray:
-        """(8, 9) prediction matrix for the eight numbers of a model and probability * relative acceleration^2."""
-        transition, noise = self._transition, 2 * (acceleration * step) ** 2
-        transition[1, 3] = transition[2, 4] = transition[6, 7] = step
-        transition[5, 6], transition[5, 7] = 2 * step, step * step
-        transition[5, 8], transition[6, 8], transition[7, 8] = noise * step * step / 4, noise * step / 2, noise
-        return transition
+
+def _prediction_matrix(step: float, acceleration: float) -> np.ndarray:
+    """(8, 9) prediction matrix for the eight numbers of a model and probability * relative acceleration^2."""
+    transition, noise = np.eye(8, 9), 2 * (acceleration * step) ** 2
+    transition[1, 3] = transition[2, 4] = transition[6, 7] = step
+    transition[5, 6], transition[5, 7] = 2 * step, step * step
+    transition[5, 8], transition[6, 8], transition[7, 8] = noise * step * step / 4, noise * step / 2, noise
+    return transition
 
 
 def _switching(step: float) -> float:
