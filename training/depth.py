@@ -124,7 +124,7 @@ def described(network: Network, motion: Motion) -> str:
     for plain in (False, True):
         batch = Views(motion).batch(3000, np.random.default_rng([3, plain]), plain)
         outputs = network(batch.inputs)
-        error = 1700 * (interpreted(outputs, np.eye(3)).places - batch.places)
+        error = 1700 * (interpreted(outputs)[0] - batch.places)
         mean, depth = np.linalg.norm(error, axis=-1).mean(), np.abs(error[..., 2]).mean()
         name, value = "plain" if plain else "val", loss(outputs, batch.places)[0]
         parts.append(f"{name}: {value:.2f}, {mean:.1f} mm, depth {depth:.1f}")

@@ -271,9 +271,8 @@ def _resampled(
     """The points at `TIMES`, as in the tracker's history."""
     after, before = [0, *(a for a, _ in slots)], [0, *(b for _, b in slots)]
     wanted = np.broadcast_to(-TIMES, (len(image), len(TIMES)))
-    return interpolated(
-        wanted, -times[:, before], -times[:, after], image[:, before], image[:, after], seen[:, before], seen[:, after]
-    )
+    pairs = (np.stack([array[:, before], array[:, after]]) for array in (-times, image, seen))
+    return interpolated(wanted, *pairs)
 
 
 def _input_vertical(up: np.ndarray, turn: np.ndarray, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

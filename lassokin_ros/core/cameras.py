@@ -1,8 +1,7 @@
 """The cameras of a tracker: each has a filter of its keypoints, a depth network, and a place.
 
-The rows of all cameras stand in one lasso. A camera without a new image at the frame's stamp takes part with its
-keypoints predicted to that stamp by their tracks, with the variance that the prediction costs. The rows of a camera
-that has fallen silent fade out, and fade in when it returns, so that the body does not jump.
+A camera without a new image at the frame's stamp takes part with its keypoints predicted to that stamp by their tracks.
+The rows of a camera that has fallen silent fade out, and fade in when it returns, so that the body does not jump.
 """
 
 from __future__ import annotations
@@ -12,14 +11,15 @@ from dataclasses import replace
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
+from lassokin_ros.core.body.surface import surface_depths
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.image.depth_gating import depth_of_own_surface
+from lassokin_ros.core.image.depth_gating import of_own_surface
 from lassokin_ros.core.image.frame_data import FrameData, JointDepths
 from lassokin_ros.core.image.measurement import Measurement, MeasurementFilter
 from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
-from lassokin_ros.core.observation import HERE, CameraPose, Observation
+from lassokin_ros.core.observation import HERE, Observation
 
 SILENT_SHARE = 0.3
 """Share of `camera_timeout` without an image after which the rows of a camera begin to fade."""
@@ -28,8 +28,11 @@ SILENT_SHARE = 0.3
 class Camera:
     """One camera of a tracker."""
 
-    def __init__(self, kinematics: Kinematics, network: DepthEstimator | None, depth_noise: DepthNoise) -> None:
-        self._kinematics, self.network, self.depth_noise = kinematics, network, depth_noise
+    def __init__(
+        self, kinematics: Kinematics, network: DepthEstimator | None, depth_noise: DepthNoise, name: str | None = None
+    ) -> None:
+        """name: None for the first camera until it is seen."""
+        self._kinematics, self.network, self.depth_noise, self.name = kinematics, network, depth_noise, name
         self.measurements = MeasurementFilter(kinematics)
         self.pose = HERE
         self.reset()
@@ -58,10 +61,14 @@ class Camera:
         """
         depth, self.pose, self._timeout = None, observation.camera, config.camera_timeout
         if body is not None:
-            seen = _in_camera(body, self.pose)
+            camera, into, seen = self.pose, self.pose.into_camera, body
+            if not camera.is_identity:
+                seen = BodyPose(camera.rotation @ body.orientations, into(body.positions), into(body.landmarks))
             depth = _in_front(seen.positions[0])
             if observation.depth is not None and observation.depth_of_surface:
-                own = depth_of_own_surface(observation.depth, seen, self._kinematics)
+                layout, skeleton = self._kinematics.layout, self._kinematics.skeleton
+                nearest, landmarks = surface_depths(skeleton, seen, seen.landmarks), seen.landmarks[:, 2]
+                own = of_own_surface(observation.depth, landmarks, nearest, layout.surface, skeleton.height)
                 observation = replace(observation, depth=own)
         measurement = self.measurements.filtered(observation, weights, depth, model_error, config)
         self._count_presence(measurement.stamp, alone)
@@ -74,19 +81,13 @@ class Camera:
             if measurement.lost:
                 self.network.reset()
             if measurement.lost or not measurement.repeated:
-                up, mount = (self._of_camera(v) for v in (vertical.direction, vertical.mount))
+                up, mount = vertical.direction, vertical.mount
+                if not self.pose.is_identity:
+                    up, mount = self.pose.rotation @ up, self.pose.rotation @ mount
                 known = up if vertical.known else None
                 self.network.update(measurement.stamp, measurement.points, measurement.used, known, mount)
-        weights = measurement.weights if self._presence == 1 else self._presence * measurement.weights
-        return FrameData(
-            measurement.points,
-            weights,
-            vertical.direction,
-            depth,
-            depth_weights,
-            self._joint_depths(),
-            camera=self.pose,
-        )
+        points, weights, up = measurement.points, self._presence * measurement.weights, vertical.direction
+        return FrameData(points, weights, up, depth, depth_weights, self._joint_depths(), camera=self.pose)
 
     def predicted_view(self, stamp: float, vertical: Vertical, body: BodyPose | None, model_error: float) -> FrameData:
         """The view at a stamp, s, without an image."""
@@ -109,7 +110,7 @@ class Camera:
 
     def network_places(self) -> np.ndarray | None:
         """See `DepthEstimator.places`, but in the frame of the skeleton."""
-        found = None if self.network is None else self.network.places()
+        found = None if self.network is None else self.network.places
         return found if found is None or self.pose.is_identity else found @ self.pose.rotation
 
     def _joint_depths(self) -> JointDepths | None:
@@ -118,9 +119,6 @@ class Camera:
         if found is None or self.pose.is_identity:
             return found
         return replace(found, sight=self.pose.rotation.T @ found.sight)
-
-    def _of_camera(self, direction: np.ndarray) -> np.ndarray:
-        return direction if self.pose.is_identity else self.pose.rotation @ direction
 
     def _presence_at(self, stamp: float) -> float:
         """Weight of this camera's rows, 0 to 1, if there is no image up to a stamp, s."""
@@ -143,55 +141,6 @@ class Camera:
         self._seen_at = stamp
 
 
-class Cameras:
-    """The cameras of a tracker, in the order in which they were first seen; the first one always exists."""
-
-    def __init__(self, first: Camera) -> None:
-        self._all, self._names = [first], [None]  # type: list[Camera], list[str | None]
-
-    def __iter__(self):  # type: ignore[no-untyped-def]
-        return iter(self._all)
-
-    def __len__(self) -> int:
-        return len(self._all)
-
-    @property
-    def first(self) -> Camera:
-        """The first camera."""
-        return self._all[0]
-
-    def known(self, pose: CameraPose) -> Camera | None:
-        """The camera of this name; None if it is new."""
-        if self._names[0] is None:
-            self._names[0] = pose.name
-        return self.named(pose.name)
-
-    def named(self, name: str) -> Camera | None:
-        """The camera of this name; None if it has had no image."""
-        return self._all[self._names.index(name)] if name in self._names else None
-
-    def add(self, name: str, camera: Camera) -> None:
-        """Add a further camera."""
-        self._all.append(camera)
-        self._names.append(name)
-
-    def reset(self) -> None:
-        """Forget the person; the cameras stay."""
-        for camera in self._all:
-            camera.reset()
-
-    def network_places(self) -> np.ndarray | None:
-        """The places by the network of the first camera that has an estimate, in the skeleton's frame."""
-        return next((found for camera in self._all if (found := camera.network_places()) is not None), None)
-
-
 def _in_front(place: np.ndarray) -> float | None:
     """The depth of a place (3,) m in the camera's frame; None behind the camera, as with a wrong pose of it."""
     return float(place[2]) if place[2] > 0 else None
-
-
-def _in_camera(body: BodyPose, camera: CameraPose) -> BodyPose:
-    if camera.is_identity:
-        return body
-    into = camera.into_camera
-    return BodyPose(camera.rotation @ body.orientations, into(body.positions), into(body.landmarks))

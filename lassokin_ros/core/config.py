@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import Any, Mapping
 
 from lassokin_ros.core.errors import ConfigurationError
@@ -37,29 +38,30 @@ def setting(
     return field(default=default, metadata=metadata)
 
 
+live_setting = partial(setting, live=True)
+
+
 @dataclass(frozen=True)
 class TrackerConfig:
     """Settings of the tracker; `checked` raises ConfigurationError for a value out of its range."""
 
-    height: float = setting(
+    height: float = live_setting(
         1.75,
         "height of the person; sets the scale, which one camera cannot observe; 0 = measured, with depth "
         "(else 0.3 or more)",
         "m",
         0.0,
         2.6,
-        live=True,
     )
     skeleton: str = setting("anthropometric", "built-in skeleton, or path of a YAML, SMPL npz, BVH or URDF file")
     landmarks: str = setting("coco17", "landmark layout of the detector, or path of a YAML file")
     depth_prior: bool = setting(True, "use the joint depths that the shipped network estimates from the keypoints")
-    camera_timeout: float = setting(
+    camera_timeout: float = live_setting(
         0.5,
         "several cameras: one without keypoints for this long does not count; it fades from a third of it on",
         "s",
         0.05,
         10.0,
-        live=True,
     )
     extrinsics: str = setting(
         CHECK,
@@ -68,84 +70,65 @@ class TrackerConfig:
         choices=(GIVEN, CHECK, LEARN),
     )
     solver: str = setting("proxqp", "QP solver for the lasso's dual: proxqp, or any solver of qpsolvers")
-    camera_roll: float = setting(
-        0.0,
-        "roll of the camera's mount, as in a URDF's rpy: positive if its right side is down",
-        "rad",
-        -PI,
-        PI,
-        live=True,
+    camera_roll: float = live_setting(
+        0.0, "roll of the camera's mount, as in a URDF's rpy: positive if its right side is down", "rad", -PI, PI
     )
-    camera_pitch: float = setting(
-        0.0,
-        "pitch of the camera's mount, as in a URDF's rpy: positive if it looks down",
-        "rad",
-        -PI / 2,
-        PI / 2,
-        live=True,
+    camera_pitch: float = live_setting(
+        0.0, "pitch of the camera's mount, as in a URDF's rpy: positive if it looks down", "rad", -PI / 2, PI / 2
     )
-    camera_height: float = setting(
+    camera_height: float = live_setting(
         0.0,
         "height of the camera above a flat floor, for one on a tripod with known roll and pitch; feet are then on this "
         "floor, or not near it; 0 = unknown",
         "m",
         0.0,
         100.0,
-        live=True,
     )
-    tilt_deviation: float = setting(
+    tilt_deviation: float = live_setting(
         0.0,
         "standard deviation of the camera's tilt; above 0, feet on the floor measure the height if that is 0, where "
         "the tilt allows 5 %",
         "rad",
         0.0,
         0.2,
-        live=True,
     )
-    noise_px: float = setting(
-        3.0, "standard deviation of a confident keypoint in the image", "px", 0.1, 100.0, live=True
-    )
-    depth_noise: float = setting(
+    noise_px: float = live_setting(3.0, "standard deviation of a confident keypoint in the image", "px", 0.1, 100.0)
+    depth_noise: float = live_setting(
         0.03,
         "standard deviation of measured depth; a larger noise, such as that of distant stereo, is estimated",
         "m",
         0.005,
         1.0,
-        live=True,
     )
-    min_confidence: float = setting(0.2, "keypoints below this confidence count as missing", "", 0.0, 1.0, live=True)
-    sparsity: float = setting(
-        0.02, "weight of the l1 term; a larger value moves fewer joints per frame", "", 1e-4, 100.0, live=True
+    min_confidence: float = live_setting(0.2, "keypoints below this confidence count as missing", "", 0.0, 1.0)
+    sparsity: float = live_setting(
+        0.02, "weight of the l1 term; a larger value moves fewer joints per frame", "", 1e-4, 100.0
     )
-    min_landmarks: int = setting(
-        4, "smallest number of visible landmarks for a frame to be used", "", 2, 100, live=True
+    min_landmarks: int = live_setting(4, "smallest number of visible landmarks for a frame to be used", "", 2, 100)
+    relinearisations: int = live_setting(
+        1, "lassos solved per frame, each linearised about the previous answer", "", 1, 10
     )
-    relinearisations: int = setting(
-        1, "lassos solved per frame, each linearised about the previous answer", "", 1, 10, live=True
+    lost_after: float = live_setting(
+        1.0, "time without a usable frame after which the tracker initialises again", "s", 0.05, 3600.0
     )
-    lost_after: float = setting(
-        1.0, "time without a usable frame after which the tracker initialises again", "s", 0.05, 3600.0, live=True
-    )
-    smoothing: float = setting(
+    smoothing: float = live_setting(
         0.02,
         "time constant of the output filter; it has no lag in steady motion, and smooths longer at rest",
         "s",
         0.0,
         1.0,
-        live=True,
     )
-    smoothing_lag: float = setting(
-        0.0, "publish the pose this much later, smoothed with the later frames", "s", 0.0, 0.25, live=True
+    smoothing_lag: float = live_setting(
+        0.0, "publish the pose this much later, smoothed with the later frames", "s", 0.0, 0.25
     )
-    warm_start: bool = setting(
+    warm_start: bool = live_setting(
         True,
         "start the QP solver from the solution on the last answer's support; this saves time and changes no answer",
-        live=True,
     )
-    hold_feet: bool = setting(
-        True, "hold feet that stand still where they are; for a camera that does not move in the world", live=True
+    hold_feet: bool = live_setting(
+        True, "hold feet that stand still where they are; for a camera that does not move in the world"
     )
-    calibrate: bool = setting(True, "learn the bone lengths while tracking; robot_description is updated", live=True)
+    calibrate: bool = live_setting(True, "learn the bone lengths while tracking; robot_description is updated")
 
     def checked(self) -> TrackerConfig:
         """Return self if every value has the right type and range; raise ConfigurationError otherwise."""

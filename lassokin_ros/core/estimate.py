@@ -19,8 +19,8 @@ from lassokin_ros.core.observation import Rejection, Status
 class Estimate:
     """The tracker's answer to one observation.
 
-    If the frame was rejected, `rejection` is the reason, arrays are None, numbers keep their defaults, and
-    `certificate` exists only if the lasso was solved.
+    If the frame was rejected, `rejection` is the reason, and the other fields keep their defaults; `certificate` exists
+    if the lasso was solved.
 
     state, pose: the smoothed state to publish. omega: (3 n,) rad and translation_step: (3,) m, the frame's increment.
     solved: the state after the increment, before smoothing; the certificate refers to it. cost: negative log-likelihood

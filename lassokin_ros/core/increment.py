@@ -23,8 +23,6 @@ from lassokin_ros.core.record import record
 
 SHORT_STEP, LONG_STEP = 1 / 30, 0.06
 """s between frames, see `for_step`."""
-MORE_LINEARISATIONS = 2
-"""Further linearisations after a long step."""
 LARGE_ROTATION, LARGE_MOTION = 0.2, 0.06
 """rad, m: largest increment of a frame with measured depth after which it is not linearised again."""
 LEAST_MOTION = 0.003
@@ -35,8 +33,7 @@ LEAST_MOTION = 0.003
 class Increment:
     """Increment of one frame: omega (3 n,) rad for all joints and x (3,) m for the root, from the last solution.
 
-    problem: the lasso as solved; if the solver raised alpha (see `solver.SMALLEST_ALPHA`), with the raised alpha.
-    rows: the slice of its rows of each piece of evidence, by name.
+    problem: the lasso as solved, with the alpha that was used. rows: the slice of its rows of each piece of evidence.
     """
 
     omega: np.ndarray
@@ -54,10 +51,7 @@ class IncrementSolver:
     """Solves the lassos of each frame. Its only state is the last answer, the initial guess for the next lasso."""
 
     def __init__(self, frame_model: FrameModel, prior: PoseDistribution, solver: str) -> None:
-        """prior: its `motion` is the typical increment of each degree of freedom. A larger motion is penalised less.
-
-        Raises SolverError for a solver that is not available.
-        """
+        """prior: a degree of freedom of larger `motion` is penalised less. Raises SolverError, see `LassoSolver`."""
         self.lasso = LassoSolver(solver)
         self._frame_model = frame_model
         self._motion = np.maximum(prior.motion, LEAST_MOTION)[frame_model.live]
@@ -74,9 +68,8 @@ class IncrementSolver:
         step: s since the last frame, see `for_step`. The l1 weights are alpha_k = sparsity / motion_k. An answer
         without a certificate ends the iteration; it is `Increment.solution`.
 
-        With measured depth, the answer is linearised about once more if it is far from `start`. About `start`, the
-        depths of a limb that moved fast have large errors. The losses of `measured_depth`, Geman and McClure's in front
-        of the landmark and Cauchy's behind it, give such depths little weight.
+        With measured depth, the answer is linearised about once more if it is far from `start`: about `start`, the
+        depths of a limb that moved fast have large errors, and hence little weight.
         """
         relinearisations, sparsity = for_step(step, config.relinearisations, config.sparsity)
         live, alpha = self._frame_model.live, sparsity / self._motion
@@ -85,7 +78,10 @@ class IncrementSolver:
         for number in range(relinearisations + again):
             if number >= relinearisations and not _is_large(omega, x):
                 break
-            linearised = self._linearised(start, frame) if number == 0 else self._relinearised(start, omega, x, frame)
+            if number == 0:
+                linearised = self._frame_model.linearise(start, frame, huber_weights)
+            else:
+                linearised = self._relinearised(start, omega, x, frame)
             problem = Lasso(linearised.columns[:-3].T, linearised.columns[-3:].T, linearised.z, alpha)
             solution = self.lasso.solve(problem, self._guess if config.warm_start else None)
             if not (solution.exact or solution.certified):  # the tracker checks the certificate of the last one
@@ -95,9 +91,6 @@ class IncrementSolver:
         if solution.alpha is not problem.alpha:
             problem = replace(problem, alpha=solution.alpha)
         return Increment(omega, problem, solution, linearised.rows)
-
-    def _linearised(self, start: EvaluatedState, frame: FrameData) -> LinearisedFrame:
-        return self._frame_model.linearise(start, frame, huber_weights)
 
     def _relinearised(
         self, start: EvaluatedState, omega: np.ndarray, x: np.ndarray, frame: FrameData
@@ -121,11 +114,7 @@ def _is_large(omega: np.ndarray, x: np.ndarray) -> bool:
 
 
 def for_step(step: float, linearisations: int, sparsity: float) -> tuple[int, float]:
-    """Linearisations and sparsity for a frame `step` s after the last one.
-
-    Both settings are for frames at 30 Hz or more. In a longer step people move farther: the l1 weight falls with the
-    step, and more linearisations are used from `LONG_STEP` on.
-    """
+    """Linearisations and sparsity for a frame `step` s after the last one; the settings are for 30 Hz or more."""
     if not np.isfinite(step) or step <= SHORT_STEP:
         return linearisations, sparsity
-    return linearisations + (step > LONG_STEP) * MORE_LINEARISATIONS, sparsity * SHORT_STEP / step
+    return linearisations + 2 * (step > LONG_STEP), sparsity * SHORT_STEP / step

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 SWITCH = "LASSOKIN_KERNEL"
 """Environment variable: 0 switches the kernel off."""
@@ -23,33 +24,23 @@ except ImportError:
     compiled = None
 
 
+FUNCTIONS = (
+    "pose posture retract twists point_columns linearise cost smooth eliminate predicted condensed certify follow "
+    "sampled features activate decode"
+).split()
+"""Of the kernel; Python does the same without it."""
+
+
 class Kernel:
     """The compiled functions. `active`: whether they are used."""
 
-    pose: Callable[..., bool]
-    posture: Callable[..., bool]
-    retract: Callable[..., bool]
-    twists: Callable[..., bool]
-    point_columns: Callable[..., bool]
-    linearise: Callable[..., bool]
-    cost: Callable[..., bool]
-    smooth: Callable[..., bool]
-    eliminate: Callable[..., bool]
-    predicted: Callable[..., bool]
-    condensed: Callable[..., bool]
-    certify: Callable[..., bool]
-    follow: Callable[..., bool]
-    sampled: Callable[..., bool]
-    features: Callable[..., bool]
-    activate: Callable[..., bool]
-    decode: Callable[..., bool]
-
     def __init__(self) -> None:
-        self.active = False
-        if compiled is not None:
-            for name in Kernel.__annotations__:
-                setattr(self, name, getattr(compiled, name))
-            self.active = os.environ.get(SWITCH) != "0"
+        vars(self).update({} if compiled is None else {name: getattr(compiled, name) for name in FUNCTIONS})
+        self.active = compiled is not None and os.environ.get(SWITCH) != "0"
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Callable[..., bool]: ...
 
     @contextmanager
     def switched(self, active: bool) -> Iterator[None]:
@@ -61,7 +52,7 @@ class Kernel:
             self.active = before
 
 
-if compiled is not None and not Kernel.__annotations__.keys() <= vars(compiled).keys():
+if compiled is not None and not set(FUNCTIONS) <= vars(compiled).keys():
     rebuild = "build it again with `python setup.py build_ext --inplace`"
     warnings.warn(f"the compiled kernel is of another revision, and is not used: {rebuild}", stacklevel=1)
     compiled = None

@@ -13,7 +13,7 @@ import numpy as np
 from lassokin_ros.core.errors import CameraError
 
 ROTATION_TOLERANCE = 0.01
-"""Root of the sum of the squared differences from a rotation. Matrices that were written with 3 decimals pass."""
+"""Root of the sum of the squared differences from a rotation; matrices with 3 decimals pass."""
 ORIGIN, AXES = np.zeros(3), np.eye(3)
 for _constant in (ORIGIN, AXES):
     _constant.flags.writeable = False
@@ -44,10 +44,9 @@ class Rejection(str, Enum):
 class CameraPose:
     """Where a camera is, in the frame in which the skeleton is kept: x_camera = rotation x + translation.
 
-    name: of the camera; each camera of a tracker has another one. rotation: (3, 3) into the camera's optical frame.
-    translation: (3,) m. The default is the frame of a single camera: its own optical frame. known: False if its
-    pose is not known; with `extrinsics` learn, it is found from the person. Raises CameraError if they are not a
-    rotation and a finite translation.
+    name: each camera of a tracker has another one. rotation: (3, 3) into the camera's optical frame. translation: (3,)
+    m. The default is a single camera's own optical frame. known: False for a pose that is not known; with `extrinsics`
+    learn, it is found from the person. Raises CameraError if they are not a rotation and a finite translation.
     """
 
     name: str = ""
@@ -68,7 +67,7 @@ class CameraPose:
         """Whether the skeleton is kept in this camera's optical frame."""
         return self.known and bool(np.array_equal(self.rotation, np.eye(3)) and not self.translation.any())
 
-    @property
+    @cached_property
     def centre(self) -> np.ndarray:
         """(3,) m: the camera's centre in the frame of the skeleton."""
         return -self.rotation.T @ self.translation

@@ -3,9 +3,9 @@
     estimates = track_recording(TrackerConfig(height=1.75, **WHOLE_FILE), instants)
 
 Three passes: the first learns the person's lengths. The second goes backward in time, with these lengths. The third
-goes forward, smooths each pose with the next ones, and publishes a pose between the two tracks (`fixed_lag`). What an
-image leaves open is decided by what the tracker remembers, and the two remember different frames: strangers of the
-validation people have 61.9 / 42.7 mm instead of 64.1 / 44.2 forward and 63.2 / 44.4 backward.
+goes forward, smooths each pose with the next ones, and publishes a pose between the two tracks (`fixed_lag`), which
+remember different frames: strangers of the validation people have 61.9 / 42.7 mm instead of 64.1 / 44.2 forward and
+63.2 / 44.4 backward.
 """
 
 from __future__ import annotations
@@ -51,10 +51,7 @@ def track_recording(
 
 
 def track_backward(tracker: Tracker, instants: Iterable[Instant]) -> Iterator[tuple[float, Backward]]:
-    """The frames by a track backward in time, each with the latest stamp of its instant, s.
-
-    tracker: a new one. instants: the last one first.
-    """
+    """The frames by a new tracker backward in time, by the latest stamp of the instant, s; the last one first."""
     turned = ([replace(one, stamp=-max(o.stamp for o in instant)) for one in instant] for instant in instants)
     for estimate in published(tracker, turned):
         assert estimate.state is not None

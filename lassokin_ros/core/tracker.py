@@ -8,8 +8,7 @@ of the present state (not with the last observation, which would drift), lineari
 solves the lasso for the increment of all joints and the translation, certifies the answer, and retracts it onto SO(3).
 With `relinearisations` above 1 it linearises again about the answer, with the l1 penalty on the total increment.
 The published pose is the solved state, smoothed over a few frames (`output_filter`); the next frame starts from the
-state as solved. With `smoothing_lag`, `track` still returns the newest frame's estimate, and `published` holds the
-estimates that have become due.
+state as solved.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from lassokin_ros.core.body.roles import ANKLES, missing_roles
 from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.body.symmetry import symmetric_skeleton
-from lassokin_ros.core.cameras import Camera, Cameras
+from lassokin_ros.core.cameras import Camera
 from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.estimate import Estimate
@@ -50,13 +49,12 @@ from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.learned.bone_lengths import OBSERVED_STATURE_DEVIATION
 from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.learned.extrinsics import Extrinsics
-from lassokin_ros.core.learned.floor_size import FloorSize, floor_size
-from lassokin_ros.core.learned.height import PEOPLE_DEVIATION
+from lassokin_ros.core.learned.height import PEOPLE_DEVIATION, FloorSize, floor_size
 from lassokin_ros.core.learned.learned import Learned
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
 from lassokin_ros.core.network.depth_network import shipped_network
 from lassokin_ros.core.observation import HERE, CameraPose, Observation, Rejection, Status
-from lassokin_ros.core.output.fixed_lag import Backward, FixedLag
+from lassokin_ros.core.output.fixed_lag import Backward, FixedLag, Waiting
 from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.output_filter import OutputFilter
 from lassokin_ros.core.output.uncertainty import JointUncertainty, UncertaintyModel
@@ -98,10 +96,7 @@ class _Answer:
 
 
 class Tracker:
-    """Tracks one person.
-
-    Its state is the body's state and what was learned about the person, the keypoints and the camera until `reset`.
-    """
+    """Tracks one person. Its state is that of the body, and what was learned until `reset`."""
 
     def __init__(
         self,
@@ -126,13 +121,14 @@ class Tracker:
         prior = PoseDistribution.load(body)
         self.frame_model = FrameModel(self.kinematics, prior, evidence)
         self.learned = Learned(self.frame_model, self.config, None if up is None else _unit_vertical(up))
-        self._cameras = Cameras(Camera(self.kinematics, self._depth_estimator(), self.learned.depth_noise))
+        self._cameras = [Camera(self.kinematics, self._depth_estimator(), self.learned.depth_noise)]
+        """In the order in which they were first seen; the first one always exists."""
         self._increments = IncrementSolver(self.frame_model, prior, self.config.solver)
         self._initialiser = Initialiser(self.kinematics, prior, self.frame_model)
         self._network_pose = None
         propose = MirroredLimbs(self.kinematics).propose
         if self._network is not None:
-            self._network_pose = NetworkPose(self._cameras.network_places, self.kinematics, self._initialiser.mean_pose)
+            self._network_pose = NetworkPose(self._network_places, self.kinematics, self._initialiser.mean_pose)
             propose = self._network_pose.propose
         self._other_pose = OtherPose(self._initialiser, self.frame_model, propose)
         self._reinitialisation = Reinitialisation()
@@ -160,7 +156,8 @@ class Tracker:
         self._solved: EvaluatedState | None = None
         self._replaced = False  # whether the next frame starts from another state than the last one solved
         self._status, self._stuck_frames, self._cost = Status.SEARCHING, 0, float("nan")
-        self._cameras.reset()
+        for camera in self._cameras:
+            camera.reset()
         self._unplaced: dict[str, Tracker] = {}  # of the person as each camera without a pose sees it
         self._increments.reset()
         self._reinitialisation.reset()
@@ -183,7 +180,11 @@ class Tracker:
     @property
     def _network(self) -> DepthEstimator | None:
         """The depth network of the first camera; None if it is not used."""
-        return self._cameras.first.network
+        return self._cameras[0].network
+
+    def _network_places(self) -> np.ndarray | None:
+        """The places by the network of the first camera that has an estimate, in the skeleton's frame."""
+        return next((found for camera in self._cameras if (found := camera.network_places()) is not None), None)
 
     @property
     def state(self) -> BodyState | None:
@@ -229,24 +230,23 @@ class Tracker:
         return off
 
     def adopt_vertical(self, others: Iterable[Tracker]) -> None:
-        """Copy the camera's vertical from trackers of other people in the same images, if one has learned it."""
+        """Copy the vertical from trackers of other people in the same images, if one has learned it."""
         self.learned.vertical.adopt(other.learned.vertical for other in others)
 
     def move_camera(self, roll: float, pitch: float) -> None:
         """Use a measured mount of the camera, rad, from the next frame on; see `camera_roll` and `camera_pitch`.
 
-        The state stays: the camera may be on a head that moves. Raises ConfigurationError for angles that are not
-        finite.
+        The state stays. Raises ConfigurationError for angles that are not finite.
         """
         if not (math.isfinite(roll) and math.isfinite(pitch)):
             raise ConfigurationError(f"the mount has roll {roll} and pitch {pitch}; expected finite angles, rad")
         self.learned.vertical.move_mount(roll, pitch)
 
     def place_cameras(self, poses: Sequence[CameraPose]) -> None:
-        """Tell where cameras that have no image of the next instant are then: their keypoints are predicted to it."""
+        """Tell where cameras without an image of the next instant are then: their keypoints are predicted to it."""
         extrinsics = self.learned.extrinsics
         for pose in poses:
-            if (camera := self._cameras.named(pose.name)) is not None:
+            if (camera := self._named(pose.name)) is not None:
                 camera.pose = pose if extrinsics is None else extrinsics.corrected(pose)
 
     def move_frame(self, rotation: np.ndarray, translation: np.ndarray) -> None:
@@ -262,7 +262,7 @@ class Tracker:
         self._replaced = True
 
     def tune(self, config: TrackerConfig) -> None:
-        """Use new live settings. The others (skeleton, landmarks, depth_prior, solver) stay as they are.
+        """Use new live settings; the others stay as they are.
 
         A new height scales the given body, and makes the tracker forget the person; so does `calibrate` if another body
         results, see `averaged`. Raises ConfigurationError, before anything is changed, for a setting out of its range.
@@ -282,9 +282,8 @@ class Tracker:
     def track(self, observation: Observation | Sequence[Observation]) -> Estimate:
         """Process one observation, or those of several cameras, whose rows then stand in one lasso.
 
-        Observations that are given together are of one instant: their stamps differ by 5 ms at most. Cameras that are
-        not among them take part with keypoints predicted to that instant. Bad input does not raise: see
-        `Estimate.rejection`.
+        Observations that are given together are of one instant: their stamps differ by 5 ms at most. Other cameras take
+        part with keypoints predicted to that instant. Bad input does not raise: see `Estimate.rejection`.
         """
         observations = [observation] if isinstance(observation, Observation) else list(observation)
         if not observations:
@@ -315,7 +314,8 @@ class Tracker:
         rejection = self._check(start.state, increment, frame, measurement.focal)
         if rejection is not None:
             return self._reject(observations[0], rejection, increment.solution.certificate)
-        solved = self._retract(start.state, increment)
+        moved = start.state.retract(increment.omega, increment.x)
+        solved = self.frame_model.evaluate(BodyState(orthonormalised(moved.rotations), moved.translation))
         answer = _Answer(measured, measurement, frame, start, initialised, increment, solved)
         smoothed = self._smooth(answer)
         better = self._better_state(answer)
@@ -339,13 +339,13 @@ class Tracker:
         return self._uncertainty.evaluate(estimate)
 
     def observed(self, estimate: Estimate) -> np.ndarray:
-        """Return (n,) bool, the joints that keypoints observe. Raises ValueError for a rejected estimate."""
+        """Return (n,) bool, the joints that keypoints observe. Raises ValueError for a rejected frame."""
         if estimate.visible is None:
             raise ValueError("this frame was rejected; only an accepted estimate has observed joints")
         return self._uncertainty.observed.from_visible(estimate.visible)
 
     def _find_cameras(self, observations: Sequence[Observation], extrinsics: Extrinsics) -> None:
-        """Compare what cameras without a pose see with the tracked person. Each follows the person by itself."""
+        """Compare what cameras without a pose see, each by itself, with the tracked person."""
         for one in observations:
             name = one.camera.name
             if name not in self._unplaced:
@@ -355,31 +355,34 @@ class Tracker:
             usable = own.accepted and not own.repeated and one.stamp <= self._newest + FIT_AFTER
             if not usable or alone._solved is None or self._solved is None:
                 continue
-            joints = self._solved.pose.positions, alone._solved.pose.positions
-            extrinsics.find(name, one.stamp, self._seen_at(one.stamp), alone._seen_at(one.stamp), *joints)
+            views = self._seen_at(one.stamp), alone._seen_at(one.stamp)
+            extrinsics.find(name, one.stamp, views, (self._solved.pose.positions, alone._solved.pose.positions))
             if name in extrinsics.found:
                 del self._unplaced[name]
 
     def _seen_at(self, stamp: float) -> FrameData:
         """What the first camera sees at a stamp, s, predicted by its tracks."""
-        body = None if self._solved is None else self._solved.pose
-        return self._cameras.first.predicted_view(
-            stamp, self.learned.vertical, body, self.learned.model_error.deviation
+        return self._cameras[0].predicted_view(
+            stamp, self.learned.vertical, self._body, self.learned.model_error.deviation
         )
+
+    @property
+    def _body(self) -> BodyPose | None:
+        """The solved pose of the last frame."""
+        return None if self._solved is None else self._solved.pose
 
     def _measure(self, observations: Sequence[Observation]) -> tuple[dict[Camera, Measurement], Rejection | None]:
         """The measurements of the cameras whose observations can be used; the reason to reject if there are none."""
         measured: dict[Camera, Measurement] = {}
         first: Rejection | None = None
         for observation in observations:
-            camera = self._camera(observation)
+            camera = self._camera(observation.camera.name)
             newest = camera.measurements.newest
             rejection, weights = gate_observation(observation, newest, self.layout, self.config)
             if rejection is not None or camera in measured:
                 first = first or rejection or Rejection.OLD_STAMP
                 continue
-            body = None if self._solved is None else self._solved.pose
-            error = self.learned.model_error.deviation
+            body, error = self._body, self.learned.model_error.deviation
             others = (other for other in self._cameras if other is not camera)
             alone = body is None or not any(other.seen_at(observation.stamp) for other in others)
             measurement = camera.measure(observation, weights, body, error, self.config, alone)
@@ -390,13 +393,19 @@ class Tracker:
             measured[camera] = measurement
         return measured, None if measured else first
 
-    def _camera(self, observation: Observation) -> Camera:
-        """The camera of an observation. A new one gets a filter, a depth network, and rows in the lasso."""
-        camera = self._cameras.known(observation.camera)
+    def _named(self, name: str) -> Camera | None:
+        """The camera of this name; None if it has had no image."""
+        return next((camera for camera in self._cameras if camera.name == name), None)
+
+    def _camera(self, name: str) -> Camera:
+        """The camera of this name. A new one gets a filter, a depth network, and rows in the lasso."""
+        if self._cameras[0].name is None:
+            self._cameras[0].name = name
+        camera = self._named(name)
         if camera is None:
-            camera = Camera(self.kinematics, self._depth_estimator(), DepthNoise())
+            camera = Camera(self.kinematics, self._depth_estimator(), DepthNoise(), name)
             self._tell_lengths(camera)
-            self._cameras.add(observation.camera.name, camera)
+            self._cameras.append(camera)
             self.frame_model.add_camera()
         return camera
 
@@ -421,12 +430,9 @@ class Tracker:
     def _frame_data(
         self, measured: dict[Camera, Measurement], together: Measurement, observation: Observation
     ) -> FrameData:
-        """The views of all cameras, each with the depths that its network estimates from this frame and earlier ones.
-
-        Measured depths are left out as long as the person's size is unknown.
-        """
+        """The views of all cameras, without measured depths as long as the person's size is unknown."""
         sized, vertical = self.learned.height is None or self.learned.height.measured, self.learned.vertical
-        body, error = None if self._solved is None else self._solved.pose, self.learned.model_error.deviation
+        body, error = self._body, self.learned.model_error.deviation
         main, *others = (
             camera.view(measured[camera], vertical, sized)
             if camera in measured
@@ -439,7 +445,7 @@ class Tracker:
         return replace(main, extra=extra, floor=floor, others=tuple(others))
 
     def _start(self, measurement: Measurement, frame: FrameData) -> tuple[EvaluatedState, bool]:
-        """The state about which the frame is linearised, and whether it is a first one, fitted to this frame alone."""
+        """The state about which the frame is linearised, and whether it was fitted to this frame alone."""
         if self._solved is None or measurement.lost or self._stuck_frames >= STUCK_AFTER:
             fit = self._first_fit(frame)
             self._cost = fit.cost
@@ -478,16 +484,13 @@ class Tracker:
 
     def _fit_with_verticals(self, frame: FrameData) -> Fit:
         """The best state from all start poses and all verticals that the camera's mount allows. Keeps that vertical."""
-        vertical = self.learned.vertical
-        fits = []
-        for up, cost in vertical.candidates():
-            fit = self._initialiser.fit(replace(frame, up=up))
-            fits.append((fit.cost + cost, up, fit))
-        _, vertical.direction, best = min(fits, key=lambda entry: entry[0])
+        fits = [
+            (self._initialiser.fit(replace(frame, up=up)), cost, up) for up, cost in self.learned.vertical.candidates()
+        ]
+        best, _, self.learned.vertical.direction = min(fits, key=lambda entry: entry[0].cost + entry[1])
         return best
 
     def _solve(self, start: EvaluatedState, initialised: bool, frame: FrameData, measurement: Measurement) -> Increment:
-        """The increment from the start state, by the frame's lasso."""
         step = 0.0 if initialised or self._network is None else measurement.step
         if self.learned.feet.anchors is not None and not (initialised or self._replaced or measurement.repeated):
             frame = replace(frame, anchors=self.learned.feet.anchors)
@@ -495,9 +498,8 @@ class Tracker:
 
     def _check(self, start: BodyState, increment: Increment, frame: FrameData, focal: float) -> Rejection | None:
         """The reason to reject an answer, None to accept it. Counts consecutive rejections."""
-        place = start.translation + increment.x
+        place, rejection = start.translation + increment.x, None
         depth = min(float(view.camera.into_camera(place)[2]) for view in frame.views if view.weights.any())
-        rejection = None
         if not increment.solution.certified:
             rejection = Rejection.NOT_CERTIFIED
         elif self.skeleton.height * focal < SMALLEST_PX * self.config.noise_px * depth or depth <= 0:
@@ -505,24 +507,13 @@ class Tracker:
         self._stuck_frames = 0 if rejection is None else self._stuck_frames + 1
         return rejection
 
-    def _retract(self, start: BodyState, increment: Increment) -> EvaluatedState:
-        """The state after a certified increment."""
-        moved = start.retract(increment.omega, increment.x)
-        return self.frame_model.evaluate(BodyState(orthonormalised(moved.rotations), moved.translation))
-
     def _smooth(self, answer: _Answer) -> BodyState:
         """The state to publish."""
         if answer.initialised or self._replaced:
             self._output_filter.reset()  # the motion of the replaced state does not go on
-        together, camera = answer.together, answer.frame.camera
+        frame, step, speed = answer.frame, answer.together.step, answer.together.speed
         return self._output_filter.filtered(
-            answer.solved,
-            answer.increment,
-            together.step,
-            together.speed,
-            self.config.smoothing,
-            None if camera.is_identity else camera.centre,
-            answer.frame.seen_by > 1,
+            answer.solved, answer.increment, step, speed, self.config.smoothing, frame.camera.centre, frame.seen_by > 1
         )
 
     def _better_state(self, answer: _Answer) -> EvaluatedState | None:
@@ -535,8 +526,7 @@ class Tracker:
 
     def _estimate(self, answer: _Answer, smoothed: BodyState) -> Estimate:
         """The estimate for an accepted frame. smoothed: the state to publish."""
-        self._status = Status.TRACKING
-        pose = self.kinematics.pose(smoothed)
+        self._status, pose = Status.TRACKING, self.kinematics.pose(smoothed)
         measured, frame, increment, solved = answer.measured, answer.frame, answer.increment, answer.solved
         return Estimate(
             answer.together.stamp,
@@ -577,33 +567,28 @@ class Tracker:
 
     def _follow_feet(self, answer: _Answer, replaced: bool) -> None:
         """Note which feet stand still. replaced: whether the pose does not continue the last one."""
-        if replaced:
-            self.learned.feet.reset()
-        if not (self._ankles and self.config.hold_feet):
-            self.learned.feet.reset()
-        elif not answer.together.repeated:
-            self.learned.feet.update(answer.together.stamp, *self._ankle_motion(answer))
-
-    def _ankle_motion(self, answer: _Answer) -> tuple[np.ndarray, np.ndarray]:
-        """(2, 3) m, the solved ankles, and (2,) m/s, the largest speed of their keypoints in a camera."""
-        ankles = answer.solved.pose.positions.take(self._ankles, axis=0)
-        return ankles, reduce(np.fmax, [camera.speeds(ankles, self._ankle_points) for camera in answer.measured])
+        feet, held = self.learned.feet, self._ankles and self.config.hold_feet
+        if replaced or not held:
+            feet.reset()
+        if held and not answer.together.repeated:
+            ankles = answer.solved.pose.positions.take(self._ankles, axis=0)
+            speeds = reduce(np.fmax, [camera.speeds(ankles, self._ankle_points) for camera in answer.measured])
+            feet.update(answer.together.stamp, ankles, speeds)
 
     def _learn(self, answer: _Answer) -> None:
-        """Update all that is learned from an accepted frame, and use it from the next frame on."""
+        """Update all that is learned, and use it from the next frame on."""
         height, lengths = self.learned.height, self.learned.lengths
         frame, solved, initialised = answer.frame, answer.solved, answer.initialised
-        stamp, repeated = answer.together.stamp, answer.together.repeated
-        several = frame.seen_by > 1
+        stamp, repeated, several = answer.together.stamp, answer.together.repeated, frame.seen_by > 1
         if several:
             lengths.stature_deviation = OBSERVED_STATURE_DEVIATION if height is None else PEOPLE_DEVIATION
         if self.config.calibrate and (initialised or not repeated):
             if lengths.update(stamp, solved.state, frame, initialised or self._replaced):
                 self._adopt_lengths()
         seen = partial(_with_seen_landmarks, frame, [answer.measured.get(camera) for camera in self._cameras])
-        start = answer.start.state
-        if self.learned.update(answer.together, seen, start, initialised, answer.increment, solved.state):
-            self._solved = self._evaluated_again()  # the prior's mean has changed
+        start, increment = answer.start.state, answer.increment
+        if self.learned.update(answer.together, seen, start, initialised, increment, solved.state):
+            self._evaluate_again()  # the prior's mean has changed
         if height is None:
             return
         limbs, floor = None, None if several or repeated else self._floor_size(frame, solved)
@@ -626,10 +611,10 @@ class Tracker:
         self.kinematics.set_skeleton(lengths.skeleton)
         for camera in self._cameras:
             self._tell_lengths(camera)
-        self._solved = self._evaluated_again()
+        self._evaluate_again()
 
     def _tell_lengths(self, camera: Camera) -> None:
-        """Input the lengths to a camera's network: those of a skeleton without the built-in ones stay as given."""
+        """Input the lengths to a camera's network; those of a skeleton without the built-in ones stay as given."""
         if camera.network is not None:
             lengths, built_in = self.learned.lengths, has_built_in_proportions(self.given_skeleton)
             body = self.skeleton if built_in else lengths.proportions.given
@@ -645,9 +630,10 @@ class Tracker:
         self._output_filter.reset()
         self._adopt_lengths()
 
-    def _evaluated_again(self) -> EvaluatedState | None:
-        """The present state with the present body and prior."""
-        return None if self._solved is None else self.frame_model.evaluate(self._solved.state)
+    def _evaluate_again(self) -> None:
+        """Evaluate the present state with the present body and prior."""
+        if self._solved is not None:
+            self._solved = self.frame_model.evaluate(self._solved.state)
 
     def _publish(self, estimate: Estimate, measured: dict[Camera, Measurement]) -> None:
         """Collect the estimates that are due."""
@@ -655,9 +641,9 @@ class Tracker:
             self.published = [estimate]
             return
         assert self._output_filter.forward is not None
-        reprojection_px = partial(_reprojection_px, measured)
+        forward, vectors = self._output_filter.forward, self.kinematics.vectors
         backward = None if self.backward is None else self.backward(estimate.stamp)
-        self._lag.add(estimate, self._output_filter.forward, self.kinematics.vectors, reprojection_px, backward)
+        self._lag.add(Waiting(estimate, forward, vectors, partial(_reprojection_px, measured), backward))
         self.published = self._lag.due(estimate.stamp, self.config.smoothing_lag)
 
     def _reject(
@@ -684,20 +670,17 @@ def _unit_vertical(up: np.ndarray) -> np.ndarray:
             f"up is {found.tolist()}; expected the vertical of the fixed frame, (3,) finite numbers that are not all "
             "0, such as [0, 0, 1]"
         )
-    unit: np.ndarray = found / length
-    return unit
+    return np.asarray(found / length)
 
 
 def _reprojection_px(measured: dict[Camera, Measurement], pose: BodyPose) -> float:
-    """Root mean square distance of the visible points from the pose's landmarks, px, over the cameras with an image."""
+    """px, over the cameras with an image, see `Measurement.reprojection_px`."""
     errors = [measurement.reprojection_px(pose, camera.pose) for camera, measurement in measured.items()]
     return errors[0] if len(errors) == 1 else math.sqrt(sum(error * error for error in errors) / len(errors))
 
 
 def _with_seen_landmarks(frame: FrameData, measured: Sequence[Measurement | None]) -> FrameData:
-    """The frame without the landmarks that were not seen but extrapolated. measured: by camera, None without an
-    image.
-    """
+    """The frame without landmarks that were extrapolated and not seen. measured: by camera, None without an image."""
     views = [
         replace(view, weights=np.where(one.visible, view.weights, 0.0) if one is not None else 0.0 * view.weights)
         for view, one in zip(frame.views, measured)

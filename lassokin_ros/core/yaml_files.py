@@ -37,7 +37,7 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def construct_scalar(self, node: Any) -> Any:
-        """Join surrogate pairs: JSON escapes a character beyond 16 bits as two surrogates; a single one is invalid."""
+        """Join surrogate pairs, as which JSON escapes a character beyond 16 bits; a single one is invalid."""
         value = super().construct_scalar(node)
         return value if value.isascii() else value.encode("utf-16", "surrogatepass").decode("utf-16")
 

@@ -15,11 +15,10 @@ from sequences import CONFIG, detected, observations
 from test_cameras import scene
 
 from lassokin_ros.core import kernel as module
-from lassokin_ros.core.kernel import Kernel, compiled, kernel
+from lassokin_ros.core.kernel import FUNCTIONS, compiled, kernel
 from lassokin_ros.core.tracker import Tracker
 
 ROOT = Path(__file__).parents[2]
-NAMES = [name for name in Kernel.__annotations__ if name != "active"]
 LARGEST_DIFFERENCE = 1e-5
 """m: the depth network computes with single precision, in which a rounding may go the other way."""
 
@@ -116,7 +115,7 @@ def test_kernel_and_python_give_the_same_answers(sequence, settings):
 @needs_kernel
 def test_a_tracked_frame_uses_each_function(monkeypatch):
     done, refused = Counter(), Counter()
-    for name in NAMES:
+    for name in FUNCTIONS:
 
         def counted(*arguments, name=name, function=getattr(kernel, name)):
             found = function(*arguments)
@@ -130,7 +129,7 @@ def test_a_tracked_frame_uses_each_function(monkeypatch):
         for seen in frames:
             tracker.track(seen)
     rare = {"point_columns"}  # for feet that stand
-    for name in set(NAMES) - rare:
+    for name in set(FUNCTIONS) - rare:
         assert done[name] > 0.9 * len(frames), name
         assert refused[name] < 0.1 * done[name], name
 

@@ -2,9 +2,8 @@
 
 All quantities are in metres and radians, in the frame of the skeleton: the first camera's optical frame (x right, y
 down, z forward), or a fixed frame in which the cameras' places are given. At rest, every joint frame is parallel to the
-root's frame. Joint j rotates by R_j about its own centre, in its parent's frame. An increment omega_j is applied on the
-right, R_j <- R_j exp(hat(omega_j)): the three angular degrees of freedom are rotations about the axes of the joint's
-own frame.
+root's. Joint j rotates by R_j about its own centre, in its parent's frame. An increment omega_j is applied on the
+right, R_j <- R_j exp(hat(omega_j)): rotations about the axes of the joint's own frame.
 
 Functions take leading batch axes (several states) where shapes are written with `...`.
 """
@@ -67,7 +66,6 @@ class Kinematics:
         self.skeleton = skeleton
         self.layout = self._given_layout = layout
         self._given_height = skeleton.height
-        n = skeleton.joint_count
         ancestors = skeleton.ancestors.astype(float)
         reach = ancestors[layout.joints]
         depth = skeleton.ancestors.sum(axis=1)
@@ -78,7 +76,7 @@ class Kinematics:
         self.set_skeleton(skeleton)
         #: (l, 3 n): 1 where a degree of freedom moves a landmark (its joint is the landmark's joint or an ancestor).
         self.reach = np.repeat(reach, 3, axis=1)
-        self.joint_count, self.landmark_count = n, len(layout.names)
+        self.joint_count, self.landmark_count = skeleton.joint_count, len(layout.names)
         #: Indices of the live degrees of freedom, and of those that are the root's; these come first.
         self.live_index = np.flatnonzero(self.live)
         self.live_root = self.live_index[skeleton.parents[self.live_index // 3] < 0]
@@ -96,9 +94,8 @@ class Kinematics:
     def live(self) -> np.ndarray:
         """(3 n,) bool: degrees of freedom that can move a landmark; the other columns of P L are zero in every pose.
 
-        A degree of freedom is not live if its joint is below the last landmark, or if it rotates about a bone of
-        which only the far end is seen (for example the twist of the forearm if the wrist is the only landmark of the
-        hand). The test uses random poses, in which no other column is zero.
+        These are of joints below the last landmark, or rotate about a bone of which only the far end is seen (such as
+        the twist of the forearm if the wrist is the only landmark of the hand). The test uses random poses.
         """
         vectors = np.random.default_rng(0).normal(size=(4, self.joint_count, 3))
         L = self.jacobian(self.pose(BodyState(exponential(vectors), np.zeros((4, 3)))))
@@ -110,32 +107,25 @@ class Kinematics:
         T_i is the product of the joints' transforms from the root to joint i; a landmark is q_i = T_i q_i^0.
         vectors: (..., n + l, 3, 1) m, `vectors` of another body with the same tree; default: this body's.
         """
-        vectors = self.vectors if vectors is None else vectors
+        vectors, n = self.vectors if vectors is None else vectors, self.joint_count
         if kernel.active:
             lead = state.rotations.shape[:-3]
             orientations, places = np.empty(state.rotations.shape), np.empty((*lead, len(self.vectors), 3))
             tree = self.skeleton.parents, self.layout.joints
             if kernel.pose(state.rotations, state.translation, *tree, vectors, orientations, places):
-                return BodyPose(orientations, places[..., : self.joint_count, :], places[..., self.joint_count :, :])
-        orientations = self._orientations(state.rotations)
+                return BodyPose(orientations, places[..., :n, :], places[..., n:, :])
+        orientations = state.rotations.copy()
+        for joints in self._levels:  # of the tree
+            above = orientations.take(self.skeleton.parents[joints], axis=-3)
+            orientations[..., joints, :, :] = above @ state.rotations.take(joints, axis=-3)
         places = self._sums @ (orientations.take(self._carriers, axis=-3) @ vectors)[..., 0]
         places += state.translation[..., None, :]
-        n = self.joint_count
         return BodyPose(orientations, places[..., :n, :], places[..., n:, :])
-
-    def _orientations(self, rotations: np.ndarray) -> np.ndarray:
-        """(..., n, 3, 3): products of the rotations from the root to each joint, level by level of the tree."""
-        product = rotations.copy()
-        for joints in self._levels:
-            above = product.take(self.skeleton.parents[joints], axis=-3)
-            product[..., joints, :, :] = above @ rotations.take(joints, axis=-3)
-        return product
 
     def jacobian(self, pose: BodyPose) -> np.ndarray:
         """L of (11), (..., 3 l, 3 n): block (i, j) is J_j(q_i) of (3)-(4), zero where joint j does not move q_i (5).
 
-        Column c of J_j(q_i) is the spatial twist of degree of freedom c applied to q_i: w x (q_i - p_j), with its
-        unit axis w and the joint's centre p_j.
+        Column c of J_j(q_i) is w x (q_i - p_j), with the unit axis w of degree of freedom c and the joint's centre p_j.
         """
         levers = pose.landmarks[..., :, None, :] - pose.positions[..., None, :, :]
         axes = pose.orientations.swapaxes(-1, -2)

@@ -15,22 +15,18 @@ from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mapping, read_text, shipped_mapping, user_path
 
 MOST_LANDMARKS = 1000
-"""Largest number of landmarks. Memory grows with its square. A body with both hands and a face mesh has about 550."""
+"""Memory grows with its square. A body with both hands and a face mesh has about 550."""
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
     """A detector's landmarks, tied to a skeleton.
 
-    Attributes
-    ----------
-    name: of the layout.
-    names: l landmark names; a keypoint's id is its index here.
-    joints: (l,) index of the joint that each landmark is fixed to.
-    offsets: (l, 3) m, q_i^0 of (1): position in that joint's frame (body axes at rest: x left, y up, z front).
+    names: l landmark names; a keypoint's id is its index here. joints: (l,) index of the joint that each landmark is
+    fixed to. offsets: (l, 3) m, q_i^0 of (1): position in that joint's frame (body axes at rest: x left, y up, z
+    front). noise: (l,) factor on the detector's noise, above 1 for an unsteady landmark or one off its joint's centre.
     surface: (l,) m from the body's surface to the landmark, along the line of sight of a depth camera. By default it is
-        the body's `THICKNESS` for a landmark at a joint's centre, and 0 for one with an offset (nose, ear, toe).
-    noise: (l,) factor on the detector's noise, above 1 for an unsteady landmark or one off its joint's centre.
+    the body's `THICKNESS` for a landmark at a joint's centre, and 0 for one with an offset (nose, ear, toe).
     """
 
     name: str
@@ -87,15 +83,8 @@ class Layout:
             surface.append(_numbers([entry.get("surface", inside)], 1, where, "surface")[0])
             if not 0 <= surface[-1] <= 0.2:
                 raise LayoutError(f"{where} has surface {surface[-1]}; expected 0 to 0.2 of the height")
-        scale = skeleton.height
-        return cls(
-            str(data.get("name", source)),
-            tuple(names),
-            np.array(joints),
-            np.array(offsets) * scale,
-            np.array(noise),
-            np.array(surface) * scale,
-        )
+        arrays = np.array(joints), np.array(offsets), np.array(noise), np.array(surface)
+        return cls(str(data.get("name", source)), tuple(names), *arrays).scaled(skeleton.height)
 
     def scaled(self, ratio: float) -> Layout:
         """The same landmarks on a body that is taller by a factor."""

@@ -60,11 +60,8 @@ class Proportions:
         """Derivatives of the body's points with respect to the log-lengths, in the pose's frame, root fixed."""
         by_offset = pose.orientations.take(self._parent, axis=0) @ (self._components * np.exp(lengths))
         bones = by_offset.reshape(len(by_offset), -1)
-        return LengthMotion(self._moved(self._reach, bones), self._moved(self._ancestors, bones))
-
-    def _moved(self, reach: np.ndarray, bones: np.ndarray) -> np.ndarray:
-        """(points, 3, p) m from bones (n, 3 p) m, the derivatives of the joints' offsets."""
-        return (reach @ bones).reshape(len(reach), 3, self.count)
+        moved = [(reach @ bones).reshape(len(reach), 3, self.count) for reach in (self._reach, self._ancestors)]
+        return LengthMotion(*moved)
 
 
 def _parts(skeleton: Skeleton) -> dict[str, np.ndarray]:

@@ -1,12 +1,12 @@
 """The roles of joints in a human body, as far as several modules use them.
 
-A joint has a role by its name. Names that one module alone needs stand there. The roles are those of SMPL's tree. A
-skeleton may lack some, or have further joints; evidence without its roles is then off, and `missing_roles` says so.
+A joint has a role by its name in SMPL's tree. A skeleton may lack some, or have further joints; evidence without its
+roles is then off, and `missing_roles` says so.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from typing import NamedTuple
 
 SIDES = ("left", "right")
@@ -23,11 +23,11 @@ def without_side(name: str) -> str:
 
 
 class Bone(NamedTuple):
-    """A part of the body between two joints: mass and surface.
+    """A part of the body between two joints.
 
-    mass: share of the body's mass; centre: position of the part's centre of mass from the first joint to the second
-    (Winter, Biomechanics and motor control of human movement, 2009, table 4.1; for the trunk, which has other joints
-    here, 0.5). radius: of the capsule around the bone / height, None for none.
+    mass: share of the body's mass; centre: place of the centre of mass from the first joint to the second (Winter,
+    Biomechanics and motor control of human movement, 2009, table 4.1; for the trunk, which has other joints here, 0.5).
+    radius: of the capsule around the bone / height, None for none.
     """
 
     first: str
@@ -68,10 +68,7 @@ THICKNESS = {
     "hip": 0.055, "knee": 0.034, "ankle": 0.021, "foot": 0.018, "neck": 0.036, "head": 0.045, "shoulder": 0.040,
     "elbow": 0.025, "wrist": 0.016, "hand": 0.010, "pelvis": 0.060, "spine1": 0.060, "spine2": 0.060, "spine3": 0.060,
 }  # fmt: skip
-"""Half of the body's thickness at a joint / height.
-
-Typical values of adults in light clothing: circumference / (2 pi) for limbs and neck, half of the depth for the trunk.
-"""
+"""Half of the body's thickness at a joint / height, typical of adults in light clothing."""
 
 LENGTHS = {
     "hip width": (sided("hip"), "x"),
@@ -112,13 +109,8 @@ def missing_roles(names: Collection[str]) -> str:
         ("balance", BALANCE_JOINTS),
         ("pose prior of these joints", PRIOR_JOINTS),
     )
-    missing = {use: sorted(needed - set(names)) for use, needed in uses}
-    off = [use for use, joints in missing.items() if joints]
+    off = [use for use, needed in uses if needed - set(names)]
     if not off:
         return ""
-    joints = _unique(joint for joints in missing.values() for joint in joints)
+    joints = dict.fromkeys(joint for _, needed in uses for joint in sorted(needed - set(names)))
     return f"the skeleton has no joint {', '.join(joints)}; off: {', '.join(off)}. Name joints as SMPL does to use them"
-
-
-def _unique(items: Iterable[str]) -> list[str]:
-    return list(dict.fromkeys(items))

@@ -1,9 +1,9 @@
 """Exponential and logarithm of SO(3), batched.
 
-scipy's Rotation does the same and is the reference in the tests. It is not used per frame: creating the object takes
-longer than the arithmetic, and it accepts one leading axis only. Internally, components are the first axis and the
-batch is the last one: numpy processes one long axis several times faster than many axes of length 3. In the core,
-products of small vectors and matrices use `dot`, which takes less than half the time of `@`.
+scipy's Rotation is the reference in the tests. It is not used per frame: creating the object takes longer than the
+arithmetic. Internally, components are the first axis and the batch is the last one: numpy processes one long axis
+several times faster than many axes of length 3. In the core, products of small vectors and matrices use `dot`, which
+takes less than half the time of `@`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 
 Array = np.ndarray
-
 
 #: (3, 9): v @ _HAT is hat(v), flattened. One product is faster than nine small assignments.
 _HAT = np.array([
@@ -56,8 +55,7 @@ def hat(vectors: Array) -> Array:
 def _angles(vectors: Array) -> tuple[Array, Array]:
     """t and t^2 of rotation vectors (3, ...), at least 1e-15 and its square.
 
-    The functions below divide by them. Near zero the quotients lose digits, for example (t - sin t)/t^3. They are
-    multiplied by t^2 again, so the results are exact to rounding for every t.
+    The functions below divide by them. Near zero the quotients lose digits, but they are multiplied by t^2 again.
     """
     squared = np.maximum(_ONES.dot(vectors * vectors), 1e-30)
     return np.sqrt(squared), squared
@@ -108,7 +106,7 @@ def logarithm(matrices: Array) -> Array:
     result = np.empty((len(double_sine), 3))
     np.multiply(axis, np.arctan2(double_sine, double_cosine) / double_sine, out=result.T)
     far = double_cosine < -1.9  # beyond 162 degrees
-    if np.count_nonzero(far):  # ten times faster than any() here
+    if np.count_nonzero(far):
         result[far] = _logarithm_of_quaternion(to_quaternion(matrices.reshape(-1, 3, 3)[far]))
     return result.reshape(matrices.shape[:-1])
 
@@ -138,8 +136,7 @@ def from_quaternion(quaternions: Array) -> Array:
     """Rotation matrices of quaternions (x, y, z, w), of any length but 0: (..., 4) -> (..., 3, 3)."""
     unit = quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)
     across = hat(unit[..., :3])
-    rotation: Array = np.eye(3) + 2 * (unit[..., 3, None, None] * across + across @ across)
-    return rotation
+    return np.asarray(np.eye(3) + 2 * (unit[..., 3, None, None] * across + across @ across))
 
 
 def orthonormalised(matrices: Array) -> Array:
@@ -151,17 +148,15 @@ def orthonormalised(matrices: Array) -> Array:
 def least_turn(a: Array, b: Array) -> Array:
     """The smallest rotation (3, 3) from the direction of a (3,) to that of b; half a turn if they are opposite.
 
-    Its quaternion is (a - b) x (a + b) / (2 |a + b|) and |a + b| / 2. For nearly opposite directions, a + b keeps
-    digits that a . b and a x b lose.
+    Its quaternion is (a - b) x (a + b) / (2 |a + b|) and |a + b| / 2, which keeps digits for opposite directions.
     """
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
     together = a + b
     size = float(np.linalg.norm(together))
     if size > 1e-10:
-        vector = hat(a - b) @ together / (2 * size)  # np.cross takes as long as the rest of this function
+        vector = hat(a - b) @ together / (2 * size)
     else:  # any axis perpendicular to a
         vector = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
         vector = vector / np.linalg.norm(vector)
     skew = hat(vector)
-    result: Array = np.eye(3) + size * skew + 2 * skew @ skew
-    return result
+    return np.asarray(np.eye(3) + size * skew + 2 * skew @ skew)

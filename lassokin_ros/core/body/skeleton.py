@@ -1,7 +1,7 @@
 """The skeleton: a tree of ball joints at rest.
 
-The built-in tree has SMPL's joint numbers and parents (24 joints, gamma in the paper). Any other tree is read from a
-YAML file of the same form as `skeletons/anthropometric.yaml`.
+The built-in tree has SMPL's joint numbers and parents (24 joints, gamma in the paper). Others are read from a YAML file
+of the same form.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mappin
 AXIS_ORDERS = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
 HEIGHT_RANGE = (0.3, 2.6)  # m: an infant to the tallest person measured
 MOST_JOINTS = 300
-"""Largest number of joints. Memory grows with its square. A body with both hands has 55."""
+"""Memory grows with its square. A body with both hands has 55."""
 FARTHEST = 10.0
 """Largest coordinate of a joint at rest, in m or in heights."""
 
@@ -29,16 +29,11 @@ FARTHEST = 10.0
 class Skeleton:
     """A tree of ball joints at rest.
 
-    Attributes
-    ----------
-    name: name of the skeleton.
-    joint_names: n names; joint 0 is the root (SMPL: the pelvis).
-    parents: (n,) index of each joint's parent, -1 for the root; a parent comes before its children.
-    offsets: (n, 3) m, from the parent's centre to the joint's, in the body frame at rest (x left, y up, z front);
-        zero for the root.
-    axes: n orders such as "xzy": the three revolute joints that represent each ball joint in URDF and JointState.
-    height: m, height of the person.
-    metric: whether the offsets were given in metres, so that another height does not change them.
+    joint_names: n names; joint 0 is the root (SMPL: the pelvis). parents: (n,) index of each joint's parent, -1 for the
+    root; a parent comes before its children. offsets: (n, 3) m, from the parent's centre to the joint's, in the body
+    frame at rest (x left, y up, z front); zero for the root. axes: n orders such as "xzy": the three revolute joints
+    that represent each ball joint in URDF and JointState. height: m, of the person. metric: whether the offsets were
+    given in metres, so that another height does not change them.
     """
 
     name: str

@@ -1,7 +1,6 @@
 """The body's surface as a depth camera sees it: capsules along the bones.
 
-At a landmark's keypoint the camera measures the nearest surface. In a side view this often is another part of the body:
-an arm may hide the hips, or one leg the other leg. The measured depth is then not that of the landmark.
+At a landmark's keypoint the camera measures the nearest surface. In a side view this often is another part of the body.
 """
 
 from __future__ import annotations
@@ -16,27 +15,22 @@ HEAD = (0.0, 0.055, 0.012), 0.055
 """Middle of the skull in the head's frame, and its radius, / height."""
 
 
-class BodySurface:
-    """The capsules of one skeleton. Joints that it does not have are left out."""
+def surface_depths(skeleton: Skeleton, pose: BodyPose, points: np.ndarray) -> np.ndarray:
+    """(k,) m: depth at which the line of sight to points (k, 3) m first meets the body, infinite if it misses.
 
-    def __init__(self, skeleton: Skeleton) -> None:
-        names, scale = skeleton.joint_names, skeleton.height
-        bones = [bone for bone in BONES if bone.radius and {bone.first, bone.last} <= set(names)]
-        chosen = [(names.index(bone.first), names.index(bone.last), bone.radius) for bone in bones]
-        self._start, self._end = (np.array([c[i] for c in chosen], dtype=int) for i in (0, 1))
-        self._radii = np.array([c[2] for c in chosen]) * scale
-        self._head = names.index("head") if "head" in names else None
-        self._skull, self._skull_radius = np.array(HEAD[0]) * scale, HEAD[1] * scale
-
-    def depth_towards(self, pose: BodyPose, points: np.ndarray) -> np.ndarray:
-        """(k,) m: depth at which the line of sight to points (k, 3) m first meets the body, infinite if it misses."""
-        starts, ends = pose.positions[self._start], pose.positions[self._end]
-        radii = self._radii
-        if self._head is not None:
-            skull = pose.positions[self._head] + pose.orientations[self._head] @ self._skull
-            starts, ends = np.concatenate([starts, [skull]]), np.concatenate([ends, [skull]])
-            radii = np.append(radii, self._skull_radius)
-        return np.asarray(_entry_depths(points / points[:, 2:], starts, ends, radii).min(axis=1))
+    Bones and joints that the skeleton does not have are left out.
+    """
+    names, scale = skeleton.joint_names, skeleton.height
+    bones = [bone for bone in BONES if bone.radius and {bone.first, bone.last} <= set(names)]
+    starts = pose.positions[np.array([names.index(bone.first) for bone in bones], dtype=int)]
+    ends = pose.positions[np.array([names.index(bone.last) for bone in bones], dtype=int)]
+    radii = np.array([bone.radius for bone in bones]) * scale
+    if "head" in names:
+        head = names.index("head")
+        skull = pose.positions[head] + pose.orientations[head] @ (np.array(HEAD[0]) * scale)
+        starts, ends = np.concatenate([starts, [skull]]), np.concatenate([ends, [skull]])
+        radii = np.append(radii, HEAD[1] * scale)
+    return np.asarray(_entry_depths(points / points[:, 2:], starts, ends, radii).min(axis=1))
 
 
 def _entry_depths(rays: np.ndarray, starts: np.ndarray, ends: np.ndarray, radii: np.ndarray) -> np.ndarray:

@@ -1,9 +1,8 @@
 """Balance: a weak prior that the centre of mass is above the feet.
 
-One camera hardly observes a lean towards it. A person who stands, walks or squats has the centre of mass nearly above
-the feet. A leaning body with straight legs looks the same as a squatting one, but its centre of mass is not above the
-feet. The residual is the horizontal distance between the centre of mass and the middle of the feet. The loss is
-Cauchy's, so that the weight decreases for large distances, as of a person who sits or lies.
+One camera hardly observes a lean towards it: a leaning body with straight legs looks the same as a squatting one. The
+residual is the horizontal distance between the centre of mass and the middle of the feet. The loss is Cauchy's, so that
+the weight decreases for large distances, as of a person who sits or lies.
 """
 
 from __future__ import annotations
@@ -16,11 +15,10 @@ from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import squared_norm
+from lassokin_ros.core.observation import AXES
 
 OFFSET_DEVIATION = 0.1
 """m: standard deviation of each horizontal coordinate of the centre of mass about the middle of the feet."""
-
-_IDENTITY = np.eye(3)
 
 
 class Balance(Evidence):
@@ -32,7 +30,7 @@ class Balance(Evidence):
         self._live = kinematics.live_index
         #: (n,) weights of the joint centres in (centre of mass - middle of the feet); their sum is 0.
         self.shares = _shares(kinematics.skeleton.joint_names)
-        carried = kinematics.skeleton.ancestors.T * self.shares  # (n, n): weights of what each joint moves
+        carried = kinematics.skeleton.ancestors.T * self.shares
         #: (n, n): weights of the joint centres in the lever arms.
         self.lever_shares = carried - np.diag(carried.sum(axis=1))
 
@@ -68,7 +66,7 @@ class Balance(Evidence):
 
 def _horizontal(up: np.ndarray) -> np.ndarray:
     """(3, 3) projection onto the horizontal plane."""
-    return np.asarray(_IDENTITY - up[:, None] * up)
+    return np.asarray(AXES - up[:, None] * up)
 
 
 def _shares(names: tuple[str, ...]) -> np.ndarray:

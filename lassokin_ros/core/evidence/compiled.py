@@ -1,7 +1,6 @@
-"""Rows and costs of the built-in evidence by the compiled kernel, for a frame in which all of it is regular.
+"""`linearise` and `cost` of `ImagePoints`, `LearnedDepth`, `PosePrior`, `Upright` and `Balance` by the compiled kernel.
 
-Regular are one state, Huber's weights, and rows about the frame's start. The kernel then does what `linearise` and
-`cost` of `ImagePoints`, `LearnedDepth`, `PosePrior`, `Upright` and `Balance` do. Other evidence stays with its class.
+It treats regular frames: one state, Huber's weights, and rows about the frame's start.
 """
 
 from __future__ import annotations
@@ -24,7 +23,6 @@ from lassokin_ros.core.image.robust_loss import CAP, THRESHOLD, huber_weights
 from lassokin_ros.core.kernel import kernel
 
 _CONSTANTS = np.array([NEAREST_DEPTH, THRESHOLD, CAP, LEAN_DEVIATION, OFFSET_DEVIATION, TAIL])
-_NO_DEPTH = (None,) * 5
 
 
 class CompiledEvidence:
@@ -49,33 +47,30 @@ class CompiledEvidence:
             _CONSTANTS,
         )
         self._pieces: list[tuple[ImagePoints, LearnedDepth | None]] = []
+        self.names = {PosePrior.name, Upright.name, Balance.name}
+        """Of the evidence that the kernel treats."""
 
     def add_camera(self, image: ImagePoints, depth: LearnedDepth | None) -> None:
         """Add the evidence of the next camera."""
         self._pieces.append((image, depth))
+        self.names |= {piece.name for piece in (image, depth) if piece}
 
     def linearise(
         self, about: LinearisationPoint, rows: Mapping[str, slice], columns: np.ndarray, z: np.ndarray
-    ) -> set[str]:
-        """Fill the rows of the regular evidence. Returns its names; none if the frame is not regular."""
+    ) -> bool:
+        """Fill the rows of the evidence in `names`. Returns False if the frame is not regular."""
         if not kernel.active or about.robust is not huber_weights or about.increment_jacobian is not None:
-            return set()
-        views, done = self._views(about.frame, rows)
-        priors = PosePrior.name, Upright.name, Balance.name
-        begin = tuple(rows[name].start for name in priors)
-        if not kernel.linearise(self._tables, self._state(about.states, about.frame), views, begin, columns, z):
-            return set()
-        return done.union(priors)
+            return False
+        begin = tuple(rows[name].start for name in (PosePrior.name, Upright.name, Balance.name))
+        state, views = self._state(about.states, about.frame), self._views(about.frame, rows)
+        return kernel.linearise(self._tables, state, views, begin, columns, z)
 
-    def cost(self, states: EvaluatedState, frame: FrameData) -> tuple[np.ndarray | float, set[str]]:
-        """The cost (...,) of the regular evidence, and its names; 0 and no names if the frame is not regular."""
-        if not kernel.active:
-            return 0.0, set()
+    def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray | None:
+        """The cost (...,) of the evidence in `names`; None if the frame is not regular."""
         found = np.empty(states.pose.landmarks.shape[:-2])
-        views, done = self._views(frame, {})
-        if not kernel.cost(self._tables, self._state(states, frame), views, found):
-            return 0.0, set()
-        return found, done.union((PosePrior.name, Upright.name, Balance.name))
+        if kernel.active and kernel.cost(self._tables, self._state(states, frame), self._views(frame, {}), found):
+            return found
+        return None
 
     def _state(self, states: EvaluatedState, frame: FrameData) -> tuple[Any, ...]:
         pose, posture = states.pose, states.posture
@@ -83,19 +78,16 @@ class CompiledEvidence:
         places = pose.orientations, pose.positions, pose.landmarks, states.state.rotations
         return (*places, posture.theta, posture.residual, frame.up, height, weight)
 
-    def _views(self, frame: FrameData, rows: Mapping[str, slice]) -> tuple[tuple[tuple[Any, ...], ...], set[str]]:
-        """What each camera sees, with its first rows (0 without `rows`); and the names of the evidence."""
+    def _views(self, frame: FrameData, rows: Mapping[str, slice]) -> tuple[tuple[Any, ...], ...]:
+        """What each camera sees, with its first rows (0 without `rows`)."""
         views: list[tuple[Any, ...]] = []
-        names = set()
         for view, (image, depth) in zip(frame.views, self._pieces):
             camera, given = view.camera, view.joint_depths
-            names.add(image.name)
             begin = rows[image.name].start if rows else 0
             seen = view.points, view.weights, camera.rotation, camera.translation, begin
             if depth is None or given is None:
-                views.append((*seen, *_NO_DEPTH))
+                views.append((*seen, None, None, None, None, None))
                 continue
-            names.add(depth.name)
             begin = rows[depth.name].start if rows else 0
             views.append((*seen, given.sight, given.depths, given.whitening, depth.factor(frame), begin))
-        return tuple(views), names
+        return tuple(views)

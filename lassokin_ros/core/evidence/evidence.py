@@ -2,8 +2,8 @@
 
 A frame's problem is || z - J [Omega; x] ||^2 plus the l1 term, with Omega the live degrees of freedom and x the
 translation (the paper's lasso, rebuilt in docs/method.md). Each `Evidence` gives some rows of J and z, in units of its
-own standard deviation, and the matching cost: a negative log-likelihood. `FrameModel` puts the rows of all pieces
-together. First frame, increment, certificate, learning and uncertainty use the same pieces.
+own standard deviation, and the matching cost: a negative log-likelihood. First frame, increment, certificate, learning
+and uncertainty use the same pieces.
 """
 
 from __future__ import annotations
@@ -22,11 +22,7 @@ from lassokin_ros.core.record import record
 
 @record
 class Posture:
-    """Joint angles of a state, as the pose prior uses them.
-
-    theta: (..., joints, 3) rad, rotation vectors of the prior's joints.
-    residual: (..., k) right sides of the prior's rows, in standard deviations.
-    """
+    """theta: (..., joints, 3) rad, rotation vectors of the prior's joints. residual: (..., k), of the prior's rows."""
 
     theta: np.ndarray
     residual: np.ndarray
@@ -45,10 +41,9 @@ class EvaluatedState:
 class LinearisationPoint:
     """The states about which a frame is linearised, its measurements, and the robust weights.
 
-    states: one state or several, shape (...). frame: the measurements.
-    robust: factors (..., l) on the landmarks' squared errors, given their sizes in standard deviations.
-    increment_jacobian: (..., n, 3, 3) right Jacobian of an increment already applied; Omega is then the total
-    increment.
+    states: one state or several, shape (...). robust: factors (..., l) on the landmarks' squared errors, given their
+    sizes in standard deviations. increment_jacobian: (..., n, 3, 3) right Jacobian of an increment already applied;
+    Omega is then the total increment.
     """
 
     kinematics: Kinematics
@@ -97,10 +92,9 @@ class Evidence(ABC):
 
     @abstractmethod
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
-        """Write the rows about a state, in standard deviations.
+        """Write the rows about a state, in standard deviations, into both outputs.
 
-        columns: (..., live + 3, count), output: J transposed, with the translation last.
-        z: (..., count), output: the right sides of || z - J [Omega; x] ||^2.
+        columns: (..., live + 3, count), J transposed, with the translation last. z: (..., count), the right sides.
         """
 
     @abstractmethod
@@ -112,7 +106,6 @@ class Evidence(ABC):
     ) -> np.ndarray | float:
         """(count, p) derivative of the rows' right sides, negative, with respect to the log-lengths, for one state.
 
-        columns: (live + 3, count) as `linearise` wrote them. Zero for evidence that does not depend on the lengths, or
-        from which calibration shall not learn them.
+        columns: (live + 3, count) as `linearise` wrote them. Zero for evidence from which calibration learns nothing.
         """
         return 0.0

@@ -2,7 +2,7 @@
 
 Where height and tilt of the camera are known, the height of an ankle above the floor gives the distance, which one
 camera hardly observes. The loss is Geman and McClure's: a foot on a stair, in the air or on a chair has hardly any
-influence. That of a foot just above the floor is small, so that no contact has to be detected.
+influence, and no contact has to be detected.
 """
 
 from __future__ import annotations

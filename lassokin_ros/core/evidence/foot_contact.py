@@ -1,8 +1,8 @@
 """Feet in contact: a foot that stands does not move, so its ankle stays where it has been.
 
 One camera hardly observes the distance, so the feet of the fitted body slide although their keypoints stand still. The
-rows hold the ankle of each foot in contact (see `learned.foot_contacts`) at its anchor, in all three directions. The
-loss is Geman and McClure's: an anchor that the image contradicts has hardly any influence.
+rows hold the ankle of each foot in contact (see `learned.foot_contacts`) at its anchor. The loss is Geman and
+McClure's: an anchor that the image contradicts has hardly any influence.
 """
 
 from __future__ import annotations
@@ -19,8 +19,6 @@ DEVIATION = 0.03
 """m: standard deviation of an ankle about its anchor, in each direction."""
 SCALE = 3.0
 """Scale of the loss, in standard deviations."""
-
-_IDENTITY = np.eye(3)
 
 
 class FootContact(Evidence):
@@ -40,7 +38,7 @@ class FootContact(Evidence):
         """Fill the rows, with the weights of the loss."""
         error, held = self._errors(about.states, about.frame)
         weight = held / (1 + squared_norm(error)[..., None] / SCALE**2)
-        about.joint_columns(self._ankles, (weight / DEVIATION)[..., None] * _IDENTITY, columns)
+        about.joint_columns(self._ankles, (weight / DEVIATION)[..., None] * np.eye(3), columns)
         z[...] = (weight * error).reshape(z.shape)
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:

@@ -1,9 +1,4 @@
-"""The frame model: the rows of all pieces of evidence for one frame, about one state or several.
-
-First frame, tracker and calibration linearise the same problem
-
-    || z - J [Omega; x] ||^2,   Omega the live degrees of freedom, x the translation.
-"""
+"""The frame model: the rows of all pieces of evidence for one frame, about one state or several."""
 
 from __future__ import annotations
 
@@ -59,10 +54,9 @@ class FrameModel:
         self.floor = Floor(kinematics) if with_ankles else None
         self._users = [UsersEvidence(evidence) for evidence in users]
         built_in = self.image, self.prior, self.upright, self.balance, self.measured_depth, self.learned_depth
-        self.pieces: dict[str, Evidence] = {}
-        for piece in (*built_in, self.foot_contact, self.floor):
-            if piece is not None:
-                self.pieces[piece.name] = piece
+        self.pieces: dict[str, Evidence] = {
+            piece.name: piece for piece in (*built_in, self.foot_contact, self.floor) if piece
+        }
         reserved = tuple(self.pieces)
         for own in self._users:
             if own.name in self.pieces:
@@ -83,13 +77,11 @@ class FrameModel:
     def add_camera(self) -> None:
         """Add the evidence of a further camera. Its views follow those of the cameras before in each frame."""
         camera, count = len(self.image_pieces), self.kinematics.landmark_count
-        self.image_pieces.append(ImagePoints(count, camera))
-        pieces: list[Evidence] = [self.image_pieces[-1], MeasuredDepth(count, camera)]
+        image = ImagePoints(count, camera)
         depth = None if self.learned_depth is None else LearnedDepth(self.kinematics, camera)
-        if depth is not None:
-            pieces.append(depth)
-        self._compiled.add_camera(self.image_pieces[-1], depth)
-        self.pieces |= {piece.name: piece for piece in pieces}
+        self.image_pieces.append(image)
+        self._compiled.add_camera(image, depth)
+        self.pieces |= {piece.name: piece for piece in (image, MeasuredDepth(count, camera), depth) if piece}
 
     def image_rows(self, rows: Mapping[str, slice]) -> slice | np.ndarray:
         """The rows of all cameras' images among those of a frame."""
@@ -117,7 +109,7 @@ class FrameModel:
         rows, count = self._rows(frame)
         shape = states.pose.landmarks.shape[:-2]
         columns, z = np.empty((*shape, len(self.live) + 3, count)), np.empty((*shape, count))
-        done = self._compiled.linearise(about, rows, columns, z)
+        done = self._compiled.names if self._compiled.linearise(about, rows, columns, z) else ()
         for name, own in rows.items():
             if name not in done:
                 self.pieces[name].linearise(about, columns[..., own], z[..., own])
@@ -145,6 +137,7 @@ class FrameModel:
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(...,) negative log-likelihood of each state, all evidence together."""
-        cost, done = self._compiled.cost(states, frame)
+        compiled = self._compiled.cost(states, frame)
+        cost, done = (0.0, ()) if compiled is None else (compiled, self._compiled.names)
         others = (piece for name, piece in self.pieces.items() if name not in done and piece.present(frame))
         return np.asarray(cost + sum(piece.cost(states, frame) for piece in others))

@@ -1,8 +1,8 @@
 """Learned depth: depths of joints relative to the hips, estimated by a network from the keypoints.
 
-The network (`depth_network`) gives depths along the line of sight to the body's middle, relative to the middle of the
-hips, and a matrix that whitens their errors. The whitened errors follow Student's t distribution, so the weight of a
-row decreases where the state disagrees with the network. All depths are relative and do not depend on the translation.
+The network (`depth_network`) gives depths along the line of sight to the body's middle, and a matrix that whitens their
+errors. The whitened errors follow Student's t distribution, so the weight of a row decreases where the state disagrees
+with the network.
 """
 
 from __future__ import annotations
@@ -21,8 +21,6 @@ from lassokin_ros.core.evidence.image_points import numbered
 from lassokin_ros.core.image.frame_data import FrameData, JointDepths
 from lassokin_ros.core.network.depth_network import CANONICAL, DEPTHS, TARGETS
 
-DEPTH_ROWS = "learned depth"
-"""Name of the rows of the first camera."""
 WEIGHT = 1.5
 """Factor on the rows in frames of one camera without measured depth. Validation people: as captured 97.9 / 44.9 mm with
 1, 96.5 / 44.0 with 1.5; strangers 66.4 / 46.3 and 65.8 / 45.8, their knees 8.2 and 7.8 degrees."""
@@ -44,7 +42,7 @@ class LearnedDepth(Evidence):
 
     def __init__(self, kinematics: Kinematics, camera: int = 0) -> None:
         """The skeleton must be one that `fits`. camera: its index among the views of a frame."""
-        self.name, self._camera = numbered(DEPTH_ROWS, camera), camera
+        self.name, self._camera = numbered("learned depth", camera), camera
         skeleton = kinematics.skeleton
         places = {name: (joint, offset) for name, joint, offset in CANONICAL}
         chosen = [places[name] for name in (*TARGETS, "right_hip")]
@@ -92,7 +90,7 @@ class LearnedDepth(Evidence):
     def disagreement(self, pose: BodyPose, given: JointDepths) -> float:
         """How far a pose is from the estimated depths: the mean of log(1 + z^2 / TAIL) over the rows z."""
         z = self._whitened(self._points(pose), given)
-        return float(np.log1p(z * z / TAIL).sum()) / DEPTHS  # mean() takes twice as long
+        return float(np.log1p(z * z / TAIL).sum()) / DEPTHS
 
     def _given(self, frame: FrameData) -> JointDepths:
         """The network's estimate, with less weight beside measured depth or other cameras."""

@@ -1,11 +1,9 @@
 """Measured depth: the depth of landmarks along the optical axis, from an RGB-D or stereo camera.
 
 One row per landmark compares the measurement with z of q_i, the coordinate that the projection (7) discards. A camera
-may measure an occluder in front of the body: the loss is bounded in front of the landmark (Geman and McClure's), and a
-measurement far in front has hardly any influence. A measurement behind the landmark can hardly be an occluder. Such a
-measurement means that the estimated limb is too near, so the loss has a longer tail there (Cauchy's); with a bounded
-one, a limb on the wrong side in depth would stay there. A measurement more than `FARTHEST_BEHIND` behind is the
-background and has no influence.
+may measure an occluder in front of the body, so the loss is bounded in front of the landmark (Geman and McClure's). A
+measurement behind the landmark means that the estimated limb is too near, so the loss has a longer tail there
+(Cauchy's); with a bounded one, a limb on the wrong side in depth would stay there.
 """
 
 from __future__ import annotations
@@ -18,13 +16,12 @@ from lassokin_ros.core.evidence.image_points import numbered
 from lassokin_ros.core.image.frame_data import FrameData
 
 WEIGHT_FACTOR = 1.5
-"""Factor on the weights of the depths. Their noise is independent from frame to frame, but the errors of prior and
-network are not. It was chosen, with their factors, on three of the network's validation people."""
+"""Factor on the weights of the depths, whose noise is independent from frame to frame, unlike the errors of prior and
+network. It was chosen, with their factors, on three of the network's validation people."""
 SCALE_BEHIND, SCALE_IN_FRONT = 3.0, 3.5
-"""Scales of the loss for measurements behind and in front of the state's landmark, in standard deviations. They were
-chosen on the network's validation people, with 10 % and with half of the depths on an occluder. With a
-SCALE_IN_FRONT of 6, the body moves by 12 cm if half of the depths are on an occluder. With a SCALE_BEHIND of 3.5, the
-first fit may follow an image of a wall."""
+"""Scales of the loss, in standard deviations. With a SCALE_IN_FRONT of 6, the body of the network's validation people
+moves by 12 cm if half of the depths are on an occluder. With a SCALE_BEHIND of 3.5, the first fit may follow an image
+of a wall."""
 FARTHEST_BEHIND = 0.8
 """m: a measurement that is farther behind the landmark belongs to the background and has no influence."""
 LARGEST_COST = 0.5 * SCALE_IN_FRONT**2
@@ -35,10 +32,7 @@ SHIFT = 0.05
 
 
 def loss(errors: np.ndarray) -> np.ndarray:
-    """Loss of errors in standard deviations, positive if the measurement is behind the landmark.
-
-    Cauchy's behind, Geman and McClure's in front.
-    """
+    """Loss of errors in standard deviations, positive if the measurement is behind the landmark."""
     behind = 0.5 * SCALE_BEHIND**2 * np.log1p((np.maximum(errors, 0.0) / SCALE_BEHIND) ** 2)
     square = np.minimum(errors, 0.0) ** 2
     return np.asarray(behind + 0.5 * square / (1 + square / SCALE_IN_FRONT**2))
@@ -53,8 +47,8 @@ def loss_weights(errors: np.ndarray) -> np.ndarray:
 def common_shift(errors: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """(..., 1) m: motion in depth of the whole body by which its depth errors (..., l) m become smallest.
 
-    A person who comes nearer changes all depths. Without this the depths of a fast person look like an occluder's. The
-    shift with the lowest loss is selected among 0 and the errors themselves. weights: (..., l) 1/m.
+    Without it the depths of a fast person look like an occluder's. The shift with the lowest loss is selected among 0
+    and the errors themselves. weights: (..., l) 1/m.
     """
     shifts = np.where(weights > 0, errors, 0.0)
     shifts = np.concatenate([0.0 * shifts[..., :1], shifts], axis=-1)
@@ -75,10 +69,7 @@ class MeasuredDepth(Evidence):
         return self._camera < len(frame.views) and frame.views[self._camera].depth is not None
 
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
-        """Fill one row per landmark; the row of a landmark without a measurement is zero.
-
-        The robust weights are those after the body's common shift, see `common_shift`.
-        """
+        """Fill one row per landmark, with robust weights after the body's common shift; 0 without a measurement."""
         error, weights = self._errors(about.states, about.frame)
         moved = (error - common_shift(error, weights)) * weights
         weights = weights * np.sqrt(loss_weights(moved)) * (error < FARTHEST_BEHIND)

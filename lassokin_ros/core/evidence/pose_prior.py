@@ -1,11 +1,7 @@
-"""The pose prior, as rows of the frame's lasso.
+"""The pose prior: a Gaussian on the rotation vectors of all joints except the root, learned from motion capture
+(benchmarks/learn_prior.py). Its rows, linearised like the image's, are
 
-The prior is a Gaussian on the rotation vectors of all joints except the root, learned from motion capture
-(benchmarks/learn_prior.py wrote the shipped file and lists the clips). Its rows
-
-    || W (theta(R exp(Omega)) - mean) ||^2,   W^T W = Sigma^-1,
-
-are linearised like the image's, so that each frame's problem remains a lasso.
+    || W (theta(R exp(Omega)) - mean) ||^2,   W^T W = Sigma^-1.
 """
 
 from __future__ import annotations
@@ -33,10 +29,9 @@ before two cameras 30 degrees apart: 28.5 / 19.9 / 26.5 mm with 1, 25.9 / 19.2 /
 
 @dataclass(frozen=True, eq=False)
 class PoseDistribution:
-    """mean: (n, 3) rad rotation vectors; covariance: (3 n, 3 n) rad^2, both in the skeleton's joint order.
-
-    motion: (3 n,) rad per frame at 60 Hz: the mean size of each degree of freedom's increment in human motion.
-    Joints that are not in the file have mean 0 and standard deviation 0.5 rad. The root has no prior.
+    """mean: (n, 3) rad rotation vectors; covariance: (3 n, 3 n) rad^2; motion: (3 n,) rad per frame at 60 Hz, the mean
+    size of increments in human motion; all in the skeleton's joint order. Joints that are not in the file have mean 0
+    and standard deviation 0.5 rad. The root has no prior.
     """
 
     mean: np.ndarray
@@ -133,8 +128,8 @@ class PosePrior(Evidence):
     def live_columns(self, posture: Posture, increment_jacobian: np.ndarray | None = None) -> np.ndarray:
         """Rows for Omega, transposed, for the live degrees of freedom after the root's: (..., live - first, k).
 
-        d theta / d Omega is the inverse right Jacobian of SO(3) at theta. increment_jacobian: (..., n, 3, 3), right
-        Jacobian of an increment already applied: a right factor of each joint's block.
+        d theta / d Omega is the inverse right Jacobian of SO(3) at theta. increment_jacobian: see `LinearisationPoint`;
+        a right factor of each joint's block.
         """
         inner = right_jacobian_inverse(posture.theta)
         if increment_jacobian is not None:

@@ -1,9 +1,8 @@
 """Uprightness: a weak prior that people stand, walk and sit upright.
 
-One camera hardly observes a lean towards it. The residual compares the pelvis' y axis with the vertical in the camera
-frame (see `learned.vertical`). The loss is Cauchy's, so that the weight decreases for large leans: a person may lie.
-
-Without it, the first frame of the validation people has 46.8 instead of 44.7 mm.
+One camera hardly observes a lean towards it. The residual compares the pelvis' y axis with the vertical. The loss is
+Cauchy's, so that the weight decreases for large leans: a person may lie. Without it, the first frame of the validation
+people has 46.8 instead of 44.7 mm.
 """
 
 from __future__ import annotations
@@ -16,8 +15,6 @@ from lassokin_ros.core.image.robust_loss import squared_norm
 
 LEAN_DEVIATION = 0.12
 """rad: standard deviation of the lean."""
-
-_SIGNS = np.array([1.0, 0.0, -1.0])  # of [e_z, e_y, e_x] in the derivative of the vertical
 
 
 class Upright(Evidence):
@@ -48,4 +45,4 @@ def upright_rows(root: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """
     lean = root[..., :, 1] - up
     weight = 1 / np.sqrt(LEAN_DEVIATION**2 + 0.25 * squared_norm(lean))[..., None]
-    return root[..., ::-1] * (weight * _SIGNS)[..., None, :], -weight * lean
+    return root[..., ::-1] * (weight * [1.0, 0.0, -1.0])[..., None, :], -weight * lean

@@ -1,8 +1,8 @@
 """Initialisation: the first state from a single frame and the person's height, for any orientation of the body.
 
 Several start states (the mean pose, turned about the vertical) are fitted at once by damped Gauss-Newton on the
-tracker's rows, coarse to fine, without the l1 term (there is no earlier state). If none of them fits, further starts
-have other directions of the body's up axis: lying or upside down. The fit with the lowest cost is used.
+tracker's rows, coarse to fine, without the l1 term. If none of them fits, further starts lie or are upside down. The
+fit with the lowest cost is used.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import capped_weights
 from lassokin_ros.core.lasso.problem import WEAKEST
-from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.core.record import record
 
 START_ROTATIONS = np.array([
@@ -31,20 +30,20 @@ START_ROTATIONS = np.array([
     [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
 ], dtype=float)  # fmt: skip
 """(6, 3, 3) the root's orientation in the camera frame: of a body that faces the camera upright, with its head to the
-right, to the left, and upside down; of one that looks down with its head to the camera, and up with its head away. The
-up axis of every body is at most 55 degrees from one of them. Without the last five, validation people who lie have 49.1
-instead of 48.7 mm, and 82 instead of 64 mm without the network."""
+right, to the left, and upside down; of one that looks down with its head to the camera, and up with its head away.
+Without the last five, validation people who lie have 49.1 instead of 48.7 mm, and 82 instead of 64 without the network.
+"""
 SIDES = 8
 """Sides to which a body is turned, at equal angles about its up axis; every second one for the other orientations."""
 POOR_FIT = 1.5
-"""Cost per visible landmark of the best fit above which other orientations are tried. With 2 px of noise, 19 of 20
-first frames of upright people cost less, and hardly any fit with a wrong orientation does."""
+"""Cost per visible landmark of the best fit above which other orientations are tried: 19 of 20 first frames of upright
+people cost less, and hardly any fit with a wrong orientation does."""
 FAR = (8.0,) * 8 + (2.0,) * 6 + (1.0,) * 6
 """Factor on the noise in each iteration of a fit whose start may be far from the solution."""
 NEAR = (4.0,) * 3 + (1.0,) * 5
 """The same for a start near the solution. With half the iterations, poses after a gap had larger errors."""
 LARGEST_ROTATION = 0.7
-"""rad: largest rotation of a degree of freedom in one step."""
+"""rad: largest rotation of a degree of freedom in one step; all of a larger step are scaled."""
 LEAST_DEPTH = 0.3
 """m: smallest depth of a fitted state."""
 
@@ -64,8 +63,7 @@ class Initialiser:
         self._kinematics, self._frame_model = kinematics, frame_model
         self.mean_pose = exponential(prior.mean)
         """(n, 3, 3) local rotations of the prior's mean."""
-        self._live = kinematics.live_index
-        self._damping = np.append(np.full(len(self._live), WEAKEST), np.full(3, 1e-6))
+        self._damping = np.append(np.full(len(kinematics.live_index), WEAKEST), np.full(3, 1e-6))
 
     def fit(self, frame: FrameData) -> Fit:
         """The best fit of all starts. At least two landmarks must be visible."""
@@ -90,7 +88,8 @@ class Initialiser:
             about = self._frame_model.evaluate(states)
             rows = self._frame_model.linearise(about, frame.with_larger_noise(factor), capped_weights)
             states = states.retract(*self._step(rows))
-            _limit_depths(states.translation, frame.camera)
+            missing = np.maximum(LEAST_DEPTH - frame.camera.into_camera(states.translation)[:, 2], 0.0)
+            states.translation[...] += missing[:, None] * frame.camera.rotation[2]
         return states
 
     def best(self, states: BodyState, frame: FrameData) -> Fit:
@@ -109,9 +108,8 @@ class Initialiser:
         return self.with_translation(rotations, frame)
 
     def with_translation(self, rotations: np.ndarray, frame: FrameData) -> BodyState:
-        """S states with the translations that fit the frame; rotations: (S, n, 3, 3).
-
-        They follow by linear least squares on p_x + t_x = u (p_z + t_z), and the same for y.
+        """S states with rotations (S, n, 3, 3), and the translations that fit the frame: linear least squares on
+        p_x + t_x = u (p_z + t_z), and the same for y.
         """
         at_origin = self._kinematics.pose(BodyState(rotations, np.zeros(rotations.shape[:1] + (3,)))).landmarks
         rows, right = [], []
@@ -121,7 +119,8 @@ class Initialiser:
             seen = view.camera.into_camera(at_origin)[..., None]
             right.append(-(to_rays @ seen).reshape(len(rotations), -1))
         translation = np.concatenate(right, axis=1) @ np.linalg.pinv(np.concatenate(rows)).T
-        into, camera = frame.camera.into_camera(translation), frame.camera
+        camera = frame.camera
+        into = camera.into_camera(translation)
         behind = into[:, 2] < 0.5
         into[behind] *= np.where(into[behind, 2:] < 0, -1, 1)
         into[:, 2] = np.maximum(into[:, 2], 0.5)
@@ -130,32 +129,19 @@ class Initialiser:
 
     def _step(self, rows: LinearisedFrame) -> tuple[np.ndarray, np.ndarray]:
         """One damped Gauss-Newton step from the rows about S states: increments Omega (S, 3 n) and x (S, 3)."""
-        count = len(self._live)
         H = rows.columns @ rows.columns.swapaxes(-1, -2)
         H.reshape(len(H), -1)[:, :: H.shape[-1] + 1] += self._damping
         step = _solved(H, (rows.columns @ rows.z[..., None])[..., 0])
+        largest = np.abs(step[:, :-3]).max(axis=-1, keepdims=True)
         omega = np.zeros((len(step), 3 * self._kinematics.joint_count))
-        omega[:, self._live] = _limited(step[:, :count])
-        return omega, step[:, count:]
-
-
-def _limit_depths(translation: np.ndarray, camera: CameraPose) -> None:
-    """Limit translations (S, 3) in place to depths of at least `LEAST_DEPTH` in a camera."""
-    missing = np.maximum(LEAST_DEPTH - camera.into_camera(translation)[:, 2], 0.0)
-    translation += missing[:, None] * camera.rotation[2]
-
-
-def _limited(rotations: np.ndarray) -> np.ndarray:
-    """Rotations (S, k) rad, scaled so that none of a state's exceeds `LARGEST_ROTATION`."""
-    largest = np.abs(rotations).max(axis=-1, keepdims=True)
-    return rotations * (LARGEST_ROTATION / np.maximum(largest, LARGEST_ROTATION))
+        omega[:, self._kinematics.live_index] = step[:, :-3] * (
+            LARGEST_ROTATION / np.maximum(largest, LARGEST_ROTATION)
+        )
+        return omega, step[:, -3:]
 
 
 def _solved(H: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """(S, n) solutions of positive definite systems H (S, n, n), g (S, n); 0 for one that is not.
-
-    Cholesky in place takes half the time of numpy's batched solve.
-    """
+    """(S, n) solutions of positive definite systems H (S, n, n), g (S, n); 0 for one that is not."""
     step = np.zeros(g.shape)
     for matrix, right, result in zip(H, g, step):
         _, solution, failed = lapack.dposv(matrix.T, right, overwrite_a=1)

@@ -1,7 +1,6 @@
 """Limbs mirrored in depth: other poses beside the tracked one, for a tracker without the depth network.
 
-A bone that leans towards the camera looks the same as one that leans away. Mirroring a bone changes the sign of its
-component along the line of sight and keeps its image (weak perspective).
+Mirroring a bone changes the sign of its component along the line of sight and keeps its image (weak perspective).
 """
 
 from __future__ import annotations

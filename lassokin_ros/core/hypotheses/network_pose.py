@@ -7,7 +7,7 @@ All other joints are as in the prior's mean pose.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -28,13 +28,15 @@ class NetworkPose:
     """The network's pose for the newest frame, on the present skeleton."""
 
     def __init__(self, places: Callable[[], np.ndarray | None], kinematics: Kinematics, mean_pose: np.ndarray) -> None:
-        """places: as `DepthEstimator.places`, in the frame of the skeleton. mean_pose: (n, 3, 3) local rotations."""
+        """places: gives `DepthEstimator.places` in the frame of the skeleton. mean_pose: (n, 3, 3) local rotations."""
         self._places, self._kinematics, self._mean_pose = places, kinematics, mean_pose
         names = kinematics.skeleton.joint_names
         shared = [name for name in PLACES if name in names]
         self._shared = np.array([PLACES.index(name) for name in shared])
         self._joints = np.array([names.index(name) for name in shared])
-        self._relative = _from_the_hips(shared)
+        #: (k, k): maps positions of these joints to positions relative to the middle of the hips.
+        self._relative = np.eye(len(shared))
+        self._relative[:, [shared.index("left_hip"), shared.index("right_hip")]] -= 0.5
 
     def state(self) -> BodyState | None:
         """The pose, (n, 3, 3), with translation 0; None without an estimate for the newest frame."""
@@ -60,13 +62,6 @@ class NetworkPose:
             return None
         state = self.state()
         return None if state is None else BodyState(state.rotations[None], state.translation[None])
-
-
-def _from_the_hips(names: Sequence[str]) -> np.ndarray:
-    """(k, k): maps positions of these joints to positions relative to the middle of the hips."""
-    relative = np.eye(len(names))
-    relative[:, [names.index("left_hip"), names.index("right_hip")]] -= 0.5
-    return relative
 
 
 def state_at(positions: Mapping[str, np.ndarray], skeleton: Skeleton, mean: np.ndarray) -> BodyState:
@@ -95,11 +90,8 @@ def state_at(positions: Mapping[str, np.ndarray], skeleton: Skeleton, mean: np.n
 def trunk_orientation(positions: Mapping[str, np.ndarray]) -> np.ndarray:
     """(3, 3): x to the person's left, y up along the trunk, z to the front."""
     y = 0.5 * (positions["left_shoulder"] + positions["right_shoulder"])
-    across = (
-        positions["left_hip"]
-        - positions["right_hip"]
-        + 0.5 * (positions["left_shoulder"] - positions["right_shoulder"])
-    )
+    shoulders = positions["left_shoulder"] - positions["right_shoulder"]
+    across = positions["left_hip"] - positions["right_hip"] + 0.5 * shoulders
     y = y / (np.linalg.norm(y) + 1e-9)
     x = across - across.dot(y) * y
     x = x / (np.linalg.norm(x) + 1e-9)

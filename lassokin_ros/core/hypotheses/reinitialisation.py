@@ -2,9 +2,8 @@
 
 If the new fit has less than half of the tracked state's cost, the tracked state is nearly always wrong. If not, the
 observation itself is unlikely (a rare pose, a wrong skeleton, a detector with larger errors than configured), and the
-next attempt is later, because an attempt is expensive. Without it, validation people who lie have 63 instead of 51 mm.
-With the network it changes nothing (below 0.1 mm in eight conditions): there the network's pose is the other
-explanation.
+next attempt is later. Without it, validation people who lie have 63 instead of 51 mm. With the network it changes
+nothing: there the network's pose is the other explanation.
 """
 
 from __future__ import annotations
@@ -17,8 +16,8 @@ HIGH_COST = 2.4
 HIGH_COST_S = 0.06
 """s for which the cost must stay above `HIGH_COST`."""
 SHORTEST_INTERVAL, LONGEST_INTERVAL = 0.15, 2.4
-"""s between two attempts: first and longest interval. The interval doubles with each attempt. After `LONGEST_INTERVAL`
-without a frame of high cost it returns to `SHORTEST_INTERVAL`."""
+"""s between two attempts: first and longest interval. It doubles with each attempt, and is the shortest one again after
+the longest one without a frame of high cost."""
 COST_SHARE = 0.5
 """A newly fitted state replaces the tracked one if its cost is below this share of the tracked state's cost."""
 

@@ -6,13 +6,8 @@ import math
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
-from lassokin_ros.core.body.surface import BodySurface
 from lassokin_ros.core.observation import Observation
 
-SMALLEST_DEVIATION = 0.005
-"""m: lower limit of the standard deviation. The distance from the surface to the landmark is not known more
-exactly."""
 DEPTH_RANGE = 0.05, 100.0
 """m: a depth outside this range is ignored."""
 HIDDEN = 0.03
@@ -24,25 +19,17 @@ SAME_SURFACE = 0.12
 """m: a depth this near to the body's nearest surface is that of this surface."""
 
 
-def depth_of_own_surface(depth: np.ndarray, pose: BodyPose, kinematics: Kinematics) -> np.ndarray:
-    """Depths (l,) m of a depth camera, corrected by the body in its last pose, see `of_own_surface`."""
-    landmarks, skeleton = pose.landmarks, kinematics.skeleton
-    nearest = BodySurface(skeleton).depth_towards(pose, landmarks)
-    return of_own_surface(depth, landmarks[:, 2], nearest, kinematics.layout.surface, skeleton.height)
-
-
 def of_own_surface(
     depth: np.ndarray, landmarks: np.ndarray, nearest: np.ndarray, surface: np.ndarray, height: float
 ) -> np.ndarray:
     """Depths (l,) m of a camera, corrected by the last pose, so that `surface` is the distance to the landmarks.
 
     A landmark behind another part of the body was not measured: NaN. For the others the distance from the surface to
-    the landmark along the line of sight is that of the last pose, within limits: this line is longer inside a limb that
-    leans.
+    the landmark along the line of sight, which is longer inside a limb that leans, is that of the last pose, within
+    limits. A depth in front of the nearest surface, or behind it, is kept: there the last pose is wrong.
 
     landmarks: (l,) m, depths of the last pose's landmarks. nearest: (l,) m, where the line of sight meets the last
-    pose's body. surface: m, as in `gate_depth`; height: m, of the person. A depth in front of the nearest surface, or
-    behind it, is kept: there the last pose is wrong.
+    pose's body. surface: m, as in `gate_depth`; height: m, of the person.
     """
     more = landmarks - nearest - surface
     with np.errstate(invalid="ignore"):
@@ -62,9 +49,8 @@ def gate_depth(
     """(depth, weights) of an observation, each (l,), or None if no depth can be used.
 
     visible: (l,) bool, landmarks whose keypoints are used. surface: (l,) m from the body's surface to the landmark.
-    expected: m, depth of the person; None if unknown: the median of the measurements is used. reach: m, measurements
-    farther from the person are ignored. noise: m, standard deviation of a depth, if the observation does not give it.
-    weights: 1/m, 1 / standard deviation, 0 = not used.
+    expected: m, depth of the person; None for the median of the measurements. reach: m, measurements farther from the
+    person are ignored. noise: m, standard deviation unless the observation gives it. weights: 1/m, 0 = not used.
     """
     if observation.depth is None or not math.isfinite(observation.depth_age):
         return None
@@ -72,11 +58,8 @@ def gate_depth(
     if observation.depth_of_surface:
         depth = depth + surface
     given = observation.depth_deviation
+    deviation = np.full(depth.shape, noise) if given is None else np.asarray(given, dtype=float)
     with np.errstate(invalid="ignore"):
-        if given is None:
-            deviation = np.full(depth.shape, noise)
-        else:
-            deviation = np.asarray(given, dtype=float)
         used = visible & (depth > DEPTH_RANGE[0]) & (depth < DEPTH_RANGE[1]) & (deviation > 0) & (deviation < 10.0)
     if not used.any():
         return None
@@ -84,5 +67,6 @@ def gate_depth(
     used &= np.abs(np.where(used, depth, centre) - centre) < reach
     if not used.any():
         return None
-    weights = np.where(used, 1 / np.maximum(np.where(used, deviation, 1.0), SMALLEST_DEVIATION), 0.0)
+    deviation = np.maximum(np.where(used, deviation, 1.0), 0.005)  # a surface is not known more exactly
+    weights = np.where(used, 1 / deviation, 0.0)
     return np.where(used, depth, 0.0), weights

@@ -38,9 +38,8 @@ class FrameData:
     points: (l, 2) normalised image coordinates, any finite value where the weight is 0.
     weights: (l,) 1 / standard deviation in that unit, 0 = missing.
     up: (3,) unit vector, the vertical in the frame of the skeleton.
-    depth: (l,) m, depth of each landmark along the optical axis; None in a frame without any measured depth.
-    depth_weights: (l,) 1/m, 1 / standard deviation of `depth`, 0 = not measured.
-    joint_depths: the network's estimate; None without one.
+    depth: (l,) m, of each landmark along the optical axis, and depth_weights: (l,) 1 / standard deviation, 0 = not
+    measured; None in a frame without any. joint_depths: the network's estimate; None without one.
     extra: data for the user's own evidence, by name, as in `Observation.extra`.
     anchors: (2, 3) m, where the left and the right ankle stand still, NaN for one that does not; None without any.
     floor: (4,) n and h: a point p (3,) m is n p + h m above a flat floor; None if it is not known.
@@ -82,11 +81,11 @@ class FrameData:
     @cached_property
     def depth_covers(self) -> bool:
         """Whether half of a camera's used keypoints or more have a measured depth."""
-        for view in self.views:
-            if view.depth_weights is not None:
-                if 2 * np.count_nonzero(view.depth_weights) >= np.count_nonzero(view.weights):
-                    return True
-        return False
+        return any(
+            2 * np.count_nonzero(view.depth_weights) >= np.count_nonzero(view.weights)
+            for view in self.views
+            if view.depth_weights is not None
+        )
 
     @cached_property
     def seen_by(self) -> int:
@@ -113,8 +112,8 @@ class FrameData:
     def with_larger_noise(self, factor: float) -> FrameData:
         """The frame with the keypoints' noise made larger by a factor.
 
-        Depth is not used while the factor is `WITHOUT_DEPTH` or more. The image places the body first; after that,
-        only depths near the body have influence. Otherwise the body could settle between an occluder and the person.
+        Depth is not used while the factor is `WITHOUT_DEPTH` or more: the image places the body first. Otherwise the
+        body could settle between an occluder and the person.
         """
         depth_weights = self.depth_weights
         if depth_weights is not None:

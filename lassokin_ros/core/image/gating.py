@@ -12,7 +12,6 @@ from lassokin_ros.core.observation import Observation, Rejection
 
 FOCAL_RANGE = 1e-3, 1e9
 """px: a focal length outside this range is rejected, because the weights would lose digits."""
-
 WIDEST = 10.0
 """Largest normalised image coordinate of a usable point: 84 degrees off the optical axis."""
 

@@ -1,9 +1,8 @@
 """A filter on the keypoints' tracks in the image: it reduces noise and removes outliers, without lag.
 
-Each landmark has a track (`keypoint_tracks`). Position and velocity are observable in the image and can be predicted
-there. Joint angles cannot be predicted reliably, because their depth is not observable. A point too far from its
-prediction is not used. If later points confirm it, the track restarts there. Points for which the detector confused
-left and right are swapped back (see `side_swaps`).
+Each landmark has a track (`keypoint_tracks`). Position and velocity can be predicted in the image; joint angles cannot,
+because their depth is not observable. A point too far from its prediction is not used. If later points confirm it, the
+track restarts there. Points for which the detector confused left and right are swapped back (see `side_swaps`).
 """
 
 from __future__ import annotations
@@ -17,8 +16,8 @@ from lassokin_ros.core.image.robust_loss import norm, squared_norm
 from lassokin_ros.core.image.side_swaps import SWAP_GAIN, SideSwaps
 
 GATE = 2 * 5.0**2
-"""Largest squared distance of a point from its prediction, in units of the variance along each axis: that of a
-point that is 5 standard deviations off along both axes. A point with a larger one is an outlier."""
+"""Largest squared distance of a point from its prediction over the variance along each axis, before it is an
+outlier: 5 standard deviations along both axes."""
 RESTART_AFTER = 3
 """Consecutive frames for which a point must be an outlier before its track restarts there."""
 MAX_GAP = 0.3
@@ -58,10 +57,9 @@ class KeypointFilter:
 
         A landmark that is missing, or an outlier for the first time, is extrapolated with growing variance.
 
-        stamp: s, later than the last; points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing;
-        acceleration: standard deviation of a typical landmark's acceleration, normalised units / s^2. model_error:
-        standard deviation of the constant offset between keypoint and landmark, normalised units; it is a lower limit
-        for the standard deviation of the filtered points.
+        stamp: s, later than the last; points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing.
+        acceleration: standard deviation of a typical landmark's, normalised units / s^2. model_error: standard
+        deviation of the constant offset between keypoint and landmark, a lower limit for that of the filtered points.
         """
         gap = stamp - self._stamp
         if gap >= MAX_GAP:  # `_unseen` does not count a gap without any frame
@@ -80,22 +78,16 @@ class KeypointFilter:
         variance = 1 / np.where(seen, weights, 1.0) ** 2
         self._tracks.predict(step, acceleration)
         innovation, distance = self._innovations(points, variance)
-        used = seen & self._known
-        restarted = seen & ~self._known
-        suspicious = np.count_nonzero(used & (distance > SWAP_GAIN / 2))  # ten times faster than any() here
-        if suspicious or self._swaps.pending:
-            assignment, given_up = self._sides(points, variance, seen, distance, step)
-            points, variance, seen = points[assignment], variance[assignment], seen[assignment]
-            self.assignment = assignment
+        self.assignment, given_up = None, np.zeros(self._count, dtype=bool)
+        if self._swaps.pending or np.count_nonzero(seen & self._known & (distance > SWAP_GAIN / 2)):
+            self.assignment, given_up = self._sides(points, variance, seen, distance, step)
+            points, variance, seen = (array[self.assignment] for array in (points, variance, seen))
             innovation, distance = self._innovations(points, variance)
-            tracked = seen & self._known
-            outliers = tracked & (distance > GATE)
-            used = tracked & ~outliers
-            self._outlier_frames = (self._outlier_frames + 1) * outliers
-            restarted = (seen & ~self._known) | given_up | (self._outlier_frames >= RESTART_AFTER)
-        else:
-            self._outlier_frames[:] = 0.0
-            self.assignment = None
+        tracked = seen & self._known
+        outliers = tracked & (distance > GATE)
+        used = tracked & ~outliers
+        self._outlier_frames = (self._outlier_frames + 1) * outliers
+        restarted = (seen & ~self._known) | given_up | (self._outlier_frames >= RESTART_AFTER)
         self._tracks.correct(used, innovation, variance)
         if np.count_nonzero(restarted):
             self._tracks.start(restarted, points, variance)
@@ -127,10 +119,8 @@ class KeypointFilter:
         return self._tracks.position + step * self._tracks.velocity, PREDICTED_WEIGHT * self._weights
 
     def ahead(self, stamp: float, acceleration: float, model_error: float) -> tuple[np.ndarray, np.ndarray]:
-        """Points (l, 2) and weights (l,) predicted for a stamp, with the variance that this costs. Tracks do not
-        change.
-
-        acceleration, model_error: as in `update`.
+        """Points (l, 2) and weights (l,) predicted for a stamp, with the variance that this costs; otherwise as
+        `expected`.
         """
         points, variance = self._tracks.ahead(max(stamp - self._stamp, 0.0), acceleration)
         known = self._known & (self._weights > 0)
@@ -145,7 +135,7 @@ class KeypointFilter:
     def _sides(
         self, points: np.ndarray, variance: np.ndarray, seen: np.ndarray, distance: np.ndarray, step: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Result of `SideSwaps.assign` for points (l, 2) of variance (l,)."""
+        """See `SideSwaps.assign`."""
         other = self._swaps.other
         _, crossed = self._innovations(points[other], variance[other])
         straight = np.where(self._known & seen, distance, np.nan)

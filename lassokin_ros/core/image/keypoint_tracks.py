@@ -1,10 +1,10 @@
 """Tracks of points in the image, by interacting multiple models (IMM).
 
-A slow motion needs a filter with a small process noise, a fast motion one with a large process noise. Each landmark
-therefore has several constant-velocity Kalman filters ("models") with different white-noise accelerations, combined by
-the interacting multiple model algorithm (Blom, Bar-Shalom, The interacting multiple model algorithm for systems with
+A slow motion needs a filter with a small process noise, a fast motion one with a large one. Each landmark therefore has
+several constant-velocity Kalman filters ("models") with different white-noise accelerations, combined by the
+interacting multiple model algorithm (Blom, Bar-Shalom, The interacting multiple model algorithm for systems with
 Markovian switching coefficients, 1988; Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and
-Navigation, 2001, sec. 11.6.6). The probability of a model follows from the likelihood of the measured points.
+Navigation, 2001, sec. 11.6.6).
 
 Between frames the state of a model is eight numbers: its probability and, multiplied by the probability and relative
 to the track's merged position and velocity, the means of x, y, v_x, v_y and the second moments pp, pv, vv, each summed
@@ -32,12 +32,8 @@ UNUSED_VARIANCE = 1e30
 MAX_SURPRISE = 100.0
 """Upper limit of the negative log-likelihood, so that not all probabilities become 0 at once."""
 
-MIN_SWITCHING = 1e-6
-"""Smallest switching probability per frame, so that no probability becomes 0 for short steps."""
-
 _MODELS = len(ACCELERATION_FACTORS)
-_SAME = np.eye(_MODELS)
-_ONES, _HALVES = np.ones(_MODELS), np.full(_MODELS, 0.5)
+_SAME, _ONES, _HALVES = np.eye(_MODELS), np.ones(_MODELS), np.full(_MODELS, 0.5)
 #: Factors of the products pp, pv, vv of p and v; also of gain * covariance, which a correction subtracts from each.
 _LEFT, _RIGHT = np.array([0, 0, 1]), np.array([0, 1, 1])
 
@@ -48,8 +44,6 @@ class KeypointTracks:
     def __init__(self, count: int) -> None:
         self._count = count
         self._squares = (ACCELERATION_FACTORS**2)[:, None]
-        self._transition = np.eye(8, 9)
-        self._mixed = np.empty((9, _MODELS, count))
         self.reset()
 
     def reset(self) -> None:
@@ -82,10 +76,9 @@ class KeypointTracks:
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """Predict and correct all tracks with the compiled kernel if no track begins and no point is far from its own.
 
-        Returns the filtered points (l, 2) and weights (l,), as `KeypointFilter.update`; None, and nothing has changed,
-        if the kernel does not treat the frame. weights: (l,) 1 / standard deviation of the points, 0 = missing. known,
-        unseen: (l,) those of the filter, updated in place. limits: largest squared distance over variance of a point
-        from its track; s without a point after which a track is no longer known; and the model error.
+        Returns as `KeypointFilter.update`; None, and nothing has changed, if the kernel does not treat the frame.
+        weights: (l,) of the points, 0 = missing. known, unseen: (l,) those of the filter, updated in place. limits:
+        largest squared distance over variance of a point from its track, `MAX_GAP`, and the model error.
         """
         if not kernel.active:
             return None
@@ -103,17 +96,17 @@ class KeypointTracks:
         """Predict by step, s. acceleration: standard deviation of a typical track's, normalised units / s^2."""
         switching = _switching(step)
         stays = switching + (1 - _MODELS * switching) * _SAME
-        mixed = self._mixed
+        mixed = np.empty((9, _MODELS, self._count))
         np.matmul(stays, self._beliefs, out=mixed[:8])
         np.multiply(self._squares, mixed[0], out=mixed[8])
-        np.dot(self._prediction_matrix(step, acceleration), mixed.reshape(9, -1), out=self._beliefs.reshape(8, -1))
+        self._beliefs = _prediction_matrix(step, acceleration).dot(mixed.reshape(9, -1)).reshape(8, _MODELS, -1)
         self._merged[0] += step * self._merged[1]
         self.variance = _HALVES.dot(self._beliefs[5])
 
     def ahead(self, step: float, acceleration: float) -> tuple[np.ndarray, np.ndarray]:
         """(positions (l, 2), variances (l,)) predicted by step, s, as by `predict`; the tracks do not change."""
         other = copy(self)
-        other._beliefs, other._merged, other._mixed = self._beliefs.copy(), self._merged.copy(), self._mixed.copy()
+        other._merged = self._merged.copy()
         other.predict(step, acceleration)
         return other._merged[0].T.copy(), other.variance
 
@@ -139,25 +132,22 @@ class KeypointTracks:
         self._merged += merged
         self.variance = _HALVES.dot(beliefs[5])
 
-    def _prediction_matrix(self, step: float, acceleration: float) -> np.ndarray:
-        """(8, 9) prediction matrix for the eight numbers of a model and probability * relative acceleration^2.
 
-        Positions move with constant velocity for step, s; the acceleration adds noise in both coordinates.
-        """
-        transition, noise = self._transition, 2 * (acceleration * step) ** 2
-        transition[1, 3] = transition[2, 4] = transition[6, 7] = step
-        transition[5, 6], transition[5, 7] = 2 * step, step * step
-        transition[5, 8], transition[6, 8], transition[7, 8] = noise * step * step / 4, noise * step / 2, noise
-        return transition
+def _prediction_matrix(step: float, acceleration: float) -> np.ndarray:
+    """(8, 9) prediction matrix for the eight numbers of a model and probability * relative acceleration^2."""
+    transition, noise = np.eye(8, 9), 2 * (acceleration * step) ** 2
+    transition[1, 3] = transition[2, 4] = transition[6, 7] = step
+    transition[5, 6], transition[5, 7] = 2 * step, step * step
+    transition[5, 8], transition[6, 8], transition[7, 8] = noise * step * step / 4, noise * step / 2, noise
+    return transition
 
 
 def _switching(step: float) -> float:
-    """Probability that a track has switched to a certain other model after step, s."""
-    return max(1 - math.exp(-step / SOJOURN_TIME), MIN_SWITCHING) / (_MODELS - 1)
+    """Probability, not 0, that a track has switched to a certain other model after step, s."""
+    return max(1 - math.exp(-step / SOJOURN_TIME), 1e-6) / (_MODELS - 1)
 
 
 def _moments(means: np.ndarray) -> np.ndarray:
     """(3, ...): contribution of the means (2, 2, ...), (position, velocity) x (x, y), to pp, pv, vv."""
     products = means.take(_LEFT, axis=0) * means.take(_RIGHT, axis=0)
-    result: np.ndarray = products[:, 0] + products[:, 1]
-    return result
+    return np.asarray(products[:, 0] + products[:, 1])

@@ -1,8 +1,7 @@
 """The measurement of one frame: keypoints after gating and filtering.
 
-Keypoints equal to the last ones are no new evidence. Each keypoint's track in the image is
-filtered (see `keypoint_filter`). `MeasurementFilter` keeps the stamps of the last used frame and of the last frame with
-new keypoints.
+Keypoints equal to the last ones are no new evidence. Each keypoint's track in the image is filtered (see
+`keypoint_filter`).
 """
 
 from __future__ import annotations
@@ -23,7 +22,6 @@ from lassokin_ros.core.record import record
 
 ACCELERATION = 3.5
 """m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""
-
 TYPICAL_DEPTH = 3.5
 """m: assumed depth of a person before the first fit."""
 
@@ -33,13 +31,11 @@ class Measurement:
     """One frame's keypoints as the tracker uses them; all points are normalised image coordinates.
 
     detected: (l, 2) the detector's points, with swapped sides corrected, 0 where not visible. visible: (l,) bool.
-    focal: px per normalised unit.
-    points: (l, 2) filtered points; weights: (l,) 1 / standard deviation, 0 = missing.
-    speed: m/s, mean speed of the keypoints' tracks. repeated: s since the keypoints last changed, 0 for new ones.
-    step: s since the last used frame. since_new_keypoints: s since the last frame with new keypoints, 0 if this one has
-    none.
-    lost: whether the last new keypoints are too old, so that the tracks were dropped.
-    depth: (l,) m and depth_weights: (l,) 1/m, see `gate_depth`; None without a measured depth.
+    focal: px per normalised unit. points: (l, 2) filtered points; weights: (l,) 1 / standard deviation, 0 = missing.
+    speed: m/s, mean speed of the keypoints' tracks. repeated: s since the keypoints last changed, 0 for new ones. step:
+    s since the last used frame. since_new_keypoints: s since the last frame with new keypoints, 0 if this one has none.
+    lost: whether the last new keypoints are too old, so that the tracks were dropped. depth: (l,) m and depth_weights:
+    (l,) 1/m, see `gate_depth`; None without a measured depth.
     """
 
     stamp: float
@@ -89,10 +85,8 @@ class MeasurementFilter:
 
     def reset(self) -> None:
         """Start again, as before the first frame."""
-        #: s: the stamp of the last frame that was used, -inf before the first.
-        self.newest = -np.inf
-        #: s: the stamp of the last frame with new keypoints.
-        self.last_new_stamp = -np.inf
+        #: s: stamps of the last frame that was used, and of the last one with new keypoints, -inf before the first.
+        self.newest = self.last_new_stamp = -np.inf
         self.forget()
 
     def forget(self) -> None:
@@ -103,8 +97,8 @@ class MeasurementFilter:
     def _age(self, observation: Observation) -> float:
         """Time in s since the same keypoints were first received; 0 if they are new.
 
-        Keypoints are repeated with a new stamp if the detector is slower than the camera, or the image is frozen. The
-        comparison is bitwise: keypoints detected in another image never agree in all digits.
+        Keypoints are repeated if the detector is slower than the camera, or the image is frozen. The comparison is
+        bitwise: keypoints detected in another image never agree in all digits.
         """
         these = observation.points.tobytes() + observation.confidence.tobytes()
         if these != self._last:
@@ -121,8 +115,8 @@ class MeasurementFilter:
     ) -> Measurement:
         """The measurement of an observation with the weights (l,) of `gate_observation`.
 
-        depth: m, depth of the person, None if unknown. model_error: m, standard deviation of the constant offset
-        between keypoints and landmarks. The tracks are dropped if there were no new keypoints for `lost_after`.
+        depth: m, of the person, None if unknown. model_error: m, see `ModelError`. The tracks are dropped if there were
+        no new keypoints for `lost_after`.
         """
         stamp, focal, visible = observation.stamp, observation.focal, weights > 0
         repeated = self._age(observation)
@@ -145,12 +139,10 @@ class MeasurementFilter:
             measured = None if measured is None else (measured[0][assignment], measured[1][assignment])
         if measured is not None and repeated:
             measured = measured[0], PREDICTED_WEIGHT * measured[1]
-        speed = depth * self._filter.speed()
+        speed, step = depth * self._filter.speed(), stamp - self.newest
         since_new = 0.0 if repeated else stamp - self.last_new_stamp
-        step, depths = stamp - self.newest, measured or (None, None)
-        return Measurement(
-            stamp, detected, visible, focal, points, weights, speed, repeated, step, since_new, lost, *depths
-        )
+        times, depths = (speed, repeated, step, since_new, lost), measured or (None, None)
+        return Measurement(stamp, detected, visible, focal, points, weights, *times, *depths)
 
     def predicted(self, stamp: float, depth: float | None, model_error: float) -> tuple[np.ndarray, np.ndarray]:
         """Points (l, 2) and weights (l,) predicted for a stamp, s. depth, model_error: m, as in `filtered`."""

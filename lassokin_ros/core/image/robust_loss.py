@@ -10,14 +10,15 @@ THRESHOLD = 3.0
 """Standard deviations beyond which an error counts linearly."""
 MEDIAN_OF_NORMAL = 0.6745
 """Median of the absolute value of a standard normal variable."""
+CAP = 8.0
+"""Standard deviations beyond which a point is an outlier without influence; used during initialisation."""
 
 
 def squared_norm(errors: np.ndarray) -> np.ndarray:
     """Squared lengths (...) of vectors (..., d)."""
     if errors.ndim == 1:
         return np.asarray(errors.dot(errors))
-    squares: np.ndarray = (errors * errors).dot(_ones(errors.shape[-1]))
-    return squares
+    return np.asarray((errors * errors).dot(_ones(errors.shape[-1])))
 
 
 @cache
@@ -40,10 +41,6 @@ def huber_cost(size: np.ndarray) -> np.ndarray:
     """Huber's loss: 1/2 e^2 up to t = `THRESHOLD`, t (e - t/2) beyond."""
     inside = np.minimum(size, THRESHOLD)
     return inside * (size - 0.5 * inside)
-
-
-CAP = 8.0
-"""Standard deviations beyond which a point is an outlier without influence; used during initialisation."""
 
 
 def capped_weights(size: np.ndarray) -> np.ndarray:

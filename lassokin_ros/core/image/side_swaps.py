@@ -1,10 +1,10 @@
 """Detect left/right swaps of keypoints: of one pair, of a pair of limbs, or of the whole body.
 
-In a swapped pair, each point is far from its own track and near the track of the other side. If both points are close
-together in the image, both assignments fit. Such a pair follows the other pairs of its limbs or of the body, because a
-detector rarely swaps one pair alone. A swap that lasts is accepted in the end. It is accepted sooner if the tracks are
-short, because the tracks may have started with swapped sides. If the pair is exchanged once more before the accepted
-sides have been there for longer than the former ones, the detector has returned, and this is accepted at once.
+In a swapped pair, each point is far from its own track and near the track of the other side. A pair whose points are
+close together in the image fits both ways; it follows the other pairs of its limbs or of the body, because a detector
+rarely swaps one pair alone. A swap that lasts is accepted in the end, sooner if the tracks are short, because they may
+have started with swapped sides. If the pair is exchanged once more before the accepted sides have been there for longer
+than the former ones, the detector has returned, and this is accepted at once.
 """
 
 from __future__ import annotations
@@ -16,13 +16,12 @@ import numpy as np
 from lassokin_ros.core.body.symmetry import partners
 
 SWAP_GAIN = 40.0
-"""A pair is swapped if the sum of its squared distances from the tracks, over the variances, is less by this amount
-after exchanging the two points."""
+"""A pair is swapped if its squared distances from the tracks, over the variances, are less by this after exchanging."""
 MAX_FIT = 15.0
-"""Largest squared distance over variance of each point of a swapped pair from the other side's track. Where hands meet,
-points jump and fit neither track. A point without a visible partner gives evidence only if it fits its own track."""
+"""Largest squared distance over variance of each point of a swapped pair from the other side's track: where hands meet,
+points jump and fit neither. A point without a visible partner gives evidence only if it fits its own track."""
 IN_PLACE_GAIN = 10.0
-"""A pair is in place if its squared distances are less by this amount as given than after exchanging the points."""
+"""A pair is in place if its squared distances are less by this as given than after exchanging the points."""
 MAX_DURATION = 2.0
 """s: longest time for which the points of a pair are swapped back."""
 MAX_SHARE = 0.25
@@ -61,9 +60,8 @@ class SideSwaps:
     def assign(
         self, stamp: float, step: float, straight: np.ndarray, crossed: np.ndarray, variance: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return (l,) the landmark whose point each one must use, and (l,) bool the tracks that must be restarted.
-
-        The caller restarts a track, from the points as given, if its swap has lasted too long.
+        """Return (l,) the landmark whose point each one must use, and (l,) bool the tracks that must be restarted from
+        the points as given, because a swap has lasted too long.
 
         step: s since the last frame. straight, crossed: (l,) squared distance over variance of each track from its own
         and from the other side's point, nan if the track or the point is missing. variance: (l,) > 0, of the tracks.

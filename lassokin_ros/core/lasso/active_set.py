@@ -17,10 +17,8 @@ from lassokin_ros.core.kernel import kernel
 NEGLIGIBLE = 0.2
 """Share of the guess's mean penalty below which a degree of freedom is set to 0. The predicted support has about 8
 wrong signs of 44; the last frame's support has 18."""
-
 ENTERING_TOGETHER = 0.15
 """Share of the largest violation of KKT-2 from which other violators enter the support in the same step."""
-
 ALONE_FROM = 12
 """Active-set step from which only the largest violator enters."""
 
@@ -39,9 +37,7 @@ def predicted_solution(
 
 
 def predict_solution(H: np.ndarray, g: np.ndarray, alpha: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    """Predict the solution (n,) from a guess (n,), for example the last frame's.
-
-    Its support is a start for `solve_active_set`.
+    """Predict the solution (n,) from a guess (n,). Its support is a start for `solve_active_set`.
 
     One step of reweighted least squares (Daubechies, DeVore, Fornasier, Gunturk 2010): alpha |Omega| is replaced by
     alpha Omega^2 / (2 |guess| + 2 s), and entries below s are set to 0.
@@ -54,23 +50,22 @@ def predict_solution(H: np.ndarray, g: np.ndarray, alpha: np.ndarray, guess: np.
     weighted = H.copy()
     weighted.reshape(-1)[:: len(H) + 1] += alpha / (size + smallest)
     _, omega, failed = lapack.dposv(weighted.T, g, overwrite_a=1)
-    return guess if failed else omega * (np.abs(omega) > smallest)  # three times faster than np.where here
+    return guess if failed else omega * (np.abs(omega) > smallest)
 
 
 def solve_active_set(
     H: np.ndarray, g: np.ndarray, alpha: np.ndarray, omega: np.ndarray, steps: int
 ) -> np.ndarray | None:
-    """The exact solution on a support near that of `omega`, or None if it is not found within `steps`, or if columns of
+    """The exact solution on a support near that of `omega`; None if it is not found within `steps`, or if columns of
     the support are dependent.
 
     On the support V with signs S, KKT-1 is linear: H_VV Omega_V = g_V - alpha_V S. Members whose value contradicts the
-    sign leave V, and violators of KKT-2 enter, as in block principal pivoting (Portugal, Judice, Vicente 1994). At
-    first all large violators enter at once, which halves the number of steps; from `ALONE_FROM` only the largest one
-    enters, which prevents cycles.
+    sign leave V, and violators of KKT-2 enter, as in block principal pivoting (Portugal, Judice, Vicente 1994): at
+    first all large ones at once, from `ALONE_FROM` only the largest one, which prevents cycles.
     """
     size = np.abs(omega)
     signs = np.sign(omega)
-    largest = size[size.argmax()]  # four times faster than max() here; NaN if there is one
+    largest = size[size.argmax()]  # NaN if there is one
     if not math.isfinite(largest):
         return None
     signs[size < 1e-7 * largest] = 0.0
@@ -88,7 +83,8 @@ def solve_active_set(
         agreement = values * signs.take(support)
         contradicted = support.size > 0 and agreement[agreement.argmin()] < 0
         if worst <= 0 and not contradicted:
-            if _nearly_singular(factor):
+            diagonal = factor.diagonal()
+            if diagonal[diagonal.argmin()] < 1e-6 * diagonal[diagonal.argmax()]:
                 return None
             solution = np.zeros(len(g))
             solution[support] = values
@@ -108,8 +104,3 @@ def _solve_on(rows: np.ndarray, support: np.ndarray, right: np.ndarray) -> tuple
     # Two takes are faster than np.ix_. LAPACK works in place on the transposed view of a symmetric matrix.
     factor, values, failed = lapack.dposv(rows.take(support, axis=1).T, right, overwrite_a=1)
     return values, factor, bool(failed)
-
-
-def _nearly_singular(factor: np.ndarray) -> bool:
-    diagonal = factor.diagonal()
-    return bool(diagonal[diagonal.argmin()] < 1e-6 * diagonal[diagonal.argmax()])

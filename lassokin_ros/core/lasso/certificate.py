@@ -1,7 +1,4 @@
-"""The certificate of a frame's solution: KKT-1..3 (13)-(15) and the duality gap. It is published with every answer.
-
-A certificate is computed from the problem and the answer only. It is independent of the solver.
-"""
+"""The certificate of a frame's solution: KKT-1..3 (13)-(15) and the duality gap, from problem and answer alone."""
 
 from __future__ import annotations
 
@@ -17,8 +14,6 @@ from lassokin_ros.core.kernel import kernel
 class Certificate:
     """Distance of an answer from the optimum. All residuals are 0 at the exact minimiser.
 
-    Attributes
-    ----------
     kkt1: max over the support V of |A_k^T r - alpha_k sign(Omega_k)| / alpha_k                              (13)
     kkt2: max over k outside V of (|A_k^T r| - alpha_k)_+ / alpha_k                                          (14)
     kkt3: max |B^T r| / min alpha, rad/m                                                                     (15)

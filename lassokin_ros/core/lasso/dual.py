@@ -1,21 +1,17 @@
 """The two duals of the frame's lasso, solved by ProxQP or by any solver of qpsolvers.
 
-qpsolvers is imported only if another solver than ProxQP is chosen: it takes 5 MB of memory.
-
 Projected dual, u in R^m (the residual r): the paper's problem with x eliminated,
     min 1/2 ||u - z||^2   s.t.  |A_k^T u| <= alpha_k          Omega = the constraints' multipliers
 
 Condensed dual, c in R^n (the correlations A^T r), if H = A^T A is well conditioned (with the prior's rows it is):
     min 1/2 (c - g)^T H^-1 (c - g)   s.t.  |c_k| <= alpha_k    Omega = H^-1 (g - c)
-It has box constraints only, and is smaller than the projected dual if m > n.
-
-Both are solved in units of alpha (bounds of +-1), so that they are well scaled for every alpha.
+It has box constraints only, and is smaller than the projected dual if m > n. Both are solved in units of alpha (bounds
+of +-1), so that they are well scaled for every alpha.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -30,19 +26,15 @@ from lassokin_ros.core.record import record
 _proxqp = proxsuite.proxqp
 _SOLVED = _proxqp.QPSolverOutput.PROXQP_SOLVED
 TOLERANCE = {"condensed": 1e-4, "projected": 1e-7}
-"""Absolute and relative tolerance of ProxQP in the first try. It only has to determine the signs of Omega, because
-`active_set.solve_active_set` then solves exactly. With larger tolerances, it cannot correct all wrong signs."""
-TOLERANCE_AGAIN, GAP_AGAIN = 1e-9, 1e-7
-"""Tolerances of the solution and of the duality gap in further tries."""
+"""Absolute and relative tolerance of ProxQP in the first try, in which it only has to determine the signs of Omega:
+`active_set.solve_active_set` then solves exactly."""
 LARGEST_CONDITION = 1e10
 """Condition number of H above which the condensed dual is not used."""
-_CONDITION = np.array([LARGEST_CONDITION])
-
 _FIRST_MU = {"condensed": 1.0, "projected": 1e-4}
 """ProxQP's step size of the inequalities at the beginning of a solve, in the first try."""
 ITERATIONS = ((40, 25), (50, 30), (50, 30))
-"""Limits of ProxQP's outer and inner iterations, by effort. A frame's problem takes about 10 and 60 in total. With
-these limits a solve that does not converge ends after 10 ms."""
+"""Limits of ProxQP's outer and inner iterations, by effort; a frame's problem takes about 10 and 60 in total. A solve
+that does not converge ends after 10 ms."""
 
 
 def available_solvers() -> list[str]:
@@ -56,10 +48,9 @@ def available_solvers() -> list[str]:
 
 @record
 class Form:
-    """A dual as a QP: the smallest 1/2 v^T H v + g^T v with |C v| <= bound, entry by entry.
+    """A dual as a QP: the smallest 1/2 v^T H v + g^T v with |C v| <= bound, entry by entry; C is None for the identity.
 
-    C is None for the identity. by_multiplier: (n,) Omega / multipliers (positive at the upper bound). variables: v for
-    an Omega.
+    by_multiplier: (n,) Omega / multipliers (positive at the upper bound). variables: v for an Omega.
     """
 
     name: str
@@ -94,9 +85,8 @@ class DualSolver:
         """Omega (n,) of the lasso with x eliminated and the penalties alpha (n,).
 
         effort: 0 in the first try; 1 and 2 use more iterations, another step size, and the projected form, which is
-        valid for every A. start: (n,) a predicted solution from which ProxQP starts; None for a start from zero, as the
-        first solve of a QP object always does. From the solution itself it needs one iteration. From a point far from
-        it, it may not converge.
+        valid for every A. start: (n,) a predicted solution from which ProxQP starts: from the solution itself it needs
+        one iteration. None for a start from zero, as the first solve of a QP object always does.
         """
         m, n = reduced.A.shape
         form = condensed(reduced, alpha) if m > n and effort == 0 else None
@@ -107,9 +97,8 @@ class DualSolver:
         if self.name != "proxqp":
             return _by_qpsolvers(self.name, form) * form.by_multiplier
         key = form.name, len(form.g), len(form.bound)
-        # A reused object keeps some state of earlier problems. Rarely, after a hard problem, it reports a wrong answer
-        # as solved or does not converge. The second and third try therefore use a new object, and so does the next
-        # problem after a failed solve.
+        # Rarely, after a hard problem, a reused object reports a wrong answer as solved or does not converge. Therefore
+        # the second and third try use a new object, and so does the next problem after a failed solve.
         qp: Any = self._objects.get(key) if effort == 0 else None
         if qp is None:
             start = None
@@ -138,12 +127,10 @@ def projected(reduced: Reduced, alpha: np.ndarray) -> Form:
 
 
 def condensed(reduced: Reduced, alpha: np.ndarray) -> Form | None:
-    """The condensed dual in units of alpha, None if H is not safely positive definite.
-
-    Its matrix is H^-1 in these units, divided by its mean diagonal.
-    """
+    """The condensed dual in units of alpha, divided by the mean diagonal; None if H is not safely positive definite."""
     H, g, scaled, linear, mean = reduced.H, reduced.g, np.empty(reduced.H.shape), np.empty(len(alpha)), np.empty(1)
-    if not (kernel.active and kernel.condensed(H, g, alpha, _CONDITION, scaled, linear, mean)):
+    largest = np.array([LARGEST_CONDITION])
+    if not (kernel.active and kernel.condensed(H, g, alpha, largest, scaled, linear, mean)):
         inverse = _inverse(H)
         if inverse is None:
             return None
@@ -161,8 +148,7 @@ def _solve_from(qp: Any, start: tuple[np.ndarray, np.ndarray] | None) -> None:
     `qp.solve(x, y, z)` cannot pass multipliers of box constraints: in proxsuite 0.7.2 and 0.8.0 it raises "wrong
     argument size: expected 0, got 44; the dimension wrt inequality constrained variables for warm start is not valid",
     because its check does not count the boxes. Therefore they are written where the solver keeps its last result. With
-    WARM_START_WITH_PREVIOUS_RESULT, 1 solve of 100 returned NaN, which depended on what was in memory before. The step
-    size of the last solve must not be kept: `update` sets it to its first value again.
+    WARM_START_WITH_PREVIOUS_RESULT, 1 solve of 100 returned NaN, which depended on what was in memory before.
     """
     if start is None:
         qp.settings.initial_guess = _proxqp.InitialGuess.NO_INITIAL_GUESS
@@ -177,23 +163,16 @@ def _new_proxqp(form: Form, effort: int) -> Any:
     """A ProxQP object with the settings under which this problem is solved reliably.
 
     The dual is always feasible (u = 0), so the infeasibility tests are off: with their defaults they report 5-18 % of
-    small-alpha problems as infeasible. The check of the duality gap is on; without it (the default) the status SOLVED
-    is not reliable. Iterations are limited, so that no frame takes too long.
+    small-alpha problems as infeasible. Without the check of the duality gap the status SOLVED is not reliable.
     """
     box, variables = form.C is None, len(form.g)
-    qp = _proxqp.dense.QP(
-        variables,
-        0,
-        0 if box else len(form.bound),
-        box,
-        _proxqp.dense.HessianType.Dense,
-        _proxqp.dense.DenseBackend.PrimalDualLDLT,
-    )
+    dense, constraints = _proxqp.dense, 0 if box else len(form.bound)
+    qp = dense.QP(variables, 0, constraints, box, dense.HessianType.Dense, dense.DenseBackend.PrimalDualLDLT)
     settings = qp.settings
-    tolerance = TOLERANCE_AGAIN if effort else TOLERANCE[form.name]
+    tolerance = 1e-9 if effort else TOLERANCE[form.name]
     settings.eps_abs = settings.eps_rel = tolerance
     settings.check_duality_gap = True
-    settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = GAP_AGAIN if effort else tolerance
+    settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = 1e-7 if effort else tolerance
     settings.eps_primal_inf = settings.eps_dual_inf = 0.0
     settings.max_iter, settings.max_iter_in = ITERATIONS[effort]
     settings.default_mu_in = 1.0 if effort == 2 else 1e-2 if effort else _FIRST_MU[form.name]
@@ -225,11 +204,6 @@ def _inverse(H: np.ndarray) -> np.ndarray | None:
     inverse, failed = lapack.dpotri(factor, lower=1, overwrite_c=1)
     if failed:
         return None
-    np.copyto(inverse, inverse.T, where=_above_diagonal(len(H)))  # only the lower triangle was computed
+    inverse += inverse.T  # only the lower triangle was computed
+    inverse.T.reshape(-1)[:: len(H) + 1] *= 0.5  # a view: LAPACK's arrays are in Fortran's order
     return np.asarray(inverse)
-
-
-@cache
-def _above_diagonal(n: int) -> np.ndarray:
-    """(n, n) bool."""
-    return ~np.tri(n, dtype=bool)

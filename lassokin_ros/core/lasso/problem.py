@@ -50,7 +50,7 @@ class Lasso:
 
         With a NaN in its input, a QP solver may run for seconds or report any answer as solved.
         """
-        # A value that is not finite makes the product or the sum not finite. This is twice as fast as four sums.
+        # A value that is not finite makes the product or the sum not finite.
         if not math.isfinite(self.z.dot(self.A.dot(self.alpha)) + self.B.sum()):
             raise SolverError("A, B, z or alpha holds a value that is not finite (or overflows)")
         smallest = self.alpha[self.alpha.argmin()]

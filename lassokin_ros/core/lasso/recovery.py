@@ -4,10 +4,9 @@ For a support V with signs Sigma_V, and z* = z - P Gamma x*:
     1) |[P L]_k^T (P L_V)^{+T} Sigma_V| < 1                                          for every k outside V
     2) Sigma((P L_V)^+ z*) = Sigma((P L_V)^+ z* - alpha (P L_V^T P L_V)^-1 Sigma((P L_V)^+ z*))
     3) (P Gamma)^T (P L_V)^{+T} Sigma_V = 0
-On real data condition 3 holds only by accident. If x is eliminated first (M A for A = P L, M z for z*), condition 3
-holds by construction, and 1) and 2) are the lasso's known sign-consistency conditions (Fuchs 2004; Zhao and Yu 2006;
-Wainwright 2009). Use this projected form. An alpha per degree of freedom is the same theorem with the columns
-A_k / alpha_k and alpha = 1.
+On real data condition 3 holds only by accident. If x is eliminated first (M A for A = P L, M z for z*), it holds by
+construction, and 1) and 2) are the lasso's known sign-consistency conditions (Fuchs 2004; Zhao and Yu 2006; Wainwright
+2009). An alpha per degree of freedom is the same theorem with the columns A_k / alpha_k and alpha = 1.
 """
 
 from __future__ import annotations
@@ -29,9 +28,9 @@ DEPENDENT = 1e-6
 class RecoveryConditions:
     """The three conditions as numbers.
 
-    condition1: largest left side of condition 1, which holds if it is below 1 (0 if nothing is outside V).
-    condition2: smallest signed value, in rad, of the true support after the shrinkage; condition 2 holds if it is > 0.
-    condition3: norm of the left side of condition 3, which holds if it is 0.
+    condition1: largest left side of 1), which holds if it is below 1 (0 if nothing is outside V). condition2: smallest
+    signed value, in rad, of the true support after the shrinkage; 2) holds if it is > 0. condition3: norm of the left
+    side of 3), which holds if it is 0.
     """
 
     condition1: float
@@ -76,7 +75,6 @@ def _conditions(
     same = sign.dot(signs) == len(signs)
     kept = sign * (estimate - (direction if same else again(alpha_V * sign)))
     across = crossing.take(support, axis=1).dot(direction)
-    # Indexing by argmax is more than twice as fast as max() on arrays this small.
     return RecoveryConditions(float(left[left.argmax()]), float(kept[kept.argmin()]), math.sqrt(across.dot(across)))
 
 

@@ -1,16 +1,14 @@
 """The adaptive mean: the person's own mean posture, learned during tracking and used as the mean of the pose prior.
 
-A part of the spread of postures is constant for a person and an activity. The mean m is therefore a state of its own:
-an Ornstein-Uhlenbeck process about the shipped mean, with `SHARE` of the shipped covariance Sigma and the time constant
-`TIME_CONSTANT_S`. The rest of the covariance is the deviation d of a frame's posture theta from m,
+A part of the spread of postures theta is constant for a person and an activity. The mean m is therefore an
+Ornstein-Uhlenbeck process about the shipped mean, with `SHARE` of the shipped covariance Sigma:
 
     m ~ N(mean, SHARE Sigma),    theta = m + d,    d ~ N(0, (1 - SHARE) Sigma).
 
-A Kalman filter updates m by a few frames per second. The measurement is the frame's rows of image, uprightness and
-balance. They are linear in theta, the root's rotation and the translation; the last two have no prior here. Limbs seen
-from the side thus improve the estimate for limbs that point at the camera. Only the mean is passed to the prior. The
-prior keeps its shipped covariance: a limb on the wrong side in depth would otherwise soon become the person's posture.
-Without it, validation people have 50.9 instead of 49.8 mm.
+A Kalman filter updates m by a few frames per second. The measurement is the frame's rows besides those of the prior,
+linear in theta, the root's rotation and the translation. The prior keeps its shipped covariance: a limb on the wrong
+side in depth would otherwise soon become the person's posture. Without the learned mean, validation people have 50.9
+instead of 49.8 mm.
 """
 
 from __future__ import annotations
@@ -27,8 +25,8 @@ from lassokin_ros.core.evidence.pose_prior import PosePrior
 from lassokin_ros.core.lasso.problem import Lasso
 
 SHARE = 0.3
-"""Share of the prior's covariance that is constant for a person. Half of the covariance differs between clips of
-motion capture. A smaller share gains as much, and a wrong pose does less harm."""
+"""Share of the prior's covariance that is constant for a person: half of it differs between clips of motion capture,
+and a smaller share gains as much with less harm by a wrong pose."""
 TIME_CONSTANT_S = 30.0
 """s: time constant of the process."""
 PERIOD_S = 0.25
@@ -54,29 +52,22 @@ class AdaptiveMean:
         """Return to the shipped mean."""
         #: (k,) rad, rotation vectors of the prior's joints, and (k, k) rad^2, their covariance.
         self.mean, self.covariance = self._shipped, self._lasting
-        self._measured_at = -np.inf
+        self._measured_at = -math.inf
         self._prior.set_mean(self.mean)
 
     def update(self, stamp: float, start: BodyState, problem: Lasso, rows: Mapping[str, slice]) -> bool:
-        """Use a tracked frame: its lasso about the state `start`, with the rows of each piece of evidence.
-
-        Returns True if the prior's mean has changed.
-        """
+        """Use a tracked frame: its lasso about the state `start`. Returns True if the prior's mean has changed."""
         step = stamp - self._measured_at
         if step < PERIOD_S:
             return False
         self._measured_at = stamp
-        self._predict(step)
+        kept = math.exp(-step / TIME_CONSTANT_S)
+        self.mean = self._shipped + kept * (self.mean - self._shipped)
+        self.covariance = self._lasting + kept**2 * (self.covariance - self._lasting)
         others = np.delete(np.arange(len(problem.z)), rows[self._prior.name])
         self._measure(start, problem, others, INDEPENDENT_AFTER / min(step, 2 * PERIOD_S))
         self._prior.set_mean(self.mean)
         return True
-
-    def _predict(self, step: float) -> None:
-        """Predict the mean by step, s."""
-        kept = math.exp(-step / TIME_CONSTANT_S)
-        self.mean = self._shipped + kept * (self.mean - self._shipped)
-        self.covariance = self._lasting + kept**2 * (self.covariance - self._lasting)
 
     def _measure(self, start: BodyState, problem: Lasso, others: np.ndarray, tempering: float) -> None:
         """Use a frame's z = A theta + N (root's rotation, x) + e as a measurement of the mean.

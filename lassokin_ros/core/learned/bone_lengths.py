@@ -2,16 +2,15 @@
 
 The unknowns are about a dozen log-lengths, the same left and right (see `proportions`). Some tracked frames, spread
 over time, are kept. For each, the rows of all evidence are linearised in (pose, translation, log-lengths), and pose
-and translation are eliminated (Schur complement), which leaves normal equations for the lengths. Their sum, a
-prior (`length_prior`) and a row that fixes the stature are solved for the lengths. Kept frames are
-relinearised in turn, one per call, at the present lengths. This is Gauss-Newton on all kept frames, distributed over
-time (Triggs et al., Bundle adjustment: a modern synthesis, 2000, sec. 6).
+and translation are eliminated (Schur complement). The sum of the normal equations that are left, a prior
+(`length_prior`) and a row that fixes the stature are solved for the lengths. Kept frames are relinearised in turn: this
+is Gauss-Newton, distributed over time (Triggs et al., Bundle adjustment: a modern synthesis, 2000, sec. 6).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import lapack
@@ -48,21 +47,17 @@ LARGEST_STEP = 0.1
 LARGEST_DIFFERENCE = 0.3
 """Largest difference of a log-length from the mean of its prior."""
 INFORMATION = 0.6
-"""Factor on a kept frame's information, because the errors of the prior and of the tracks are not independent. For
-frames at shorter intervals than the last one of `KEEP`, it is reduced in proportion to the interval."""
+"""Factor on a kept frame's information, because the errors of the prior and of the tracks are not independent."""
 KEEP = Schedule(0.05, 0.08, 0.25)
 """s between kept frames, by the duration that they cover. It is short at first, because the lengths are wrong until
-enough frames are kept. All kept frames stay: dropping every other one would halve the evidence, and wrong lengths would
-count as measured."""
+enough frames are kept."""
 WORK = Schedule(0.05, 0.05, 0.13)
 """s between two pieces of work: keep one frame, or relinearise one."""
 UPDATE = Schedule(0.2, 0.25, 1.0)
 """s between two updates of the skeleton."""
-SETTLED = 0.05
-"""s after an initialisation before frames are kept."""
 TYPICAL_COST = 12.0
-"""Robust cost of a frame (image and prior) at which its weight is halved, because a high cost indicates a wrong pose.
-If the median over the kept frames is larger, as it is while the lengths are wrong, the median is used instead."""
+"""Robust cost of a frame (image and prior) at which its weight is halved: its pose is probably wrong. The median over
+the kept frames is used instead if it is larger, as it is while the lengths are wrong."""
 CERTAIN_MEAN, CERTAIN = 0.04, 0.012
 """Mean standard deviation of the log-lengths below which they are input to the depth network, as given ones are; and
 deviation of the least certain one below which the calibration ends."""
@@ -74,16 +69,16 @@ SHORTEST_S, LONGEST_S = 8.0, 20.0
 class KeptFrame:
     """A kept frame: its measurements, its pose, and its normal equations in the lengths.
 
-    share: factor on INFORMATION. information: (p, p), and pull: (p,), the negative gradient, both about `lengths`, the
-    lengths of the last linearisation.
+    share: factor on INFORMATION, for frames at shorter intervals than the last one of `KEEP`. information: (p, p), and
+    pull: (p,), the negative gradient, both about `lengths`, those of the last linearisation.
     """
 
     state: BodyState
     data: FrameData
     share: float
-    lengths: np.ndarray
-    information: np.ndarray
-    pull: np.ndarray
+    lengths: np.ndarray = field(init=False)
+    information: np.ndarray = field(init=False)
+    pull: np.ndarray = field(init=False)
     cost: float = np.inf
 
 
@@ -141,7 +136,7 @@ class Calibration:
         kept until the next state has settled.
         """
         if restarted or np.isnan(self._kept_at):
-            self._kept_at = stamp + SETTLED
+            self._kept_at = stamp + 0.05  # s, until it has settled
         if restarted or self.frozen or stamp - self._last_work_stamp < WORK.interval(self.kept_motion):
             return False
         self._last_work_stamp = stamp
@@ -150,8 +145,10 @@ class Calibration:
         since = min(stamp - self._kept_at, KEEP.last)
         if since >= KEEP.interval(self.kept_motion):
             self.kept_motion += since
-            self._kept_at = stamp
-            self._keep(state, data, since / KEEP.last)
+            self._kept_at, frame = stamp, KeptFrame(state, data, since / KEEP.last)
+            self._linearise(frame)
+            if math.isfinite(frame.cost):  # otherwise the linearisation failed
+                self._frames.append(frame)
         elif self._frames:
             self._next_relinearised = (self._next_relinearised + 1) % len(self._frames)
             self._linearise(self._frames[self._next_relinearised])
@@ -161,16 +158,16 @@ class Calibration:
         self._solve()
         return True
 
-    def _keep(self, state: BodyState, data: FrameData, share: float) -> None:
-        count = self.proportions.count
-        frame = KeptFrame(state, data, share, self.lengths, np.zeros((count, count)), np.zeros(count))
-        self._linearise(frame)
-        if math.isfinite(frame.cost):  # otherwise the linearisation failed
-            self._frames.append(frame)
-
     def _linearise(self, frame: KeptFrame) -> None:
-        """Recompute a frame's normal equations at the present lengths, and do one Gauss-Newton step of its pose."""
-        J, C, z, cost = self._frame_rows(frame)
+        """Recompute a frame's normal equations at the present lengths, and do one Gauss-Newton step of its pose.
+
+        The frame's rows are || z - J [Omega, x] - C dlengths ||^2.
+        """
+        model, data = self._frame_model, frame.data
+        about = model.evaluate(frame.state)
+        linearised = model.linearise(about, data, huber_weights)
+        J, z = linearised.columns.T, linearised.z
+        C = model.length_rows(linearised, about, data, self.proportions.motion(about.pose, self.lengths))
         H = J.T @ J
         H.reshape(-1)[:: len(H) + 1] += WEAKEST
         right = np.column_stack([J.T @ C, J.T @ z])
@@ -180,7 +177,8 @@ class Calibration:
         eliminated = right[:, :-1].T @ solved
         frame.information = C.T @ C - eliminated[:, :-1]
         frame.pull = C.T @ z - eliminated[:, -1]
-        frame.lengths, frame.cost = self.lengths, cost
+        images = sum(piece.uncapped_cost(about, data) for piece in model.image_pieces if piece.present(data))
+        frame.lengths, frame.cost = self.lengths, float(images + model.prior.cost(about, data))
         frame.state = self._moved(frame.state, solved[:, -1])
 
     def _moved(self, state: BodyState, step: np.ndarray) -> BodyState:
@@ -189,16 +187,6 @@ class Calibration:
         omega[self._live] = step[:-3]
         omega *= 0.5 / max(float(np.abs(omega).max()), 0.5)
         return BodyState(state.rotations @ exponential(omega.reshape(-1, 3)), state.translation + step[-3:])
-
-    def _frame_rows(self, frame: KeptFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-        """(J, C, z, cost): rows ||z - J [Omega, x] - C dlengths||^2 of a frame, and its robust cost."""
-        model, data = self._frame_model, frame.data
-        about = model.evaluate(frame.state)
-        linearised = model.linearise(about, data, huber_weights)
-        C = model.length_rows(linearised, about, data, self.proportions.motion(about.pose, self.lengths))
-        images = (piece.uncapped_cost(about, data) for piece in model.image_pieces if piece.present(data))
-        cost = float(sum(images)) + model.prior.cost(about, data)
-        return linearised.columns.T, C, linearised.z, float(cost)
 
     def _solve(self) -> None:
         """Solve for the lengths with all kept frames, and end the calibration if they are certain."""

@@ -26,21 +26,20 @@ class CameraFinder:
         """period: s between two frames that are kept; longest: number of frames that are kept."""
         self._period, self._newest, self._count = period, -math.inf, 0
         self._joints: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=longest)
-        self._views: deque[tuple[FrameData, FrameData]] = deque(maxlen=longest)
+        self.views: deque[tuple[FrameData, FrameData]] = deque(maxlen=longest)
+        """Both views of each kept frame: of the placed camera, and of the one without a pose."""
 
-    def add(
-        self, stamp: float, placed: FrameData, unplaced: FrameData, joints: np.ndarray, own_joints: np.ndarray
-    ) -> bool:
-        """Add what both see at a stamp, s. Returns True if it is time to compute the pose.
+    def add(self, stamp: float, views: tuple[FrameData, FrameData], joints: tuple[np.ndarray, np.ndarray]) -> bool:
+        """Add a frame. Returns True if it is time to compute the pose.
 
-        placed: the view of a camera with a pose; unplaced: that of the camera without one. joints: (n, 3) m, in the
-        frame of the skeleton; own_joints: (n, 3) m, in the frame of the camera without a pose, by its own images alone.
+        views: of a camera with a pose, and of the one without, at a stamp, s. joints: (n, 3) m, in the frame of the
+        skeleton; and in that of the camera without a pose, by its own images alone.
         """
         if stamp < self._newest + 0.99 * self._period:
             return False
         self._newest, self._count = stamp, self._count + 1
-        self._joints.append((joints, own_joints))
-        self._views.append((placed, unplaced))
+        self._joints.append(joints)
+        self.views.append(views)
         return self._count >= FEWEST and self._count % EVERY == 0
 
     def pose(self, name: str) -> CameraPose:
@@ -53,8 +52,3 @@ class CameraFinder:
         U, _, Vt = np.linalg.svd((Y - y).T @ (X - x))
         rotation = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
         return CameraPose(name, rotation, y - rotation @ x)
-
-    @property
-    def views(self) -> deque[tuple[FrameData, FrameData]]:
-        """Both views of each kept frame: of the placed camera, and of the one without a pose."""
-        return self._views

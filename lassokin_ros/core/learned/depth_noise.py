@@ -1,6 +1,5 @@
 """The noise of measured depth, learned from its changes from frame to frame.
 
-Depth cameras differ: the noise of stereo grows with the square of the distance, that of time of flight hardly grows.
 For successive depths d of one landmark with independent errors of standard deviation s, the second difference
 d_1 - 2 d_2 + d_3 has the standard deviation sqrt(6) s; a body's acceleration adds little at the rate of a camera. The
 median over the landmarks ignores occluders that come and go.
@@ -50,8 +49,7 @@ class DepthNoise:
         return max(1.0, math.exp(self._log))
 
     def update(self, measurement: Measurement, age: float) -> Measurement:
-        """Learn from a frame's depths, unless the keypoints are repeated. Return it with the depths' weights as
-        learned.
+        """Learn from a frame's depths if the keypoints are new; return it with their weights as learned.
 
         age: s by which the depths are older than the keypoints.
         """

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,36 +25,25 @@ from lassokin_ros.core.observation import CameraPose
 GIVEN_DEVIATION = np.array([0.035, 0.035, 0.035, 0.03, 0.03, 0.03])
 """rad and m: standard deviation of a given pose, for rotation and translation. Two cameras, one of them 3 cm and 2
 degrees off, 10 s of the validation people: the absolute error is 103 mm with the given pose, 60 mm with the learned
-one. From exact poses it rises from 21 to 22 mm. A larger deviation of the translation is worse: the rotation is
-observed, the translation hardly."""
+one. From exact poses it rises from 21 to 22 mm."""
 FOUND_DEVIATION = np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])
-"""rad and m: standard deviation of a pose that was found from the person: it does not count."""
+"""rad and m: the same of a pose that was found from the person: it does not count."""
 TURNED, SHIFTED = np.array(3 * [1.0] + 3 * [1e-6]), np.array(3 * [1e-6] + 3 * [3.0])
 """rad and m: as FOUND_DEVIATION, for a camera that was only turned, and for one that was only shifted."""
 CLEARLY = 2.0
 """Ratio of the median distances from the epipolar lines from which one explanation is said to be right. A turn and a
 shift look alike if the person stays in one place: 1 m and 15 degrees at 3.6 m have ratios of up to 2, with a person who
 walks 2 m to and fro 8 to 10."""
-THINNED = 4
-"""Of so many kept frames, one is used for these explanations. They then take about 15 ms, each CHECKED_EVERY frames."""
 SIZE_DEVIATION = 0.1
 """Standard deviation of the logarithm of the person's size, with that of the proportions."""
 PERIOD_S, LONGEST = 0.1, 200
 """s between two frames that are kept; frames that are kept."""
-SOLVED_EVERY, CHECKED_EVERY = 5, 20
-"""Kept frames between two solutions, if poses are corrected, and if they are only checked."""
-INDEPENDENT = 1.0
-"""Number of frames with independent errors that the kept ones are worth: the errors of a detector last."""
 FEWEST, FEWEST_POINTS = 10, 6
 """Frames before there is a correction; common landmarks of a frame that is kept."""
-STEPS, FIRST_STEPS = 3, 15
-"""Gauss-Newton steps of a solution, which starts from the last one, and of one that starts from the joints."""
 OUTLIER = 3.0
 """Distance r from an epipolar line, in standard deviations, from which its weight decreases, with r^-2."""
 FOLLOWING = 0.1
 """Share of the way to the solution that a correction moves in PERIOD_S, so that the body does not jump."""
-STEP = 1e-5
-"""rad and m: step of the differences that give the derivatives."""
 MOVED = math.radians(1.5), 0.05
 """rad, m: corrections beyond which a camera is said to have been moved. From exact poses they reach 1 degree, 3 cm."""
 WRONG, RIGHT = 0.15, 0.1
@@ -60,20 +51,29 @@ WRONG, RIGHT = 0.15, 0.1
 half the logarithm of the person's size in space), above which it is said to be wrong, and below which another
 explanation is right. A detector's errors cause 0.01, an unknown height 0.05."""
 FOUND = 0.015
-"""Misfit below which a pose that was found from the person is used. It is at most 0.011 when it is first computed, for
-validation people and for the pairs of cameras of Shelf's recording; 0.006 to 0.06 if the two cameras' clocks are 1 s
-apart; and 0.02 or more (42 pairs of people) if each camera sees another person."""
-LEAST_SHARE = 0.5
-"""Share of the limbs that must have a plausible length."""
+"""Misfit below which a pose that was found from the person is used. It is at most 0.011 for validation people and the
+pairs of cameras of Shelf's recording, and 0.02 or more (42 pairs of people) if each camera sees another person."""
+
+
+class Pairs(NamedTuple):
+    """Frames that two cameras have seen; one frame without the first axis.
+
+    a, b: (f, l, 2) normalised points of both. weights: (f, l) of their difference. rotation: (f, 3, 3) and translation:
+    (f, 3) m, from the first to the second camera.
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    weights: np.ndarray
+    rotation: np.ndarray
+    translation: np.ndarray
 
 
 class Extrinsics:
     """Corrections of the poses of all cameras but one."""
 
     def __init__(self, size: SizeCheck, size_known: bool, used: bool) -> None:
-        """size: of the body's limbs; size_known: whether the person's height is given. used: whether poses are
-        corrected, or only checked.
-        """
+        """size_known: whether the person's height is given. used: whether poses are corrected, or only checked."""
         self._size, self.size_known, self._used = size, size_known, used
         self.corrections: dict[str, np.ndarray] = {}
         """(6,) rotation vector w, rad, and translation v, m, by camera: as used."""
@@ -89,9 +89,9 @@ class Extrinsics:
 
     def reset(self) -> None:
         """Forget the frames; the corrections stay, because cameras do not move with the person."""
-        self._frames: dict[str, deque[tuple[np.ndarray, ...]]] = {}
+        self._frames: dict[str, deque[Pairs]] = {}
         self._finders: dict[str, CameraFinder] = {}
-        self._newest, self._count = -math.inf, 0
+        self._newest, self.frame_count = -math.inf, 0
         self.wrong: dict[str, str] = {}
         """What is wrong with the pose of a camera, in words, by name; empty if it fits."""
 
@@ -101,40 +101,27 @@ class Extrinsics:
             pose = self.found.get(pose.name, pose)
             if not pose.known:
                 return pose
-        elif pose.name in self.found and pose is not self.found[pose.name]:
-            self._forget(pose.name)  # it is given now
+        elif pose.name in self.found and pose is not self.found[pose.name]:  # it is given now
+            for known in (self.found, self._frames, self._solutions, self._explanations, self.corrections):
+                known.pop(pose.name, None)  # type: ignore[attr-defined]
         self._given[pose.name] = pose
         correction = self.corrections.get(pose.name) if self._used else None
         return pose if correction is None else _moved(pose, correction)
 
-    def _forget(self, name: str) -> None:
-        """Forget the pose that was found of a camera, and the frames that belong to it."""
-        for known in (self.found, self._frames, self._solutions, self._explanations, self.corrections):
-            known.pop(name, None)  # type: ignore[attr-defined]
-
     def find(
-        self,
-        name: str,
-        stamp: float,
-        placed: FrameData,
-        unplaced: FrameData,
-        joints: np.ndarray,
-        own_joints: np.ndarray,
+        self, name: str, stamp: float, views: tuple[FrameData, FrameData], joints: tuple[np.ndarray, np.ndarray]
     ) -> None:
-        """Use what a camera without a pose and a placed one see at a stamp; see `CameraFinder.add`.
-
-        The pose is used if the keypoints fit it.
-        """
+        """Use a frame of a camera without a pose, see `CameraFinder.add`. The pose is used if the keypoints fit it."""
         finder = self._finders.setdefault(name, CameraFinder(PERIOD_S, LONGEST))
-        if not finder.add(stamp, placed, unplaced, joints, own_joints):
+        if not finder.add(stamp, views, joints):
             return
         pose = finder.pose(name)
         frames = _entries(finder, pose)
         if len(frames) < FEWEST:
             return
-        pose = _moved(pose, self._solved(frames, np.zeros(6), FOUND_DEVIATION, FIRST_STEPS))
+        pose = _moved(pose, self._solved(_stacked(frames), np.zeros(6), FOUND_DEVIATION, steps=15))
         frames = _entries(finder, pose)
-        if self._misfit(*(np.stack(parts) for parts in zip(*frames))) < FOUND:
+        if self._misfit(_stacked(frames)) < FOUND:
             self.found[name], self._frames[name] = pose, frames
             del self._finders[name]
 
@@ -142,11 +129,6 @@ class Extrinsics:
         """Return a given pose with what was learned about its camera, also if it is only checked."""
         solution = self._solutions.get(pose.name)
         return pose if solution is None else _moved(pose, solution)
-
-    @property
-    def frame_count(self) -> int:
-        """Number of frames that were used since the last reset."""
-        return self._count
 
     def moved(self, name: str) -> tuple[float, float] | None:
         """Return by how much a camera is elsewhere than given, rad and m; None if it is where it should be."""
@@ -156,7 +138,7 @@ class Extrinsics:
     def solution(self, name: str) -> tuple[float, float] | None:
         """Return by how much a camera's pose differs from the given one, rad and m; None before it is known."""
         found = self._solutions.get(name)
-        return None if found is None else (math.radians(_degrees(found)), _metres(found))
+        return None if found is None else _size(found)
 
     def in_words(self, name: str) -> str:
         """Return what is wrong with the given pose of a camera; empty if nothing is."""
@@ -173,39 +155,37 @@ class Extrinsics:
     def _explained(self, name: str) -> str:
         """Return by how much a camera is turned or shifted, in words: both values if it cannot be told which."""
         (turned, turn), (shifted, shift), (moved, both) = self._explanations[name]
+        degrees, metres = f"{math.degrees(_size(turned)[0]):.0f} degrees", f"{_size(shifted)[1]:.1f} m"
         if min(turn, shift) > CLEARLY * both:
-            return f"{_degrees(moved):.0f} degrees and {_metres(moved):.1f} m"
+            angle, distance = _size(moved)
+            return f"{math.degrees(angle):.0f} degrees and {distance:.1f} m"
         if turn > CLEARLY * shift:
-            return f"{_metres(shifted):.1f} m"
-        if shift > CLEARLY * turn:
-            return f"{_degrees(turned):.0f} degrees"
-        return f"{_degrees(turned):.0f} degrees or {_metres(shifted):.1f} m"
+            return metres
+        return degrees if shift > CLEARLY * turn else f"{degrees} or {metres}"
 
     def update(self, stamp: float, frame: FrameData) -> None:
         """Use a frame with the views of all cameras. stamp: s."""
         if stamp < self._newest + PERIOD_S:
             return
-        self._newest = stamp
-        first = self._anchor_of(frame)
-        if first is None:
-            return  # the camera whose pose is right has not been seen
-        if not self._given.keys() >= {view.camera.name for view in frame.views}:
-            return  # a camera that was never seen
-        common = [(view, _common(first, view)) for view in frame.views if view is not first]
-        common = [(view, weights) for view, weights in common if np.count_nonzero(weights) >= FEWEST_POINTS]
-        self._count += bool(common)
-        due = self._count % (SOLVED_EVERY if self._used else CHECKED_EVERY) == 0
-        for view, weights in common:
-            name = view.camera.name
-            pose = self._given[name].relative_to(self._given[first.camera.name])
+        self._newest, first = stamp, self._anchor_of(frame)
+        if first is None or not self._given.keys() >= {view.camera.name for view in frame.views}:
+            return  # the camera whose pose is right, or another one, has not been seen
+        anchor, others = self._given[first.camera.name], [view for view in frame.views if view is not first]
+        seen = {view.camera.name: _pair(first, view, self._given[view.camera.name], anchor) for view in others}
+        self.frame_count += any(seen.values())
+        due = self.frame_count % (5 if self._used else 20) == 0
+        for name, pair in seen.items():
+            if pair is None:
+                continue
             frames = self._frames.setdefault(name, deque(maxlen=LONGEST))
-            frames.append((first.points, view.points, weights, pose.rotation, pose.translation))
+            frames.append(pair)
             if due and len(frames) >= FEWEST:
+                pairs, before = _stacked(frames), self._solutions.get(name, np.zeros(6))
                 deviation = FOUND_DEVIATION if name in self.found else GIVEN_DEVIATION
-                self._solutions[name] = self._solved(frames, self._solutions.get(name, np.zeros(6)), deviation, STEPS)
-                self.wrong[name] = self._what_is_wrong(frames, first.camera.name, name)
+                self._solutions[name] = self._solved(pairs, before, deviation)
+                self.wrong[name] = self._what_is_wrong(pairs, first.camera.name, name)
                 if not self._used and self.moved(name) is not None:
-                    self._explain(deque(list(frames)[::THINNED]), name)
+                    self._explain(_stacked(list(frames)[::4]), name)  # 15 ms
         for name, solution in self._solutions.items():
             before = self.corrections.get(name, np.zeros(6))
             self.corrections[name] = before + FOLLOWING * (solution - before)
@@ -220,59 +200,52 @@ class Extrinsics:
             return next((view for view, pose in zip(views, given) if pose and pose.is_identity), views[0])
         return next((view for view in views if view.camera.name == self.anchor), None)
 
-    def _what_is_wrong(self, frames: deque[tuple[np.ndarray, ...]], first: str, name: str) -> str:
+    def _what_is_wrong(self, pairs: Pairs, first: str, name: str) -> str:
         """Return why the given pose of a camera cannot be right; empty if it can."""
-        a, b, weights, rotation, translation = (np.stack(parts) for parts in zip(*frames))
-        if self._misfit(a, b, weights, rotation, translation) < WRONG:
+        if self._misfit(pairs) < WRONG:
             return ""
         words = f"keypoints of '{first}' and '{name}' do not fit the poses of the cameras"
         inverse = self._given[name].inverse.relative_to(self._given[first])
-        inverted = (np.stack(len(a) * [part]) for part in (inverse.rotation, inverse.translation))
-        if self._misfit(a, b, weights, *inverted) < RIGHT:
+        rotation, translation = (np.stack(len(pairs.a) * [part]) for part in (inverse.rotation, inverse.translation))
+        if self._misfit(pairs._replace(rotation=rotation, translation=translation)) < RIGHT:
             return f"{words}, but the inverse transform: expected the pose of the camera, x_frame = R x_camera + t"
-        if self._misfit(b, a, weights, rotation, translation) < RIGHT:
+        if self._misfit(pairs._replace(a=pairs.b, b=pairs.a)) < RIGHT:
             return f"{words}, but if '{first}' and '{name}' are exchanged: check the topics"
         return f"{words}: check them (TF or a file, m), and that keypoints and lens are those of the camera"
 
-    def _misfit(
-        self, a: np.ndarray, b: np.ndarray, weights: np.ndarray, rotation: np.ndarray, translation: np.ndarray
-    ) -> float:
-        """Return the misfit of a pose, see WRONG; infinite if the body is behind a camera, or has no plausible size."""
-        distances, size, plausible = self._residuals(a, b, weights, rotation, translation, np.zeros(6))
-        seen = weights > 0
-        if plausible < LEAST_SHARE:
+    def _misfit(self, pairs: Pairs) -> float:
+        """Return the misfit of a pose, see WRONG; infinite if half of the limbs have no plausible length."""
+        distances, size, plausible = self._residuals(pairs, np.zeros(6))
+        seen = pairs.weights > 0
+        if plausible < 0.5:
             return math.inf
-        shown = np.where(seen[..., None], b, np.nan)
+        shown = np.where(seen[..., None], pairs.b, np.nan)
         extent = np.linalg.norm(np.nanmax(shown, axis=1) - np.nanmin(shown, axis=1), axis=-1)[:, None]
-        apart = float(np.median((np.abs(distances) / np.maximum(weights, 1e-9) / extent)[seen]))
+        apart = float(np.median((np.abs(distances) / np.maximum(pairs.weights, 1e-9) / extent)[seen]))
         return apart + 0.5 * abs(size) * self.size_known
 
-    def _explain(self, frames: deque[tuple[np.ndarray, ...]], name: str) -> None:
+    def _explain(self, pairs: Pairs, name: str) -> None:
         """Fit a turn, a shift, and both, without regard to the given pose."""
-        a, b, weights, rotation, translation = (np.stack(parts) for parts in zip(*frames))
         before, found = self._explanations.get(name, 3 * [(np.zeros(6), 0.0)]), []
         for (start, _), deviation in zip(before, (TURNED, SHIFTED, FOUND_DEVIATION)):
-            solution = self._solved(frames, start, deviation, STEPS)
-            distances, *_ = self._residuals(a, b, weights, rotation, translation, solution)
-            found.append((solution, float(np.median(np.abs(distances[weights > 0])))))
+            solution = self._solved(pairs, start, deviation)
+            distances, *_ = self._residuals(pairs, solution)
+            found.append((solution, float(np.median(np.abs(distances[pairs.weights > 0])))))
         self._explanations[name] = found
 
-    def _solved(
-        self, frames: deque[tuple[np.ndarray, ...]], start: np.ndarray, deviation: np.ndarray, steps: int
-    ) -> np.ndarray:
-        """Return the correction (6,) that fits all kept frames best. deviation: (6,) of the given pose."""
-        a, b, weights, rotation, translation = (np.stack(parts) for parts in zip(*frames))
-        share = math.sqrt(min(INDEPENDENT, len(a)) / len(a))
-        correction = start
+    def _solved(self, pairs: Pairs, correction: np.ndarray, deviation: np.ndarray, steps: int = 3) -> np.ndarray:
+        """Return the correction (6,) that fits all frames best, by Gauss-Newton from a start. deviation: (6,) of the
+        given pose.
+        """
+        share = math.sqrt(1 / len(pairs.a))  # all frames count as one: the errors of a detector last
+        seen, step = pairs.weights.reshape(-1) > 0, 1e-5
         for _ in range(steps):
-            base = self._residuals(a, b, weights, rotation, translation, correction)
-            moved = [
-                self._residuals(a, b, weights, rotation, translation, correction + STEP * unit) for unit in np.eye(6)
-            ]
-            J = np.stack([(one[0] - base[0]) / STEP for one in moved], axis=-1).reshape(-1, 6)
+            base = self._residuals(pairs, correction)
+            moved = [self._residuals(pairs, correction + step * unit) for unit in np.eye(6)]
+            J = np.stack([(one[0] - base[0]) / step for one in moved], axis=-1).reshape(-1, 6)
             r = base[0].reshape(-1)
             # Errors that are larger than configured count less.
-            scale = max(1.0, float(np.median(np.abs(r[weights.reshape(-1) > 0]))) / MEDIAN_OF_NORMAL)
+            scale = max(1.0, float(np.median(np.abs(r[seen]))) / MEDIAN_OF_NORMAL)
             J, r = J / scale, r / scale
             robust = share * np.minimum(1.0, OUTLIER / np.maximum(np.abs(r), 1e-9))
             J, r = J * robust[:, None], r * robust
@@ -280,30 +253,18 @@ class Extrinsics:
             H[np.arange(6), np.arange(6)] += 1 / deviation**2
             g += correction / deviation**2
             if self.size_known:
-                row = np.array([(one[1] - base[1]) / STEP for one in moved]) / SIZE_DEVIATION
+                row = np.array([(one[1] - base[1]) / step for one in moved]) / SIZE_DEVIATION
                 H += np.outer(row, row)
                 g += row * base[1] / SIZE_DEVIATION
             correction = correction - np.linalg.solve(H, g)
         return correction
 
-    def _residuals(
-        self,
-        a: np.ndarray,
-        b: np.ndarray,
-        weights: np.ndarray,
-        rotation: np.ndarray,
-        translation: np.ndarray,
-        correction: np.ndarray,
-    ) -> tuple[np.ndarray, float, float]:
-        """Return (f, l) distances from epipolar lines in standard deviations, and what `_log_size` returns.
-
-        a, b: (f, l, 2) normalised points of both cameras. rotation, translation: (f, 3, 3), (f, 3) m, from the first to
-        the second camera.
-        """
-        turn = exponential(correction[None, :3])[0]
-        R, t = turn @ rotation, translation @ turn.T + correction[3:]
-        ones = np.ones((*a.shape[:2], 1))
-        x, y = np.concatenate([a, ones], -1), np.concatenate([b, ones], -1)
+    def _residuals(self, pairs: Pairs, correction: np.ndarray) -> tuple[np.ndarray, float, float]:
+        """Return (f, l) distances from epipolar lines in standard deviations, and what `_log_size` returns."""
+        weights, turn = pairs.weights, exponential(correction[None, :3])[0]
+        R, t = turn @ pairs.rotation, pairs.translation @ turn.T + correction[3:]
+        ones = np.ones((*weights.shape, 1))
+        x, y = np.concatenate([pairs.a, ones], -1), np.concatenate([pairs.b, ones], -1)
         turned = x @ R.swapaxes(1, 2)
         line_b = np.cross(t[:, None], turned)
         line_a = np.cross(y, t[:, None]) @ R
@@ -312,10 +273,8 @@ class Extrinsics:
         return distances, *self._log_size(turned, y, t, weights > 0)
 
     def _log_size(self, turned: np.ndarray, y: np.ndarray, t: np.ndarray, seen: np.ndarray) -> tuple[float, float]:
-        """Return the logarithm of measured and given length of the limbs, the median of all, and the share of limbs
-        before both cameras and with a plausible length.
-
-        The landmarks are midway between the two lines of sight, p = s R x + t and q = u y.
+        """Return the median logarithm of measured / given length of the limbs, and the share of limbs before both
+        cameras and with a plausible length. A landmark is where its lines of sight meet, p = s R x + t and q = u y.
         """
         xx, yy, xy = (turned * turned).sum(-1), (y * y).sum(-1), (turned * y).sum(-1)
         xt, yt = (turned * t[:, None]).sum(-1), (y * t[:, None]).sum(-1)
@@ -326,29 +285,29 @@ class Extrinsics:
         return (math.log(float(np.median(found))) if len(found) else 0.0), plausible
 
 
-def _entries(finder: CameraFinder, pose: CameraPose) -> deque[tuple[np.ndarray, ...]]:
+def _stacked(frames: Iterable[Pairs]) -> Pairs:
+    return Pairs(*(np.stack(parts) for parts in zip(*frames)))
+
+
+def _entries(finder: CameraFinder, pose: CameraPose) -> deque[Pairs]:
     """Frames of a camera with a found pose, as `Extrinsics` keeps them."""
-    frames: deque[tuple[np.ndarray, ...]] = deque(maxlen=LONGEST)
-    for placed, unplaced in finder.views:
-        weights = _common(placed, unplaced)
-        if np.count_nonzero(weights) >= FEWEST_POINTS:
-            relative = pose.relative_to(placed.camera)
-            frames.append((placed.points, unplaced.points, weights, relative.rotation, relative.translation))
-    return frames
+    pairs = (_pair(placed, unplaced, pose, placed.camera) for placed, unplaced in finder.views)
+    return deque(filter(None, pairs), maxlen=LONGEST)
 
 
-def _common(a: FrameData, b: FrameData) -> np.ndarray:
-    """(l,) weights of the landmarks that both views show, for their difference."""
+def _pair(a: FrameData, b: FrameData, pose: CameraPose, first: CameraPose) -> Pairs | None:
+    """The landmarks that both views show; None for too few. pose, first: of their cameras."""
     both = (a.weights > 0) & (b.weights > 0)
-    return np.where(both, 1 / np.hypot(1 / np.maximum(a.weights, 1e-9), 1 / np.maximum(b.weights, 1e-9)), 0.0)
+    if np.count_nonzero(both) < FEWEST_POINTS:
+        return None
+    weights = np.where(both, 1 / np.hypot(1 / np.maximum(a.weights, 1e-9), 1 / np.maximum(b.weights, 1e-9)), 0.0)
+    relative = pose.relative_to(first)
+    return Pairs(a.points, b.points, weights, relative.rotation, relative.translation)
 
 
-def _degrees(correction: np.ndarray) -> float:
-    return math.degrees(float(np.linalg.norm(correction[:3])))
-
-
-def _metres(correction: np.ndarray) -> float:
-    return float(np.linalg.norm(correction[3:]))
+def _size(correction: np.ndarray) -> tuple[float, float]:
+    """rad and m, of a correction (6,)."""
+    return float(np.linalg.norm(correction[:3])), float(np.linalg.norm(correction[3:]))
 
 
 def _moved(pose: CameraPose, correction: np.ndarray) -> CameraPose:

@@ -1,8 +1,7 @@
 """Which feet stand still, and where: the anchors of the rows of `evidence.foot_contact`.
 
 A foot is in contact if its keypoints stand still in the image. They do not show a motion along the line of sight, so
-the ankle of the fitted body must not be fast at the beginning of a contact; later the rows hold it. A camera that moves
-moves the keypoints of both feet, so that they are not in contact.
+the ankle of the fitted body must not be fast at the beginning of a contact; later the rows hold it.
 """
 
 from __future__ import annotations

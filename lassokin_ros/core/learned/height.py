@@ -1,10 +1,9 @@
 """The person's height, measured with depth, with several cameras, or on request with feet on the floor.
 
-One camera does not observe size: a body twice as tall at twice the distance gives the same keypoints. Measured depths
-and further cameras remove this ambiguity. With several cameras, the scale is the sum of the triangulated lengths of
-limbs and trunk, relative to the skeleton's: people's proportions differ, and the sum differs less than each length.
-With depths, the body's pose is kept fixed in each frame. Its scale s and translation t are fitted to the keypoints u_i
-and the depths d_i by robust least squares on equations that are linear in (s, t), with q_i the landmarks relative to
+One camera does not observe size: a body twice as tall at twice the distance gives the same keypoints. With several
+cameras, the scale is the sum of the triangulated lengths of limbs and trunk, relative to the skeleton's: people's
+proportions differ, and the sum differs less than each length. With depths, the body's scale s and translation t are
+fitted in each frame to the keypoints u_i and the depths d_i by robust least squares, with q_i the landmarks relative to
 the pelvis:
 
     s q_xy + t_xy - u_i (s q_z + t_z) = 0,     s q_z + t_z - d_i = 0.
@@ -18,8 +17,10 @@ import numpy as np
 
 from lassokin_ros.core.config import TYPICAL_HEIGHT
 from lassokin_ros.core.evidence.evidence import EvaluatedState
+from lassokin_ros.core.evidence.floor import ANKLE_HEIGHT
+from lassokin_ros.core.evidence.floor import DEVIATION as FLOOR_DEVIATION
 from lassokin_ros.core.image.measurement import Measurement
-from lassokin_ros.core.learned.floor_size import FloorSize
+from lassokin_ros.core.record import record
 
 PEOPLE_DEVIATION = 0.15
 """Standard deviation of the logarithm of people's heights about that of `TYPICAL_HEIGHT`, children included."""
@@ -39,21 +40,24 @@ are 2 to 3 % too tall."""
 TIME_CONSTANT_S = 5.0
 """s: time constant of the average. The first frames' poses are the least exact."""
 LEAST_DEVIATION = 0.035
-"""Lower limit of the logarithm's standard deviation, because people's proportions differ from those of the skeleton. It
-is the root mean square error over 19 people of motion capture who are not in the tests. Their measured heights are
-3.4 % too high on average, with a standard deviation of 1.3 %. With the skeleton's proportions the error is 2 %."""
+"""Lower limit of the logarithm's standard deviation, because people's proportions differ from those of the skeleton:
+the root mean square error over 19 people of motion capture who are not in the tests."""
 CHANGE = 0.01
 """Change of the logarithm from which a new height is adopted."""
 PAUSE_S = 0.25
 """s between two adoptions."""
-ROUNDS = 4
-"""Iterations of the robust fit."""
 LOSS_SCALE = 2.5
-"""Scale of Geman and McClure's loss, in standard deviations. The loss is bounded for errors of both signs. It is
-applied to all three equations of a landmark. `measured_depth` has Cauchy's loss for depths behind the landmark."""
+"""Scale of Geman and McClure's loss of the three equations of a landmark, in standard deviations."""
 RANGE = 0.5, 2.3
-"""m: limits of the height. A frame that implies a height outside them is ignored, because its depths are not those of
-the person but, for example, of the wall behind."""
+"""m: limits of the height. A frame outside them is ignored: its depths are those of the wall behind, for example."""
+
+
+@record
+class FloorSize:
+    """ratio: size by the floor / size in use. deviation: standard deviation of its logarithm by tilt and distance."""
+
+    ratio: float
+    deviation: float
 
 
 class HeightEstimator:
@@ -102,44 +106,34 @@ class HeightEstimator:
         height: m, of the skeleton in use. lengths: (k,) m, as several cameras measure them, and those of that skeleton.
         floor: from feet on the floor; it is used in frames without measured depth.
         """
+        stamp = measurement.stamp
         if lengths is not None and len(lengths[0]) >= FEWEST:
             measured, given = (float(one.sum()) for one in lengths)
-            deviation = LIMB_DEVIATION / np.sqrt(len(lengths[0]))
-            self._add(measurement.stamp, float(np.log(measured / given * height / TYPICAL_HEIGHT)), deviation)
+            self._add(stamp, measured / given * height, LIMB_DEVIATION / np.sqrt(len(lengths[0])))
         elif measurement.depth is not None:
-            self._learn(measurement, solved, height)
+            if not measurement.repeated and measurement.depth_count >= FEWEST:
+                root = solved.state.translation
+                scale, deviation = fit_scale(measurement, solved.pose.landmarks - root, root)
+                if RANGE[0] < scale * height < RANGE[1]:
+                    self._add(stamp, scale * height, deviation)
         elif floor is not None:
-            self._learn_from_floor(measurement.stamp, floor, height)
-        stamp = measurement.stamp
+            self.floor_deviation, self._floor_since = floor.deviation, min(self._floor_since, stamp)
+            usable = floor.deviation < LARGEST_FLOOR_DEVIATION and RANGE[0] < floor.ratio * height < RANGE[1]
+            if usable and stamp >= self._floor_since + FLOOR_AFTER:
+                self._add(stamp, floor.ratio * height, floor.deviation)
         if not self.measured or stamp - self._adopted_at < PAUSE_S or abs(np.log(self.height / height)) < CHANGE:
             return False
         self._adopted_at = stamp
         return True
 
-    def _learn(self, measurement: Measurement, solved: EvaluatedState, height: float) -> None:
-        if measurement.repeated or measurement.depth_count < FEWEST:
-            return
-        root = solved.state.translation
-        scale, deviation = fit_scale(measurement, solved.pose.landmarks - root, root)
-        if not RANGE[0] < scale * height < RANGE[1]:
-            return
-        self._add(measurement.stamp, float(np.log(scale * height / TYPICAL_HEIGHT)), deviation)
-
-    def _learn_from_floor(self, stamp: float, floor: FloorSize, height: float) -> None:
-        self.floor_deviation, self._floor_since = floor.deviation, min(self._floor_since, stamp)
-        if stamp < self._floor_since + FLOOR_AFTER:
-            return
-        if floor.deviation < LARGEST_FLOOR_DEVIATION and RANGE[0] < floor.ratio * height < RANGE[1]:
-            self._add(stamp, float(np.log(floor.ratio * height / TYPICAL_HEIGHT)), floor.deviation)
-
-    def _add(self, stamp: float, log_height: float, deviation: float) -> None:
-        """Average a frame's logarithm of the height / `TYPICAL_HEIGHT`, with the standard deviation of its fit."""
+    def _add(self, stamp: float, height: float, deviation: float) -> None:
+        """Average a frame's height, m, whose logarithm has this standard deviation by its fit."""
         elapsed, self._stamp = stamp - self._stamp, stamp
         fade = np.exp(-min(elapsed, 1e3) / TIME_CONSTANT_S)
         share = min(elapsed / CORRELATED_S, 1.0)
         information = share / (FRAME_DEVIATION**2 + deviation**2)
         self._information = fade * self._information + information
-        self._weighted = fade * self._weighted + information * log_height
+        self._weighted = fade * self._weighted + information * float(np.log(height / TYPICAL_HEIGHT))
 
 
 def fit_scale(measurement: Measurement, body: np.ndarray, root: np.ndarray) -> tuple[float, float]:
@@ -160,10 +154,32 @@ def fit_scale(measurement: Measurement, body: np.ndarray, root: np.ndarray) -> t
     solution[0] = near / np.median((body[:, 2] + root[2])[measurement.depth_weights > 0])
     solution[1:] *= solution[0]
     H = np.eye(4)
-    for _ in range(ROUNDS):
+    for _ in range(4):
         size = np.abs(A @ solution - b) * given
         weights = given / (1 + (size / LOSS_SCALE) ** 2)
         rows, right = (A * weights[..., None]).reshape(-1, 4), (b * weights).ravel()
         H = rows.T @ rows + 1e-9 * np.eye(4)
         solution = np.linalg.solve(H, rows.T @ right)
     return float(solution[0]), float(np.sqrt(np.linalg.inv(H)[0, 0]))
+
+
+def floor_size(
+    ankles: np.ndarray, floor: np.ndarray, centre: np.ndarray, height: float, tilt_deviation: float
+) -> FloorSize | None:
+    """Return the size by the ankles (k, 3) m of standing feet; None if they are not below the camera.
+
+    Feet that stand are on the floor: the body is scaled about the camera until its ankles are at their height.
+
+    floor: (4,) as in `FrameData`; centre: (3,) m, of the camera; height: m, of the body in use; tilt_deviation: rad, of
+    the floor's normal. It moves a point at a distance d by d * tilt_deviation up or down.
+    """
+    up, camera_height = floor[:3], float(floor[:3] @ centre + floor[3])
+    if camera_height <= 0 or not len(ankles):
+        return None
+    lower = ankles[np.argmin(ankles @ up)] - centre  # the heel of the other one may be raised
+    rise = float(lower @ up)
+    below = ANKLE_HEIGHT * height - rise
+    if below <= 0:
+        return None
+    distance = float(np.linalg.norm(lower - rise * up))
+    return FloorSize(camera_height / below, float(np.hypot(tilt_deviation * distance, FLOOR_DEVIATION)) / camera_height)

@@ -26,12 +26,10 @@ from lassokin_ros.core.learned.vertical import Vertical
 
 
 class Learned:
-    """The learners of one tracker. Each has `update` and `reset`.
+    """The learners of one tracker, each with `update` and `reset`.
 
-    lengths: the bone lengths. height: None if it is given. mean_pose: the person's mean posture. model_error: the
-    keypoints' constant error. vertical: in the skeleton's frame. depth_noise: of measured depth. size_check: of a given
-    height against measured depth. extrinsics: None if the cameras' given poses are not checked. feet: which stand
-    still.
+    height: None if it is given. vertical: in the skeleton's frame. extrinsics: None if the cameras' given poses are not
+    checked. feet: which stand still.
     """
 
     def __init__(self, frame_model: FrameModel, config: TrackerConfig, up: np.ndarray | None = None) -> None:
@@ -49,16 +47,10 @@ class Learned:
 
     def reset(self, same_camera: bool = False) -> None:
         """Forget what was learned. same_camera: keep the vertical."""
-        for learner in self._all:
-            learner.reset()
-        if not same_camera:
-            self.vertical.reset()
-
-    @property
-    def _all(self) -> tuple[Any, ...]:
-        """All but the vertical."""
         known = self.lengths, self.mean_pose, self.model_error, self.depth_noise, self.size_check, self.feet
-        return (*known, *(learner for learner in (self.height, self.extrinsics) if learner is not None))
+        learners: tuple[Any, ...] = *known, self.height, self.extrinsics, None if same_camera else self.vertical
+        for learner in filter(None, learners):
+            learner.reset()
 
     def resize(self, ratio: float) -> None:
         """Scale what is known to a body that is taller by a factor."""
@@ -87,8 +79,7 @@ class Learned:
     ) -> bool:
         """Use a tracked frame for all but lengths and height. Returns True if the prior's mean has changed.
 
-        seen: gives the frame with the weights of the landmarks that were seen. start: the state about which the
-        frame's lasso was linearised; solved: the state after its increment.
+        seen: gives the frame with the landmarks that were seen. start, solved: before and after the `increment`.
         """
         stamp, problem, rows = measurement.stamp, increment.problem, increment.rows
         if self.height is None:

@@ -1,10 +1,10 @@
 """Prior distribution of the log-lengths: a mixture of Gaussians, one for each origin that the given lengths may have.
 
-Given lengths are measured, or good guesses, or those of another person. The built-in proportions are not a measurement.
-With them there are four cases: the person has about these lengths, or other ones, or lengths that differ from them as
-those of people do (priors/people_lengths.yaml, written by training/people.py), or lengths like those of motion capture
-(priors/capture_lengths.yaml, written by training/lengths.py), whose joints are other points of the body than those that
-detectors mark. The keypoints determine the probability of each case.
+Given lengths are measured, or good guesses, or those of another person. With the built-in proportions there are four
+cases: the person has about these lengths, or other ones, or lengths that differ from them as those of people do
+(priors/people_lengths.yaml, written by training/people.py), or as those of motion capture (priors/capture_lengths.yaml,
+written by training/lengths.py), whose joints are other points of the body than those that detectors mark. The keypoints
+determine the probability of each case.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from lassokin_ros.core.body.skeleton import has_built_in_proportions
 from lassokin_ros.core.yaml_files import shipped_mapping
 
 MEASURED, GUESSED, ANOTHER = 0.003, 0.05, 0.12
-"""Standard deviation of a log-length about the given one if the given lengths are measured, good guesses, or those of
-another person. A measured skeleton thus stays unchanged until the images clearly contradict it."""
+"""Standard deviation of a log-length about the given one in these cases."""
 ODDS = (0.3, 0.6, 0.1)
 """Prior probability of each case. Treating a guess as measured costs more than the opposite error."""
 BUILT_IN_ODDS = (0.3, 0.1, 0.4, 0.2)

@@ -1,16 +1,14 @@
 """The model error: constant offsets between a detector's keypoints and the landmarks, estimated from residuals.
 
 The detector's definition of a hip differs from the skeleton's, clothes hide the body, and the lengths are not exact.
-Such errors are constant, so a filter of the tracks cannot remove them. With the standard deviation s_i of the noise
-that is left on landmark i's track and the standard deviation lambda of its constant error, a keypoint has the variance
-v_i = lambda^2 + s_i^2. The residuals r_i of the solved frame, in units of sqrt(v_i), determine lambda:
+With the standard deviations s_i of the noise that is left on landmark i's track and lambda of its constant error, a
+keypoint has the variance v_i = lambda^2 + s_i^2. The residuals r_i of the solved frame, in units of sqrt(v_i),
+determine lambda:
 
     E sum_i |r_i|^2 / 2 = sum_i f_i,    f_i = 1 - a_i^T H^-1 a_i,
 
 with a row a_i of [A B] and H = [A B]^T [A B] with the prior's rows (MacKay, Bayesian interpolation, 1992, sec. 4).
-The l1 term is not in H: it acts on the frame's motion only, and the state has already followed a constant error. One
-number is learned for all landmarks. One number per landmark was not better, because most residuals come from two
-landmarks that contradict each other.
+The l1 term is not in H: it acts on the frame's motion only, and the state has already followed a constant error.
 """
 
 from __future__ import annotations
@@ -38,8 +36,6 @@ SHARE = 0.1
 CAP = 3.0
 """Upper limit of a landmark's squared residual, in units of its expectation. A larger one belongs to an outlier or to a
 limb on the wrong side in depth."""
-CAPPED = 1 - math.exp(-CAP)
-"""Ratio of the expectations with and without the cap, for Gaussian residuals."""
 
 
 class ModelError:
@@ -54,8 +50,7 @@ class ModelError:
         """Return to the initial value."""
         #: m: lambda, in each of the two image directions.
         self.deviation = INITIAL * self._height
-        self._known = INITIAL_WEIGHT
-        self._measured_at = -math.inf
+        self._known, self._measured_at = INITIAL_WEIGHT, -math.inf
 
     def resize(self, ratio: float) -> None:
         """Scale with the person's size."""
@@ -67,14 +62,12 @@ class ModelError:
         """The standard deviation in units of its lower limit, 1 or more."""
         return self.deviation / (LEAST_ERROR * self._height)
 
-    @property
-    def _every(self) -> float:
-        """Time in s between two measurements."""
-        return max(SHORTEST_INTERVAL, SHARE * self._known)
-
     def due(self, stamp: float) -> bool:
         """Whether `update` uses a frame at this stamp, s."""
-        return stamp - self._measured_at >= self._every
+        return stamp - self._measured_at >= self._interval()
+
+    def _interval(self) -> float:
+        return max(SHORTEST_INTERVAL, SHARE * self._known)
 
     def update(
         self,
@@ -87,11 +80,10 @@ class ModelError:
     ) -> None:
         """Use a tracked frame for which a measurement is `due`.
 
-        problem: its lasso; image: the rows of the image in it; omega: (live,) rad, its solution. stamp: s; weights:
-        (l,), 1 / standard deviation in normalised units, 0 = missing; depth: m, of the person, or (l,) in each
-        landmark's camera.
+        stamp: s. image: the rows of the image in the problem; omega: (live,) rad, its solution. weights: (l,) of the
+        points, 0 = missing. depth: m, of the person, or (l,) in each landmark's camera.
         """
-        step = min(stamp - self._measured_at, 2 * self._every)
+        step = min(stamp - self._measured_at, 2 * self._interval())
         self._measured_at = stamp
         seen = weights > 0
         free = _free_shares(problem, image, len(weights))[seen]
@@ -99,7 +91,8 @@ class ModelError:
         left = free.sum()
         if not left > 0:
             return
-        ratio = float(np.minimum(0.5 * squared_norm(residual), CAP * free).sum() / (CAPPED * left))
+        expected = (1 - math.exp(-CAP)) * left  # for Gaussian residuals
+        ratio = float(np.minimum(0.5 * squared_norm(residual), CAP * free).sum() / expected)
         deviation = np.broadcast_to(depth, weights.shape)[seen] / weights[seen]
         variance = float((free * deviation**2).sum() / left)
         gain = step / (self._known + step)

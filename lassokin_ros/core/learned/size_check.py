@@ -1,8 +1,8 @@
 """Check of a given height against measured depth.
 
-If the given height is wrong, the pose and the bone lengths adapt to the depths, so their scale does not show it. The
-limbs between two measured landmarks do: their lengths in 3D, d_i (u_i, 1) - d_j (u_j, 1), are compared with those of
-the given skeleton. The check does not change the tracker's answers.
+If the given height is wrong, the pose and the bone lengths adapt to the depths, but not the limbs between two measured
+landmarks: their lengths in 3D, d_i (u_i, 1) - d_j (u_j, 1), are compared with those of the given skeleton. The check
+does not change the tracker's answers.
 """
 
 from __future__ import annotations
@@ -21,9 +21,7 @@ from lassokin_ros.core.learned.height import CORRELATED_S
 SHORTEST = 0.08
 """As a fraction of the height: shortest limb that is used."""
 FEWEST = 20
-"""Frames until there is a result."""
-LARGEST_COUNT = 100
-"""Frames of which the limbs are kept. The result is the median over all of them."""
+"""Frames until there is a result, the median over the last 100."""
 LARGEST_RATIO = 1.6
 """Ratio of a limb from which on, or from the inverse, one of its ends is considered to be on an occluder."""
 LIMIT = 0.12
@@ -45,19 +43,18 @@ class SizeCheck:
         layout = self._kinematics.layout.scaled(given.height / self._kinematics.skeleton.height)
         joints, rest = layout.joints, given.rest_positions[layout.joints] + layout.offsets
         # Pairs of landmarks: one of a joint, one of a child of that joint.
-        above, below = np.nonzero(given.parents[joints] == joints[:, None])
-        lengths = np.linalg.norm(rest[above] - rest[below], axis=1)
-        long = lengths > SHORTEST * given.height
-        self._above, self._below, self._lengths = above[long], below[long], lengths[long]
-        trunk = [np.argwhere(np.outer(*(joints == j for j in pair))) for pair in _sides_of_trunk(given)]
-        self._ends = np.concatenate([np.column_stack([self._above, self._below]), *trunk])
-        self._with_trunk = np.linalg.norm(rest[self._ends[:, 0]] - rest[self._ends[:, 1]], axis=1)
+        limbs = np.argwhere(given.parents[joints] == joints[:, None])
+        limbs = limbs[np.linalg.norm(rest[limbs[:, 0]] - rest[limbs[:, 1]], axis=1) > SHORTEST * given.height]
+        sides = [pair for pair in zip(sided("shoulder"), sided("hip")) if set(pair) <= set(given.joint_names)]
+        trunk = [np.argwhere(np.outer(*(joints == given.index(name) for name in side))) for side in sides]
+        self._limbs, self._ends = limbs.T, np.concatenate([limbs, *trunk])
+        self._lengths = np.linalg.norm(rest[self._ends[:, 0]] - rest[self._ends[:, 1]], axis=1)
         self.reset()
 
     def reset(self) -> None:
         """Forget the person."""
         self._newest = -math.inf
-        self._ratios: deque[np.ndarray] = deque(maxlen=LARGEST_COUNT)
+        self._ratios: deque[np.ndarray] = deque(maxlen=100)
 
     @property
     def ratio(self) -> float:
@@ -70,29 +67,26 @@ class SizeCheck:
         return abs(math.log(self.ratio)) > LIMIT
 
     def ratios(self, places: np.ndarray, usable: np.ndarray) -> np.ndarray:
-        """Ratios of the limbs' measured and given lengths, of all bodies.
-
-        places: (..., l, 3) m of the landmarks; usable: (..., l) bool.
-        """
-        limbs = usable[..., self._above] & usable[..., self._below]
-        measured = np.linalg.norm(places[..., self._above, :] - places[..., self._below, :], axis=-1)
-        found = (measured / self._lengths)[limbs]
+        """Ratios of the limbs' measured and given lengths, of all bodies. places: (..., l, 3) m; usable: (..., l)."""
+        above, below = self._limbs
+        measured = np.linalg.norm(places[..., above, :] - places[..., below, :], axis=-1)
+        found = (measured / self._lengths[: len(above)])[usable[..., above] & usable[..., below]]
         return np.asarray(found[(found > 1 / LARGEST_RATIO) & (found < LARGEST_RATIO)])
 
     def lengths(self, places: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Measured and given lengths (k,) m of the limbs and of both sides of the trunk, without implausible ones.
 
-        places: (l, 3) m of the landmarks; usable: (l,) bool.
+        places: (l, 3) m; usable: (l,).
         """
         seen = usable[self._ends].all(axis=1)
         a, b = places[self._ends[seen]].swapaxes(0, 1)
-        measured, given = np.linalg.norm(a - b, axis=1), self._with_trunk[seen]
+        measured, given = np.linalg.norm(a - b, axis=1), self._lengths[seen]
         plausible = (measured < LARGEST_RATIO * given) & (given < LARGEST_RATIO * measured)
         return measured[plausible], given[plausible]
 
     def limb_count(self, usable: np.ndarray) -> int:
         """Number of limbs between usable landmarks (..., l), of all bodies."""
-        return int(np.count_nonzero(usable[..., self._above] & usable[..., self._below]))
+        return int(np.count_nonzero(usable[..., self._limbs].all(axis=-2)))
 
     def update(self, measurement: Measurement) -> None:
         """Use a tracked frame."""
@@ -106,9 +100,3 @@ class SizeCheck:
         if len(ratios):
             self._newest = measurement.stamp
             self._ratios.append(ratios)
-
-
-def _sides_of_trunk(skeleton: Skeleton) -> list[tuple[int, int]]:
-    """Shoulder and hip of each side; none for a skeleton without them."""
-    pairs = zip(sided("shoulder"), sided("hip"))
-    return [(skeleton.index(a), skeleton.index(b)) for a, b in pairs if {a, b} <= set(skeleton.joint_names)]

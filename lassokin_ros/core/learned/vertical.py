@@ -14,17 +14,14 @@ import numpy as np
 from lassokin_ros.core.body.rotations import exponential, hat, least_turn
 
 TIME_CONSTANT_S = 0.5, 5.0
-"""s with which the vertical follows the person's: at first, and at most. It grows with the time for which a person has
-been tracked. It is short at first, because the error of the camera's mount is often larger than the lean of a
-person."""
+"""s with which the vertical follows the person's: at first, when the error of the mount is often larger than the lean
+of a person, and at most. It grows with the time for which a person has been tracked."""
 TILT, TILT_COST = 0.45, 4.0
 """rad: pitch of the alternative verticals of `candidates`; and their cost, a negative log-likelihood. With a smaller
-cost, people who lean in front of a level camera are estimated as upright. With a larger one, upright people in front of
-a tilted camera are estimated as leaning."""
+one people who lean in front of a level camera are estimated as upright, with a larger one upright people in front of a
+tilted camera as leaning."""
 LEAST_COSINE = 0.5
 """Cosine of the lean, 60 degrees, beyond which a person is not used."""
-LEAST_TILT = 1e-4
-"""Difference of two unit vectors below which the mount is the same."""
 KNOWN_AFTER = 1.0
 """s for which the vertical must have been learned before it is input to the depth network."""
 LONGEST_STEP = 0.2
@@ -60,25 +57,23 @@ class Vertical:
         """s for which the vertical has been learned."""
 
     def move_mount(self, roll: float, pitch: float) -> None:
-        """Set the measured mount, rad, of a camera that may move.
+        """Set the measured mount, rad, of a camera that may move, and rotate the learned vertical with it.
 
-        The learned vertical is rotated with the camera. The first measured mount is no motion: it replaces what was
-        learned with an assumed one.
+        The first measured mount is no motion: it replaces what was learned with an assumed one.
         """
         mount = vertical_of(roll, pitch) if self._given is None else self._given
         if not self.configured:
             self.mount, self.configured = mount, True
             self.reset()
-        elif np.abs(mount - self.mount).max() > LEAST_TILT:
+        elif np.abs(mount - self.mount).max() > 1e-4:
             moved = mount if self.learned_for == 0 else least_turn(self.mount, mount) @ self.direction
             self.direction, self.mount = moved, mount
 
     def candidates(self) -> list[tuple[np.ndarray, float]]:
         """The verticals (3,) to try in a first fit without the depth network, with their costs.
 
-        They are that of a level camera and those of cameras pitched up and down, or only what is known already. A
-        leaning person looks like an upright one in front of a tilted camera. Without the network, the tilted ones
-        improve validation people in front of a camera that is pitched by 26 degrees from 48 to 43 mm.
+        They are that of a level camera and those of cameras pitched up and down, or only what is known already. The
+        tilted ones improve validation people in front of a camera that is pitched by 26 degrees from 48 to 43 mm.
         """
         if self.learned_for > 0 or self.configured:
             return [(self.direction, 0.0)]

@@ -49,12 +49,10 @@ class DepthEstimator:
         """Forget the past keypoints."""
         self._history.reset()
         self._roll.reset()
-        self._places: np.ndarray | None = None  # of `PLACES` in the virtual camera, m
-        self._rotation = np.eye(3)
+        self.places: np.ndarray | None = None
+        """(k, 3) m: `PLACES` relative to the middle of the hips, camera frame; None without `joint_depths`."""
         self.joint_depths: JointDepths | None = None
-        """The estimate for the newest frame, here with `sight` in the camera frame; None if fewer than `LEAST_SEEN`
-        points are visible in it.
-        """
+        """Of the newest frame, with `sight` in the camera frame; None if fewer than `LEAST_SEEN` points are visible."""
 
     def update(
         self, stamp: float, points: np.ndarray, seen: np.ndarray, up: np.ndarray | None, mount: np.ndarray
@@ -62,9 +60,8 @@ class DepthEstimator:
         """Estimate the joints' depths after a frame's keypoints.
 
         stamp: s, later than the last. points: (l, 2) normalised; seen: (l,) bool. up: (3,) the vertical in the camera
-        frame, None if unknown. mount: (3,) the vertical by the camera's mount. It is used to rotate a rolled image
-        upright, because the network was trained with nearly level cameras. If the body does not point up in that image,
-        it is turned further, see `ImageRoll`, and the vertical is not used.
+        frame, None if unknown. mount: (3,) the vertical by the camera's mount, by which a rolled image is turned
+        upright. If the body does not point up in that image, see `ImageRoll`, the vertical is not used.
         """
         shown = seen.take(self._index) & self._in_layout
         if mount is not self._mount:
@@ -73,7 +70,7 @@ class DepthEstimator:
         levelled = points.take(self._index, axis=0) @ level[:2, :2].T
         self._history.add(stamp, levelled, shown)
         self._roll.update(stamp, levelled, shown)
-        self._places = self.joint_depths = None
+        self.places = self.joint_depths = None
         if np.count_nonzero(shown) < LEAST_SEEN:
             return
         past, known = self._history.sampled()
@@ -83,16 +80,9 @@ class DepthEstimator:
             past, level, up = past @ turn[:2, :2].T, turn @ level, None
         vertical = np.zeros(3) if up is None else level @ up
         scene = Scene(past, known, vertical, np.array(up is not None), self._lengths, self._lengths_known)
-        self._places, depths, whitening, rotation = self._network.estimate(scene, self._kinematics.skeleton.height)
-        self._rotation = rotation @ level
-        self.joint_depths = JointDepths(self._rotation[2], depths, whitening)
-
-    def places(self) -> np.ndarray | None:
-        """(k, 3) m: positions of `PLACES` relative to the middle of the hips, camera frame.
-
-        None without an estimate for the newest frame.
-        """
-        return None if self._places is None else self._places @ self._rotation
+        places, depths, whitening, rotation = self._network.estimate(scene, self._kinematics.skeleton.height)
+        rotation = rotation @ level
+        self.places, self.joint_depths = places @ rotation, JointDepths(rotation[2], depths, whitening)
 
 
 def _upright_image(up: np.ndarray) -> np.ndarray:

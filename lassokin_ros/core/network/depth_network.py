@@ -8,9 +8,9 @@ the image. The same points at fixed times in the past (`TIMES`) follow, as diffe
 not matter. Three more inputs describe the scene: the angular size, the vertical in the virtual camera, and the person's
 bone lengths relative to the height. Each has a mask for where it is unknown.
 
-Output. For each of `TARGETS` the position relative to the middle of the hips, in the virtual camera and in units of the
-person's height. The depths come with a full covariance: the lower triangular matrix `whitening` makes their errors
-independent and of unit scale. The order of `TARGETS` goes from the trunk outwards.
+Output. For each of `TARGETS`, from the trunk outwards, the position relative to the middle of the hips, in the virtual
+camera and in heights. The lower triangular matrix `whitening` makes the errors of the depths independent and of unit
+scale.
 """
 
 from __future__ import annotations
@@ -24,23 +24,22 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.body.landmarks import Layout
-from lassokin_ros.core.body.roles import NETWORK_JOINTS, SIDES
+from lassokin_ros.core.body.roles import NETWORK_JOINTS, SIDES, sided
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.kernel import kernel
+from lassokin_ros.core.observation import AXES
 from lassokin_ros.core.record import record
 
 TIMES = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
 """s before the present: times of the keypoints in the input."""
 LONGEST_GAP = 0.6
 """s: detections further apart are not interpolated."""
-_LONGEST = np.array([LONGEST_GAP])
 
 Offset = tuple[float, float, float]
 
 
-def _sided(joint: str, on: str, offset: Offset) -> list[tuple[str, str, Offset]]:
-    """The entries of `CANONICAL` for both sides; x of the offset is mirrored."""
-    x, y, z = offset
+def _sided(joint: str, on: str, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> list[tuple[str, str, Offset]]:
+    """The entries of `CANONICAL` for both sides; x is mirrored."""
     return [(f"{side}_{joint}", f"{side}_{on}", (sign * x, y, z)) for side, sign in zip(SIDES, (1.0, -1.0))]
 
 
@@ -52,9 +51,9 @@ CANONICAL = (
     ("head_top", "head", (0.0, 0.112, 0.0)),
     ("neck", "spine3", (0.0, 0.057, -0.002)),
     ("mid_hip", "pelvis", (0.0, -0.055, 0.01)),
-    *(entry for joint in "shoulder elbow wrist hip knee ankle".split() for entry in _sided(joint, joint, (0, 0, 0))),
-    *_sided("heel", "ankle", (0.0, -0.030, -0.035)),
-    *_sided("toe", "ankle", (-0.008, -0.032, 0.105)),
+    *(entry for joint in "shoulder elbow wrist hip knee ankle".split() for entry in _sided(joint, joint)),
+    *_sided("heel", "ankle", 0.0, -0.030, -0.035),
+    *_sided("toe", "ankle", -0.008, -0.032, 0.105),
 )
 """Canonical points: name, joint to which the point is fixed, and its position in that joint's frame, in heights."""
 NAMES = tuple(name for name, _, _ in CANONICAL)
@@ -74,7 +73,7 @@ LENGTH_SPREAD = 0.02
 
 _GAINS = np.array([4.0, 3.0, 2.0, 1.2, 0.8])
 """Factors on the differences between the past points and the present ones, which give them a similar size."""
-_TRUNK = np.array([NAMES.index(f"{side}_{joint}") for side in SIDES for joint in ("shoulder", "hip")])
+_IS_TRUNK = np.isin(NAMES, sided("shoulder", "hip")).astype(float)
 INPUTS = len(TIMES) * len(NAMES) * 3 + 1 + 4 + len(LENGTHS) + 1
 DEPTHS = len(TARGETS)
 _LOWER = np.tril_indices(DEPTHS, -1)
@@ -151,8 +150,7 @@ def features(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     places = points[..., :2] / np.maximum(points[..., 2:], 0.1)
     places *= seen[..., None]
     present, now = places[..., 0, :, :], seen[..., 0, :]
-    count = now.dot(_ONES)[..., 0]
-    size = np.sqrt((present * present).sum((-1, -2)) / np.maximum(count, 1.0)) + 1e-6
+    size = np.sqrt((present * present).sum((-1, -2)) / np.maximum(now.sum(-1), 1.0)) + 1e-6
     places /= size[..., None, None, None]
     past = places[..., 1:, :, :]
     past -= present[..., None, :, :] * seen[..., 1:, :, None]
@@ -184,47 +182,30 @@ def _virtual_camera(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
     The middle is that of the visible shoulders and hips, or of all points if fewer than two of those are visible.
     """
     on_trunk = seen * _IS_TRUNK
-    weights = np.where(on_trunk.dot(_ONES) >= 2, on_trunk, seen)
-    weights = weights / np.maximum(weights.dot(_ONES), 1.0)
+    weights = np.where(on_trunk.sum(-1, keepdims=True) >= 2, on_trunk, seen)
+    weights = weights / np.maximum(weights.sum(-1, keepdims=True), 1.0)
     centre = (weights[..., None, :] @ points)[..., 0, :]
     x, y = centre[..., 0], centre[..., 1]
     z = 1 / np.sqrt(1 + x * x + y * y)
     across = centre * z[..., None]
     rotation = np.empty((*z.shape, 3, 3))
     moved = across[..., :, None] * across[..., None, :] * (1 / (1 + z))[..., None, None]
-    np.subtract(_IDENTITY, moved, out=rotation[..., :2, :2])
+    np.subtract(AXES[:2, :2], moved, out=rotation[..., :2, :2])
     rotation[..., :2, 2], rotation[..., 2, :2], rotation[..., 2, 2] = -across, across, z
     return rotation
 
 
-_IDENTITY, _ONES = np.eye(2), np.ones((len(NAMES), 1))
-_IS_TRUNK = np.isin(np.arange(len(NAMES)), _TRUNK).astype(float)
+def interpreted(outputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Decode the network's outputs (..., OUTPUTS), in the virtual camera and in heights.
 
-
-@record
-class Prediction:
-    """The network's positions of `TARGETS` relative to the middle of the hips, in the virtual camera, in heights.
-
-    places: (..., DEPTHS, 3); whitening: (..., DEPTHS, DEPTHS) lower triangular, so that whitening @ (depths - truth)
-    has independent errors of unit scale. rotation: (..., 3, 3) from the camera frame into the virtual camera.
+    Returns places (..., DEPTHS, 3) of `TARGETS` relative to the middle of the hips; and whitening (..., DEPTHS, DEPTHS)
+    lower triangular, so that whitening @ (depths - truth) has independent errors of unit scale.
     """
-
-    places: np.ndarray
-    whitening: np.ndarray
-    rotation: np.ndarray
-
-
-def interpreted(outputs: np.ndarray, rotation: np.ndarray) -> Prediction:
-    """Decode the network's outputs (..., OUTPUTS), in the virtual camera of this rotation (..., 3, 3)."""
-    lead = outputs.shape[:-1]
     d = DEPTHS
-    places = outputs[..., : 3 * d].reshape(*lead, 3, d).swapaxes(-1, -2)
+    places = outputs[..., : 3 * d].reshape(*outputs.shape[:-1], 3, d).swapaxes(-1, -2)
     diagonal = np.exp(np.minimum(np.maximum(outputs[..., 3 * d : 4 * d], -1.0), 5.0))
-    whitening = outputs.take(_FROM_OUTPUTS, axis=-1)
-    whitening *= _STRICTLY_LOWER
-    whitening += _UNIT
-    whitening *= diagonal[..., None]
-    return Prediction(places, whitening, rotation)
+    whitening = outputs.take(_FROM_OUTPUTS, axis=-1) * _STRICTLY_LOWER + _UNIT
+    return places, whitening * diagonal[..., None]
 
 
 def linear(h: np.ndarray, W: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -232,16 +213,13 @@ def linear(h: np.ndarray, W: np.ndarray, b: np.ndarray) -> np.ndarray:
 
     h: (2, n, m), or (n, m) for the inputs, which both matrices multiply.
     """
-    result = np.asarray(h @ W)
-    even = result[0]
-    even += b
+    result = h @ W
+    result[0] += b
     return result
 
 
 HUGE_PAGE = 1 << 21
-"""bytes."""
-_FROM_HUGE = 1 << 22
-"""bytes: numpy asks the kernel for huge pages for arrays of this size or more."""
+"""bytes. numpy asks the kernel for huge pages for arrays of twice this size or more."""
 
 
 def in_huge_pages(arrays: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -250,7 +228,7 @@ def in_huge_pages(arrays: Sequence[np.ndarray]) -> list[np.ndarray]:
     The weights are read once per frame, mostly from outside the caches. From huge pages this is a fifth faster.
     """
     places = np.cumsum([0, *(-(-array.size // 16) * 16 for array in arrays)])  # each begins a cache line
-    block = np.empty(max(4 * places[-1], _FROM_HUGE) + HUGE_PAGE, dtype=np.uint8)
+    block = np.empty(max(4 * places[-1], 2 * HUGE_PAGE) + HUGE_PAGE, dtype=np.uint8)
     values = block[-block.ctypes.data % HUGE_PAGE :][: 4 * places[-1]].view(np.float32)
     copies = [values[at : at + array.size].reshape(array.shape) for at, array in zip(places, arrays)]
     for copy, array in zip(copies, arrays):
@@ -271,13 +249,13 @@ def activated(h: np.ndarray) -> np.ndarray:
     sides = np.tanh(half)
     sides += 1
     sides *= half
-    return np.asarray(_HALF_SIDES @ sides).reshape(h.shape)
+    return (_HALF_SIDES @ sides).reshape(h.shape)
 
 
 def layer(h: np.ndarray, W: np.ndarray, b: np.ndarray) -> np.ndarray:
     """`activated` of `linear`."""
     if kernel.active:
-        result = np.asarray(h @ W)
+        result = h @ W
         if kernel.activate(result, b):
             return result
     return activated(linear(h, W, b))
@@ -287,8 +265,8 @@ class Network:
     """A perceptron with residual blocks. For the mirror image of a person it gives the mirror image of its places.
 
     A hidden layer h has an even part, which stays if the input is mirrored, and an odd part, which changes its sign.
-    Each part has its own matrix: h W is (h_even W_even, h_odd W_odd), with half of the weights of a full matrix. A bias
-    is added to the even part. `activated` mixes the parts and keeps the symmetry.
+    Each has its own matrix: h W is (h_even W_even, h_odd W_odd). A bias is added to the even part. `activated` mixes
+    the parts and keeps the symmetry.
 
         h = activated(x W + b);  h += activated(h A + a) B + b, per block;  y = (h_even, h_odd) W + b
 
@@ -308,7 +286,7 @@ class Network:
             A, a, B, b = w[block : block + 4]
             h += linear(layer(h, A, a), B, b)
         outputs = np.concatenate((h[0], h[1]), axis=-1) @ w[-2] + w[-1]
-        return np.asarray(outputs.reshape(*inputs.shape[:-1], OUTPUTS))
+        return outputs.reshape(*inputs.shape[:-1], OUTPUTS)
 
     def estimate(self, scene: Scene, height: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """For one scene and a person of this height, m: places of `PLACES` (k, 3) m, depths (DEPTHS,) m, whitening
@@ -320,19 +298,19 @@ class Network:
             places, depths, whitening = np.empty((len(PLACES), 3)), np.empty(DEPTHS), np.empty((DEPTHS, DEPTHS))
             if kernel.decode(outputs, np.array([height]), _FROM_OUTPUTS, places, depths, whitening):
                 return places, depths, whitening, rotation
-        found = interpreted(outputs, rotation)
-        targets = height * found.places.astype(float)
+        found, whitening = interpreted(outputs)
+        targets = height * found.astype(float)
         places = np.concatenate((targets, -targets[:1]))  # left_hip is the first target
-        return places, targets[:, 2].copy(), found.whitening.astype(float) / height, rotation
+        return places, targets[:, 2].copy(), whitening.astype(float) / height, rotation
 
 
 def load_weights(file: Path | None = None) -> tuple[Network, dict[str, Any]]:
     """The network of an npz file (default: the shipped one) and its provenance."""
     source = file or resources.files("lassokin_ros.core.network") / "depth_network.npz"
     with source.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-        count = int(data["count"])
-        weights = [data[f"w{i}"] for i in range(count)]
-        provenance = {name: data[name].tolist() for name in data if name not in {f"w{i}" for i in range(count)}}
+        names = [f"w{i}" for i in range(int(data["count"]))]
+        weights = [data[name] for name in names]
+        provenance = {name: data[name].tolist() for name in data if name not in names}
     return Network(weights), provenance
 
 
@@ -345,7 +323,6 @@ def shipped_network() -> Network:
 MOST_FRAMES = 512
 LEAST_STEP = 0.004
 """s between two frames that are kept. Half of `MOST_FRAMES` then covers all `TIMES` at any rate of the detector."""
-_BEFORE_AND_AFTER = np.array([[-1], [0]])
 
 
 class History:
@@ -380,36 +357,28 @@ class History:
         if kernel.active:
             points, seen = np.empty((len(TIMES), len(NAMES), 2)), np.empty((len(TIMES), len(NAMES)), dtype=bool)
             kept = stamps, self._points[: self._count], self._seen[: self._count]
-            if kernel.sampled(*kept, TIMES, _LONGEST, points, seen):
+            if kernel.sampled(*kept, TIMES, np.array([LONGEST_GAP]), points, seen):
                 return points, seen
         wanted = stamps[-1] - TIMES
         later = np.minimum(np.maximum(stamps.searchsorted(wanted - 1e-9), 1), self._count - 1)
-        frames = np.maximum(later + _BEFORE_AND_AFTER, 0)
-        return interpolated(wanted, *stamps.take(frames), *self._points.take(frames, 0), *self._seen.take(frames, 0))
+        frames = np.maximum([later - 1, later], 0)
+        return interpolated(wanted, stamps.take(frames), self._points.take(frames, 0), self._seen.take(frames, 0))
 
 
 def interpolated(
-    wanted: np.ndarray,
-    before: np.ndarray,
-    after: np.ndarray,
-    points_before: np.ndarray,
-    points_after: np.ndarray,
-    seen_before: np.ndarray,
-    seen_after: np.ndarray,
+    wanted: np.ndarray, stamps: np.ndarray, points: np.ndarray, seen: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points between two detections, (..., times, canonical, 2), and which are known, (..., times, canonical).
+    """Points (..., times, canonical, 2) at the wanted times (..., times), s, and whether each is known.
 
-    wanted, before, after: (..., times) s. A point is known if both detections contain it, they are at most
-    `LONGEST_GAP` apart, and the wanted time is between them; or if the wanted time is that of one detection.
+    stamps, points, seen: of the detections before and after each time, on a further first axis. A point is known if
+    both contain it, at most `LONGEST_GAP` apart, and the time is between them; or if the time is that of one detection.
     """
+    before, after = stamps
     gap = after - before
     share = np.minimum(np.maximum((wanted - before) / np.maximum(gap, 1e-6), 0.0), 1.0)
     share[wanted >= after - 1e-6] = 1.0
     inside = (wanted >= before - 1e-6) & (gap <= LONGEST_GAP)
     s = share[..., None]
     known = (inside | (share >= 1)) & (wanted <= after + 1e-6)
-    seen = (seen_before | (s >= 1 - 1e-6)) & (seen_after | (s <= 1e-6)) & known[..., None]
-    points = points_after - points_before
-    points *= s[..., None]
-    points += points_before
-    return points, seen
+    seen = (seen[0] | (s >= 1 - 1e-6)) & (seen[1] | (s <= 1e-6)) & known[..., None]
+    return (points[1] - points[0]) * s[..., None] + points[0], seen

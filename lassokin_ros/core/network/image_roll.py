@@ -1,8 +1,7 @@
 """Quarter turns of the image after which a person's body points up in it.
 
-The depth network was trained with people who stand in nearly level images. A camera whose mount is not configured may
-be on its side or upside down, and a person may lie. The network's input is then turned by the multiple of 90 degrees
-after which the body points up. Depths along the optical axis do not change.
+The depth network was trained with people who stand in nearly level images. A camera may be on its side or upside down,
+and a person may lie: the input is then turned by the multiple of 90 degrees after which the body points up.
 """
 
 from __future__ import annotations
@@ -14,10 +13,7 @@ import numpy as np
 from lassokin_ros.core.body.roles import STANDING_HEIGHT
 
 LEAST_HEIGHT = 0.28
-"""In heights: least difference of the standing heights of the visible points. The direction from shoulders to head
-alone is that of a leaning neck."""
-LEAST = 1e-6
-"""Normalised units: smallest extent of the body in the image."""
+"""In heights: least difference of the standing heights of the visible points; shoulders and head alone may lean."""
 MEMORY_S = 0.5
 """s: time constant of the body's mean direction."""
 PERIOD_S = 0.1
@@ -76,4 +72,4 @@ class ImageRoll:
         sums, (height, count) = rows @ points, rows.sum(axis=1)
         direction = sums[0] - height / count * sums[1]
         size = math.hypot(*direction)
-        return direction / size if size > LEAST else None
+        return direction / size if size > 1e-6 else None

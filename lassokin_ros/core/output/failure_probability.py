@@ -2,11 +2,9 @@
 
 It depends on three figures. The mean deviation of the joints includes posterior, bone lengths and depth network. The
 cost is the negative log-likelihood of all evidence and is high for keypoints that fit no pose. The learned model error
-grows for such keypoints (see `model_error`), which lowers the cost; therefore it is the third figure. A logistic
-regression on the three logarithms predicts whether the mean joint error is above `WRONG`. It was fitted on the
-validation people (training/motion.py) with bones known and with the height alone, white and correlated noise, 60 and
-10 Hz, hidden limbs, gaps and wrong points, measured depth, no network, and keypoints in a wrong order.
-benchmarks/accuracy.py --failure-probability checks it on other people.
+grows for such keypoints (see `model_error`), which lowers the cost. A logistic regression on the three logarithms
+predicts whether the mean joint error is above `WRONG`. It was fitted on the validation people (training/motion.py) in
+many conditions; benchmarks/accuracy.py --failure-probability checks it on other people.
 """
 
 from __future__ import annotations
@@ -15,11 +13,9 @@ import math
 
 WRONG = 0.1
 """m: mean joint error, relative to the pelvis, from which a pose is called wrong."""
-OFFSET, BY_DEVIATION, BY_ERROR_RATIO, BY_COST = -5.6, 4.4, 2.0, 1.7
-"""Coefficients of the curve: offset, and slopes for the three logarithms.
-
-If the factors in `uncertainty` change, the offset must change so that the same pose has the same probability.
-"""
+OFFSET, SLOPES = -5.6, (4.4, 2.0, 1.7)
+"""Coefficients of the curve, in the order of the arguments. If the factors in `uncertainty` change, the offset must
+change so that the same pose has the same probability."""
 
 
 def failure_probability(deviation: float, keypoint_error_ratio: float, cost: float) -> float:
@@ -28,5 +24,5 @@ def failure_probability(deviation: float, keypoint_error_ratio: float, cost: flo
     deviation: m, mean over the joints. keypoint_error_ratio: the keypoints' model error as a multiple of its lower
     limit. cost: per measurement.
     """
-    figures = (BY_DEVIATION, deviation / WRONG), (BY_ERROR_RATIO, keypoint_error_ratio), (BY_COST, cost)
+    figures = zip(SLOPES, (deviation / WRONG, keypoint_error_ratio, cost))
     return 1 / (1 + math.exp(-OFFSET - sum(slope * math.log(max(value, 1e-6)) for slope, value in figures)))

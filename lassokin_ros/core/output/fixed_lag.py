@@ -1,9 +1,8 @@
 """Fixed-lag smoothing of the published poses, with the model of the output filter.
 
-`OutputFilter` is the forward pass. Here a frame is held back until a frame has arrived that is later by the lag. Its
-state is then corrected with the later frames by the backward pass of Rauch, Tung and Striebel (Bar-Shalom, Li,
-Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, sec. 8.6). The backward pass stops where the
-filter was restarted: there the state was replaced, or the motion was not observed.
+`OutputFilter` is the forward pass. Here a frame is held back until one has arrived that is later by the lag. It is then
+corrected with the later frames by the backward pass of Rauch, Tung and Striebel (Bar-Shalom, Li, Kirubarajan,
+Estimation with Applications to Tracking and Navigation, 2001, sec. 8.6), up to where the filter was restarted.
 
 In a recording that is also tracked backward in time (`recording`), the published pose is between both tracks, nearer to
 the one whose costs are lower about this frame.
@@ -25,7 +24,6 @@ from lassokin_ros.core.record import record
 
 TOLERANCE = 0.003
 """s: tolerance of the lag. Four frames at 60 Hz are 0.3 ms shorter than 0.067 s, and stamps of cameras jitter."""
-
 COMPARED_S = 0.25
 """s before and after a frame in which the costs of both tracks are compared."""
 TEMPER = 0.1
@@ -42,7 +40,7 @@ class Backward:
 
 
 @record
-class _Waiting:
+class Waiting:
     """A frame that waits: estimate, forward pass, `Kinematics.vectors` of its body, and its reprojection error.
 
     backward: the frame by a track backward in time; None without one.
@@ -52,7 +50,7 @@ class _Waiting:
     forward: Forward
     vectors: np.ndarray
     reprojection_px: Callable[[BodyPose], float]
-    backward: Backward | None
+    backward: Backward | None = None
 
 
 class FixedLag:
@@ -64,7 +62,7 @@ class FixedLag:
 
     def reset(self) -> None:
         """Drop the waiting estimates."""
-        self._waiting: deque[_Waiting] = deque()
+        self._waiting: deque[Waiting] = deque()
         self._compared: deque[tuple[float, float]] = deque()
         """Stamps, s, and how much higher the forward track's cost is, from COMPARED_S before the oldest frame on."""
 
@@ -73,18 +71,11 @@ class FixedLag:
         """True if no estimate waits."""
         return not self._waiting
 
-    def add(
-        self,
-        estimate: Estimate,
-        forward: Forward,
-        vectors: np.ndarray,
-        reprojection_px: Callable[[BodyPose], float],
-        backward: Backward | None = None,
-    ) -> None:
-        """Add the accepted estimate of the newest frame. Arguments: see `_Waiting`."""
-        self._waiting.append(_Waiting(estimate, forward, vectors, reprojection_px, backward))
-        if backward is not None:
-            self._compared.append((estimate.stamp, estimate.cost - backward.cost))
+    def add(self, newest: Waiting) -> None:
+        """Add the newest frame."""
+        self._waiting.append(newest)
+        if newest.backward is not None:
+            self._compared.append((newest.estimate.stamp, newest.estimate.cost - newest.backward.cost))
             while self._compared[0][0] < self._waiting[0].estimate.stamp - COMPARED_S:
                 self._compared.popleft()
 
@@ -102,22 +93,20 @@ class FixedLag:
         if count == 0:
             return []
         waiting, released = list(self._waiting), []
-        for _ in range(count):
-            self._waiting.popleft()
+        self._waiting = deque(waiting[count:])
         for index in range(len(waiting) - 1, -1, -1):
             this = waiting[index]
             after = waiting[index + 1].forward if index + 1 < len(waiting) else None
-            alone = after is None or after.restarted
             if after is None or after.restarted:
                 offset, velocity = map(this.forward.parts, (this.forward.offset, this.forward.velocity))
             else:
                 offset, velocity = _corrected(this.forward, after, offset, velocity)
             if index < count:
-                as_it_is = alone and this.backward is None
+                as_it_is = (after is None or after.restarted) and this.backward is None
                 released.append(this.estimate if as_it_is else self._smoothed(this, offset))
         return released[::-1]
 
-    def _smoothed(self, waiting: _Waiting, offset: np.ndarray) -> Estimate:
+    def _smoothed(self, waiting: Waiting, offset: np.ndarray) -> Estimate:
         """A frame's estimate moved by its offset (2, n + 1, 3), and towards the backward track.
 
         It is unchanged if the result is too far off in depth.

@@ -8,11 +8,9 @@ from lassokin_ros.core.body.skeleton import Skeleton
 
 
 class ObservedJoints:
-    """Determines which joints are observed, for one skeleton and layout.
+    """Determines which joints are observed: those with a visible keypoint, or between two neighbours with one.
 
-    A joint is observed if a visible keypoint is attached to it, or to each of two of its neighbours (parent and
-    children). An elbow between a visible shoulder and a visible wrist is observed; a hand beyond the last visible
-    keypoint is not.
+    An elbow between a visible shoulder and a visible wrist is observed; a hand beyond the last visible keypoint is not.
     """
 
     def __init__(self, skeleton: Skeleton, landmark_joints: np.ndarray) -> None:
@@ -34,18 +32,15 @@ class ObservedJoints:
     def from_visible(self, visible: np.ndarray) -> np.ndarray:
         """Return (n,) bool. visible: (l,) bool, the keypoints of the frame that have a weight, `Estimate.visible`."""
         own = self._attached.dot(visible) > 0
-        observed: np.ndarray = own | (self._neighbours.dot(own) >= 2)
-        return observed
+        return np.asarray(own | (self._neighbours.dot(own) >= 2))
 
     def below_last_keypoint(self, visible: np.ndarray) -> np.ndarray:
         """Return (n,) bool: no visible keypoint is attached to the joint or to a joint below it."""
-        result: np.ndarray = self._below.dot(self._attached.dot(visible)) == 0
-        return result
+        return np.asarray(self._below.dot(self._attached.dot(visible)) == 0)
 
     def beyond_last_keypoint(self, visible: np.ndarray) -> np.ndarray:
         """Return (n,) bool: no visible keypoint is attached below the joint, so that none shows how it is turned.
 
         A joint without children counts if no visible keypoint is attached to itself.
         """
-        result: np.ndarray = self._shows.dot(visible) == 0
-        return result
+        return np.asarray(self._shows.dot(visible) == 0)

@@ -1,12 +1,11 @@
 """The output filter: smooths the published pose over the last few frames, without lag in steady motion.
 
-The solved state depends almost only on one frame's image. It can thus leave a wrong pose at once, but it has the noise
-of the image, mainly in depth. The published state follows it through one constant-velocity Kalman filter per
-degree of freedom (white acceleration; Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and
-Navigation, 2001, sec. 6.3). There are two gains: one for motion that the image shows (rotations about the viewing ray,
-translation across it), and a lower one for motion in depth. Both increase with the keypoints' speed, because jitter is
-visible at rest and lag in motion (Casiez, Roussel, Vogel, 1 Euro Filter, CHI 2012). The next frame is linearised about
-the solved state and not about the published one, because feeding back a prediction in depth would preserve errors.
+The solved state has the noise of one frame's image, mainly in depth. The published state follows it through one
+constant-velocity Kalman filter per degree of freedom (white acceleration; Bar-Shalom, Li, Kirubarajan, Estimation with
+Applications to Tracking and Navigation, 2001, sec. 6.3). There are two gains: one for motion that the image shows
+(rotations about the viewing ray, translation across it), and a lower one for motion in depth. Both increase with the
+keypoints' speed, because jitter is visible at rest and lag in motion (Casiez, Roussel, Vogel, 1 Euro Filter, CHI 2012).
+The next frame is linearised about the solved state: feeding back a prediction in depth would preserve errors.
 """
 
 from __future__ import annotations
@@ -20,41 +19,35 @@ from lassokin_ros.core.body.kinematics import BodyPose, BodyState
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.increment import Increment
 from lassokin_ros.core.kernel import kernel
+from lassokin_ros.core.observation import ORIGIN
 
 DEPTH_RATIO = 1.9
 """Ratio of the time constants in depth and in the image. One camera observes depth worse by about this factor. Several
-cameras observe it like the rest: with the same ratio, validation people before two cameras have 21.5 / 17.0 / 19.6 mm
+cameras observe it like the rest: with this ratio, validation people before two cameras have 21.5 / 17.0 / 19.6 mm
 instead of 21.3 / 16.6 / 19.0."""
-
 TYPICAL_SPEED = 0.5
 """m/s: mean speed of the keypoints at which the time constant is the configured one."""
-
 REST_SPEED = 0.05
 """m/s: below this speed the time constant hardly increases."""
-
 LONGEST_STEP = 0.2
 """s between frames above which the filter restarts, because the motion between them is unknown."""
-
 SHORTEST_TIME = 1e-3
 """s: lower limit of the time constant. Below it the smoothing is not visible, and covariances lose digits."""
-
 LARGEST_DEPTH_OFFSET = 0.25
 """Largest difference in depth between the published and the solved body, as a share of the distance to the camera.
 Beyond it the filter restarts; otherwise a solved state that jumps in depth could move it through the camera."""
 
 Covariance = tuple[float, float, float]
 """(variance of the value, covariance, variance of the velocity), in units of the variance of a solved value."""
-
-_ONES = np.ones(3)  # a product with it takes half the time of sum(axis=-1) on arrays this small
+_ONES = np.ones(3)
 
 
 class Forward(NamedTuple):
     """The forward pass of one frame, for the backward pass in `fixed_lag`.
 
     restarted: the filter started with this frame. step: s since the last frame. rays: see `OutputFilter._updated`.
-    predicted, predicted_covariance: offset predicted from the last frame. offset, velocity, covariance: after this
-    frame. An offset is that of the published from the solved state. Covariances are pairs (in the image, in depth); all
-    other arrays are (n + 1, 3).
+    predicted, predicted_covariance: from the last frame. offset, of the published from the solved state, velocity,
+    covariance: after this frame. Covariances are pairs (in the image, in depth); arrays are (n + 1, 3).
     """
 
     restarted: bool
@@ -99,14 +92,14 @@ class OutputFilter:
         step: float,
         speed: float,
         time: float,
-        centre: np.ndarray | None = None,
+        centre: np.ndarray = ORIGIN,
         several_cameras: bool = False,
     ) -> BodyState:
         """The state to publish.
 
-        solved: the state after the frame's `increment`. step: s since the last frame. speed: m/s, mean speed of the
-        keypoints. time: s, time constant in the image at the typical speed; below `SHORTEST_TIME` the filter is off.
-        centre: (3,) m, of a camera; None for the origin. several_cameras: whether others see the person, too.
+        solved: after the frame's `increment`. step: s since the last frame. speed: m/s, mean of the keypoints. time: s,
+        see `time_constant`; below `SHORTEST_TIME` the filter is off. centre: (3,) m, of the camera. several_cameras:
+        whether others see the person, too.
         """
         state = solved.state
         steady_over = max(time_constant(speed, time), SHORTEST_TIME)
@@ -119,7 +112,7 @@ class OutputFilter:
         )
         (gain, velocity_gain, after), (depth_gain, depth_velocity_gain, depth_after) = map(_corrected, ahead)
         gains = step, gain, velocity_gain, depth_gain, depth_velocity_gain
-        place = state.translation if centre is None else state.translation - centre
+        place = state.translation - centre
         ray = place / math.sqrt(place.dot(place))
         predicted, rays, self._offset, self._velocity = self._updated(increment, solved.pose, ray, gains)
         self._covariance = after, depth_after

@@ -7,7 +7,7 @@ from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.body.surface import BodySurface, _entry_depths
+from lassokin_ros.core.body.surface import _entry_depths, surface_depths
 
 SKELETON = Skeleton.load("anthropometric", 1.75)
 KINEMATICS = Kinematics(SKELETON, Layout.load("coco17", SKELETON))
@@ -42,14 +42,14 @@ def test_entry_points_are_one_radius_from_the_axis():
 def test_from_the_front_every_landmark_shows_its_own_surface():
     front = pose(0.0)
     surface = KINEMATICS.layout.surface
-    depth = front.landmarks[:, 2] - BodySurface(SKELETON).depth_towards(front, front.landmarks)
+    depth = front.landmarks[:, 2] - surface_depths(SKELETON, front, front.landmarks)
     limbs = [i for i, name in enumerate(NAMES) if surface[i] > 0]
     assert np.allclose(depth[limbs], surface[limbs], atol=0.03)
 
 
 def test_from_the_side_the_far_hip_is_hidden_and_the_near_one_is_not():
     side = pose(np.pi / 2)
-    depth = side.landmarks[:, 2] - BodySurface(SKELETON).depth_towards(side, side.landmarks)
+    depth = side.landmarks[:, 2] - surface_depths(SKELETON, side, side.landmarks)
     hips = sorted(("left_hip", "right_hip"), key=lambda name: side.landmarks[NAMES.index(name), 2])
     near, far = (depth[NAMES.index(name)] for name in hips)
     assert near < 0.13 and far > 0.2
@@ -57,4 +57,4 @@ def test_from_the_side_the_far_hip_is_hidden_and_the_near_one_is_not():
 
 def test_a_line_of_sight_beside_the_body_meets_nothing():
     front = pose(0.0)
-    assert BodySurface(SKELETON).depth_towards(front, np.array([[2.0, 0.0, 3.0]])) == np.inf
+    assert surface_depths(SKELETON, front, np.array([[2.0, 0.0, 3.0]])) == np.inf

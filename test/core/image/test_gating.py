@@ -43,7 +43,7 @@ def test_what_cannot_be_used_is_rejected_with_a_reason(change, reason):
     found, weights = gated(**change)
     assert found is reason and np.array_equal(weights, np.zeros(17))
     tracker = Tracker(CONFIG)
-    tracker._cameras.first.measurements.newest = 4.0
+    tracker._cameras[0].measurements.newest = 4.0
     assert tracker.track(replace(GOOD, **change)).rejection is reason and tracker.state is None
 
 

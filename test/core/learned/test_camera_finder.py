@@ -13,7 +13,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.camera_finder import EVERY, FEWEST, CameraFinder
-from lassokin_ros.core.learned.extrinsics import LONGEST, PERIOD_S, Extrinsics
+from lassokin_ros.core.learned.extrinsics import LONGEST, PERIOD_S, Extrinsics, Pairs
 from lassokin_ros.core.learned.size_check import SizeCheck
 from lassokin_ros.core.observation import CameraPose, Observation, Rejection, Status
 from lassokin_ros.core.tracker import Tracker
@@ -43,7 +43,7 @@ def views(scene, frame, noise=0.0, shift=0.0):
         points = project(camera.into_camera(truth.landmarks[frame] + place))
         points = points + noise * random.normal(size=points.shape)
         seen.append(FrameData(points, np.full(len(points), FOCAL / 3.0), UP, camera=camera))
-    return seen
+    return tuple(seen)
 
 
 def filled(scene, extrinsics, noise=0.0, joint_noise=0.0, path=0.0):
@@ -54,7 +54,7 @@ def filled(scene, extrinsics, noise=0.0, joint_noise=0.0, path=0.0):
         shift = path * np.random.default_rng(frame).uniform(-1, 1, 3)
         joints = truth.positions[frame] + joint_noise * random.normal(size=(1, 3))
         own = side.into_camera(truth.positions[frame] + shift) + joint_noise * random.normal(size=(1, 3))
-        extrinsics.find("side", frame * PERIOD_S, *views(scene, frame, noise, shift), joints, own)
+        extrinsics.find("side", frame * PERIOD_S, views(scene, frame, noise, shift), (joints, own))
     return extrinsics
 
 
@@ -72,14 +72,14 @@ def test_exact_joints_give_the_exact_pose(scene):
     _, truth, side = scene
     finder = CameraFinder(PERIOD_S, LONGEST)
     due = [
-        finder.add(f * PERIOD_S, *views(scene, f), truth.positions[f], side.into_camera(truth.positions[f]))
+        finder.add(f * PERIOD_S, views(scene, f), (truth.positions[f], side.into_camera(truth.positions[f])))
         for f in range(80)
     ]
     assert [i + 1 for i, now in enumerate(due) if now] == list(range(FEWEST, 81, EVERY))
     found = finder.pose("side")
     assert found.name == "side" and np.linalg.det(found.rotation) == pytest.approx(1.0)
     assert np.allclose(found.rotation, side.rotation, atol=1e-9) and np.allclose(found.centre, side.centre, atol=1e-9)
-    assert not finder.add(80 * PERIOD_S - 0.15, *views(scene, 0), truth.positions[0], truth.positions[0])
+    assert not finder.add(80 * PERIOD_S - 0.15, views(scene, 0), (truth.positions[0], truth.positions[0]))
 
 
 def test_the_epipolar_lines_mend_a_pose_from_wrong_joints(scene):
@@ -143,9 +143,9 @@ def test_the_misfit_does_not_depend_on_what_stands_for_points_that_are_not_seen(
     b = b + 3.0 / FOCAL * random.normal(size=b.shape)
     weights = np.tile(np.where(seen, FOCAL / 3.0, 0.0), (len(a), 1))
     pose = np.tile(aside.rotation, (len(a), 1, 1)), np.tile(aside.translation, (len(a), 1))
-    expected = learner(scene)._misfit(a, b, weights, *pose)
+    expected = learner(scene)._misfit(Pairs(a, b, weights, *pose))
     shown = (np.where(seen[:, None], points, 0.0) for points in (a, b))
-    assert 0 < expected < 0.05 and learner(scene)._misfit(*shown, weights, *pose) == pytest.approx(expected)
+    assert 0 < expected < 0.05 and learner(scene)._misfit(Pairs(*shown, weights, *pose)) == pytest.approx(expected)
 
 
 def test_a_few_wrong_points_hardly_move_the_pose(scene):
@@ -156,6 +156,6 @@ def test_a_few_wrong_points_hardly_move_the_pose(scene):
         front, beside = views(scene, frame, noise=1.0 / FOCAL)
         beside.points[9] += (frame % 4 == 0) * 60.0 / FOCAL
         joints = truth.positions[frame]
-        extrinsics.find("side", frame * PERIOD_S, front, beside, joints, side.into_camera(joints))
+        extrinsics.find("side", frame * PERIOD_S, (front, beside), (joints, side.into_camera(joints)))
     degrees, metres = apart(extrinsics.found["side"], side)
     assert degrees < 2.0 and metres < 0.15  # 3.3 degrees with Huber's weights

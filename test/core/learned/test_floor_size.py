@@ -10,8 +10,7 @@ from sequences import CONFIG, FOCAL, RATE
 from lassokin_ros.core.body.roles import ANKLES
 from lassokin_ros.core.evidence.floor import ANKLE_HEIGHT, DEVIATION
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.learned.floor_size import floor_size
-from lassokin_ros.core.learned.height import LARGEST_FLOOR_DEVIATION
+from lassokin_ros.core.learned.height import LARGEST_FLOOR_DEVIATION, floor_size
 from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker

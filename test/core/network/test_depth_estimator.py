@@ -38,7 +38,7 @@ def watched(pose, up=LEVEL, mount=LEVEL, frames=10, estimator=None):
 
 def positions(estimator):
     """The places that an estimator gives, by name; None without an estimate."""
-    places = estimator.places()
+    places = estimator.places
     return None if places is None else dict(zip(PLACES, places))
 
 
@@ -103,7 +103,7 @@ def test_too_few_visible_points_give_no_estimate_and_the_next_frame_gives_one():
     for count, known in ((LEAST_SEEN - 1, False), (LEAST_SEEN, True), (LEAST_SEEN - 1, False)):
         seen = np.isin(np.arange(17), shown[:count])
         estimator.update(1.0 + count, points, seen, LEVEL, LEVEL)
-        assert (estimator.joint_depths is not None) is known and (estimator.places() is not None) is known
+        assert (estimator.joint_depths is not None) is known and (estimator.places is not None) is known
     assert estimator.reset() is None and estimator.joint_depths is None
 
 

@@ -10,7 +10,7 @@ from sequences import CONFIG, RATE, observations, published_by, same
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.observation import CameraPose, Status
-from lassokin_ros.core.output.fixed_lag import FixedLag
+from lassokin_ros.core.output.fixed_lag import FixedLag, Waiting
 from lassokin_ros.core.output.output_filter import (
     DEPTH_RATIO,
     LARGEST_DEPTH_OFFSET,
@@ -60,7 +60,7 @@ def lagging(values, steps, vectors=None, speeds=None):
         steady = published_by(output_filter, state, kinematics.pose(state), none, place - last, step, speed, TIME)
         estimate = Estimate(stamp, Status.TRACKING, None, steady, solved=state)
         own = kinematics.vectors if vectors is None else vectors
-        lag.add(estimate, output_filter.forward, own, lambda pose: float(pose.positions[0, 0]))
+        lag.add(Waiting(estimate, output_filter.forward, own, lambda pose: float(pose.positions[0, 0])))
         last = place
     return lag
 
@@ -99,7 +99,7 @@ def test_a_frame_without_new_keypoints_does_not_change_earlier_frames():
             output_filter, state, kinematics.pose(state), step, np.zeros(3), 1 / RATE, TYPICAL_SPEED, TIME
         )
         estimate = Estimate(frame / RATE, Status.TRACKING, None, steady, solved=state)
-        lag.add(estimate, output_filter.forward, kinematics.vectors, lambda pose: 0.0)
+        lag.add(Waiting(estimate, output_filter.forward, kinematics.vectors, lambda pose: 0.0))
     settled = [waiting.estimate for waiting in lag._waiting][30:]
     assert len(settled) == 10
     for smooth, before in zip(lag.flush()[30:], settled, strict=True):
@@ -259,7 +259,7 @@ def test_waiting_frames_are_not_changed_by_a_replaced_state():
         pose = kinematics.pose(solved)
         steady = published_by(output_filter, solved, pose, none, np.zeros(3), 1 / RATE, TYPICAL_SPEED, TIME)
         estimate = Estimate(frame / RATE, Status.TRACKING, None, steady, solved=solved)
-        lag.add(estimate, output_filter.forward, kinematics.vectors, lambda pose: 0.0)
+        lag.add(Waiting(estimate, output_filter.forward, kinematics.vectors, lambda pose: 0.0))
     published = lag.flush()
     away = [np.abs(e.state.rotations - e.solved.rotations).max() for e in published]
     assert max(away) < 1e-9

@@ -12,7 +12,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.foot_contact import FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.evidence.learned_depth import DEPTH_ROWS, WEIGHT
+from lassokin_ros.core.evidence.learned_depth import WEIGHT
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
@@ -329,7 +329,7 @@ def information_of(estimate, share=1.0):
     A, B = estimate.problem.A.copy(), estimate.problem.B.copy()
     for rows in (A, B):
         rows[estimate.rows.get(FootContact.name, slice(0))] = 0.0
-        rows[estimate.rows[DEPTH_ROWS]] /= WEIGHT
+        rows[estimate.rows["learned depth"]] /= WEIGHT
         rows[estimate.rows["image"]] *= share
     projected = A - B @ np.linalg.solve(B.T @ B, B.T @ A)
     return projected.T @ projected + WEAKEST * np.eye(A.shape[1])
