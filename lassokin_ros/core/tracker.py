@@ -498,8 +498,9 @@ class Tracker:
 
     def _check(self, start: BodyState, increment: Increment, frame: FrameData, focal: float) -> Rejection | None:
         """The reason to reject an answer, None to accept it. Counts consecutive rejections."""
-        place, rejection = start.translation + increment.x, None
+        place = start.translation + increment.x
         depth = min(float(view.camera.into_camera(place)[2]) for view in frame.views if view.weights.any())
+        rejection = None
         if not increment.solution.certified:
             rejection = Rejection.NOT_CERTIFIED
         elif self.skeleton.height * focal < SMALLEST_PX * self.config.noise_px * depth or depth <= 0:
@@ -526,7 +527,8 @@ class Tracker:
 
     def _estimate(self, answer: _Answer, smoothed: BodyState) -> Estimate:
         """The estimate for an accepted frame. smoothed: the state to publish."""
-        self._status, pose = Status.TRACKING, self.kinematics.pose(smoothed)
+        self._status = Status.TRACKING
+        pose = self.kinematics.pose(smoothed)
         measured, frame, increment, solved = answer.measured, answer.frame, answer.increment, answer.solved
         return Estimate(
             answer.together.stamp,
