@@ -400,3 +400,18 @@ def test_a_vertical_that_is_none_is_refused(up):
 def test_the_length_of_the_vertical_does_not_count():
     for up in ([0, 0, 5.0], (0, 0, 1), np.array([0, 0, 1e-3])):
         assert np.array_equal(Tracker(CONFIG, up=up).learned.vertical.direction, [0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize(("degrees", "least", "most"), [(0.0, 0.0, 0.5), (3.0, 0.9, 1.1)])
+def test_a_correction_is_used_as_far_as_it_is_larger_than_those_of_exact_poses(degrees, least, most):
+    _, front, side, observe = scene(6.0)
+    turned = Rotation.from_euler("y", degrees, degrees=True).as_matrix() @ side.rotation
+    given = CameraPose("side", turned, side.translation)
+    tracker = Tracker(replace(CONFIG, extrinsics="learn"))
+    for frame in range(round(6.0 * RATE)):
+        seen = observe(side, frame)
+        tracker.track([observe(front, frame), replace(seen, camera=given)])
+    extrinsics = tracker.learned.extrinsics
+    found, used = extrinsics.solution("side")[0], np.linalg.norm(extrinsics.corrections["side"][:3])
+    assert least * found <= used <= most * found
+    assert np.degrees(found) == pytest.approx(degrees, abs=1.0)
