@@ -582,8 +582,10 @@ class Tracker:
         height, lengths = self.learned.height, self.learned.lengths
         frame, solved, initialised = answer.frame, answer.solved, answer.initialised
         stamp, repeated, several = answer.together.stamp, answer.together.repeated, frame.seen_by > 1
-        if several:
-            lengths.stature_deviation = OBSERVED_STATURE_DEVIATION if height is None else PEOPLE_DEVIATION
+        if several and height is not None:
+            lengths.stature_deviation = PEOPLE_DEVIATION
+        elif height is None and (frame.observes_depth or frame.floor is not None):
+            lengths.stature_deviation = OBSERVED_STATURE_DEVIATION
         if self.config.calibrate and (initialised or not repeated):
             if lengths.update(stamp, solved.state, frame, initialised or self._replaced):
                 self._adopt_lengths()

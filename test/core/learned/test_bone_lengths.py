@@ -296,3 +296,17 @@ def test_a_new_size_keeps_the_misfit_of_the_networks_depths_in_kept_frames():
     before = costs()
     calibration.resize(0.7)
     assert np.min(before) > 1.0 and np.allclose(costs(), before, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("depth", "least", "most"), [(False, 0.0, 0.3), (True, 0.6, 1.3)])
+def test_the_stature_of_the_lengths_leaves_a_wrong_stated_height_where_depth_is_measured(depth, least, most):
+    stated, actual = 1.70, 1.75
+    true = Tracker(TrackerConfig(height=actual))
+    truth = true.kinematics.pose(motion(true.skeleton, np.arange(round(6.0 * RATE)) / RATE))
+    tracker = Tracker(TrackerConfig(height=stated))
+    for seen, landmarks in zip(observed(true, 6.0, noise_px=1.0), truth.landmarks):
+        given = replace(seen, depth=landmarks[:, 2], depth_of_surface=False) if depth else seen
+        tracker.track(given)
+    lengths = tracker.learned.lengths
+    learned = np.log1p(lengths.proportions.stature_shares @ np.expm1(lengths.lengths))
+    assert least < abs(learned / np.log(actual / stated)) < most
