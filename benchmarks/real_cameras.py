@@ -105,11 +105,14 @@ def run(file: Path, cameras: Sequence[int], options: argparse.Namespace) -> list
     ]
     instants = instants_of([recordings[c] for c in cameras], told)
     live = landmarks_of(published(tracker, instants), instants, first)
-    estimates = track_recording(replace(config, **WHOLE_FILE), instants, tracker.given_skeleton)
     views = [(recordings[c].points, recordings[c].confidence, poses[c]) for c in cameras]
     base = {"file": file.stem, "cameras": ",".join(map(str, cameras))}
     records = []
-    found = {"lasso": live, "lasso file": landmarks_of(estimates, instants, first), "dlt": triangulated(views)}
+    found = {"lasso": live}
+    if not options.unknown_places:
+        estimates = track_recording(replace(config, **WHOLE_FILE), instants, tracker.given_skeleton)
+        found["lasso file"] = landmarks_of(estimates, instants, first)
+    found["dlt"] = triangulated(views)
     for method, points in found.items():
         figures = score(points, first, layout, options.begin)
         for name, chosen in (("seen_px", cameras), ("left_out_px", [c for c in range(len(R)) if c not in cameras])):
