@@ -5,8 +5,8 @@
 The skeleton is kept in the frame of the first camera; only the height is given. MPJPE / PA / absolute error are in mm,
 over 12 joints, against `ref_cam` of the first camera, medians over the frames.
 `seen px` is the distance of the landmarks from the detections in the cameras used, `left out px` in all others. The
-first --from seconds are not scored. `lasso file` is the tracker as for a file, whose later frames are known. `dlt`
-triangulates the same keypoints in each frame.
+first --from seconds are not scored. `lasso file` is the tracker as for a file, whose later frames are known (not with
+--unknown-places). `dlt` triangulates the same keypoints in each frame.
 
 The reference is triangulated from the same detector's points, so it is circular: with `balancing` and `talking_woman`
 from four cameras, two of them those used here; with the others from all cameras but the first, among them the second.
