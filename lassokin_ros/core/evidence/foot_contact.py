@@ -14,6 +14,7 @@ from lassokin_ros.core.body.roles import ANKLES
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import squared_norm
+from lassokin_ros.core.observation import AXES
 
 DEVIATION = 0.03
 """m: standard deviation of an ankle about its anchor, in each direction."""
@@ -38,7 +39,7 @@ class FootContact(Evidence):
         """Fill the rows, with the weights of the loss."""
         error, held = self._errors(about.states, about.frame)
         weight = held / (1 + squared_norm(error)[..., None] / SCALE**2)
-        about.joint_columns(self._ankles, (weight / DEVIATION)[..., None] * np.eye(3), columns)
+        about.joint_columns(self._ankles, (weight / DEVIATION)[..., None] * AXES, columns)
         z[...] = (weight * error).reshape(z.shape)
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:

@@ -73,7 +73,7 @@ class FrameData:
         rows *= self.weights[:, None, None]
         return rows
 
-    @property
+    @cached_property
     def observes_depth(self) -> bool:
         """Whether the depth of half of the landmarks is measured, or several cameras see the person."""
         return self.depth_covers or self.seen_by > 1
