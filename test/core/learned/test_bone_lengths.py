@@ -18,7 +18,12 @@ from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import FrameData, JointDepths
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned import bone_lengths as calibration_module
-from lassokin_ros.core.learned.bone_lengths import Calibration, Schedule
+from lassokin_ros.core.learned.bone_lengths import (
+    OBSERVED_STATURE_DEVIATION,
+    STATURE_DEVIATION,
+    Calibration,
+    Schedule,
+)
 from lassokin_ros.core.network.depth_network import DEPTHS
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
@@ -298,15 +303,26 @@ def test_a_new_size_keeps_the_misfit_of_the_networks_depths_in_kept_frames():
     assert np.min(before) > 1.0 and np.allclose(costs(), before, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("depth", "least", "most"), [(False, 0.0, 0.3), (True, 0.6, 1.3)])
+@pytest.mark.parametrize(("depth", "least", "most"), [(False, -0.1, 0.1), (True, 0.85, 1.15)])
 def test_the_stature_of_the_lengths_leaves_a_wrong_stated_height_where_depth_is_measured(depth, least, most):
-    stated, actual = 1.70, 1.75
+    stated, actual, seconds = 1.70, 1.75, 3.0
     true = Tracker(TrackerConfig(height=actual))
-    truth = true.kinematics.pose(motion(true.skeleton, np.arange(round(6.0 * RATE)) / RATE))
+    truth = true.kinematics.pose(motion(true.skeleton, np.arange(round(seconds * RATE)) / RATE))
     tracker = Tracker(TrackerConfig(height=stated))
-    for seen, landmarks in zip(observed(true, 6.0, noise_px=1.0), truth.landmarks):
+    for seen, landmarks in zip(observed(true, seconds, noise_px=1.0), truth.landmarks):
         given = replace(seen, depth=landmarks[:, 2], depth_of_surface=False) if depth else seen
         tracker.track(given)
     lengths = tracker.learned.lengths
     learned = np.log1p(lengths.proportions.stature_shares @ np.expm1(lengths.lengths))
-    assert least < abs(learned / np.log(actual / stated)) < most
+    assert least < learned / np.log(actual / stated) < most
+
+
+@pytest.mark.parametrize(
+    ("settings", "deviation"),
+    [({}, STATURE_DEVIATION), ({"camera_height": 1.2}, OBSERVED_STATURE_DEVIATION)],
+)
+def test_a_known_floor_observes_the_stature(settings, deviation):
+    tracker = Tracker(TrackerConfig(height=1.75, **settings))
+    for seen in observed(Tracker(TrackerConfig(height=1.75)), 0.2):
+        tracker.track(seen)
+    assert tracker.learned.lengths.stature_deviation == deviation
