@@ -1,5 +1,8 @@
 """Two trackers beside a robot with its own URDF, joint states and TF change none of them."""
 
+import time
+from itertools import count
+
 import pytest
 
 pytest.importorskip("rclpy")
@@ -16,6 +19,8 @@ from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
 URDF = '<robot name="arm"><link name="pelvis"/></robot>'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+FRAME_NS = 33_000_000
+"""Time between two frames of a test."""
 SHARED = ("/diagnostics", "/parameter_events", "/rosout", "/tf")
 """Topics that every node may publish."""
 
@@ -69,7 +74,7 @@ def test_no_frame_of_the_robots_gets_another_parent_or_name():
     from tf2_msgs.msg import TFMessage
 
     of_robot = {"pelvis": "base_link", "head": "pelvis", "left_hand": "pelvis", "body": "base_link", FRAME: "head"}
-    pixels, transforms = pixels_of_motion(1)[0], []
+    pixels, transforms = pixels_of_motion(40), []
     with Peer("/one", outputs=False) as one, Peer("/two", outputs=False) as two:
         one.node.create_subscription(TFMessage, "/tf", lambda m: transforms.extend(m.transforms), 100)
         one.node.create_subscription(TFMessage, "/tf_static", lambda m: transforms.extend(m.transforms), LATCHED)
@@ -77,13 +82,16 @@ def test_no_frame_of_the_robots_gets_another_parent_or_name():
         static.publish(tf_message(BACKEND, 0, *((parent, child, rpy(0, 0)) for child, parent in of_robot.items())))
         settings = "-p", "publish_tf:=all", "-p", "camera_mount_frame:=base_link"
         with NodeProcess("/one", *settings), NodeProcess("/two", *settings, "-p", "max_people:=2"):
-            seen = set()
+            seen, stamps, next_at = set(), count(one.start_ns, FRAME_NS), 0.0
 
-            def both(sent=[0]):  # noqa: B006
-                sent[0] += 1
-                for peer in (one, two):
-                    peer.send_camera()
-                    peer.send(peer.start_ns + sent[0] * 30_000_000, pixels)
+            def both():
+                nonlocal next_at
+                if time.monotonic() >= next_at:  # as fast as a camera: a node would miss frames that are sent faster
+                    stamp_ns, next_at = next(stamps), time.monotonic() + 1e-9 * FRAME_NS
+                    for peer in (one, two):
+                        peer.send_camera()
+                        # Of repeated keypoints a node publishes nothing after a second; that may be before it is found.
+                        peer.send(stamp_ns, pixels[stamp_ns // FRAME_NS % len(pixels)])
                 two.executor.spin_once(timeout_sec=0.0)
                 seen.update(transform.child_frame_id.partition("/")[0] for transform in transforms)
                 return {"one", "two"} <= seen

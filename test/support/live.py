@@ -57,9 +57,11 @@ class NodeProcess:
     def __enter__(self):
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, error, *_):
         if self.process.poll() is None:
             self.stop(signal.SIGINT)
+        if error is not None:  # pytest shows it below the failure
+            print(self.said, file=sys.stderr)
 
 
 @contextmanager

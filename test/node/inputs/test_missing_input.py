@@ -37,7 +37,7 @@ class Reader(Peer):
 
 
 def test_topics_of_other_names_are_listed_until_a_message_arrives():
-    namespace, pixels = "/absent_name", pixels_of_motion(1)[0]
+    namespace, pixels = "/absent_name", pixels_of_motion(40)
     remap = "-r", "keypoints:=wrong", "-r", "camera_info:=front/camera_info"
     with NodeProcess(namespace, *remap), Reader(namespace) as peer:
         camera = peer.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), "front/camera_info", 10)
@@ -51,7 +51,7 @@ def test_topics_of_other_names_are_listed_until_a_message_arrives():
         def tracking():
             nonlocal sent
             sent += 1
-            peer.send(peer.start_ns + sent * 33_000_000, pixels)
+            peer.send(peer.start_ns + sent * 33_000_000, pixels[sent % 40])
             return "tracking" in peer.said
 
         peer.spin_until(tracking, what="the word that it tracks")
@@ -72,7 +72,7 @@ def test_a_topic_of_another_type_is_named():
 
 def test_a_latched_camera_info_is_requested():
     """Beside a volatile publisher, whose camera_info is used as always."""
-    namespace, pixels, sent = "/kept", pixels_of_motion(1)[0], 0
+    namespace, pixels, sent = "/kept", pixels_of_motion(40), 0
     with Reader(namespace) as peer:
         kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         camera = peer.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, kept)
@@ -82,7 +82,7 @@ def test_a_latched_camera_info_is_requested():
             def tracking():
                 nonlocal sent
                 sent += 1
-                peer.send(peer.start_ns + sent * 33_000_000, pixels)
+                peer.send(peer.start_ns + sent * 33_000_000, pixels[sent % 40])
                 return "tracking" in peer.said
 
             peer.spin_until(tracking, what="the word that it tracks")
@@ -94,7 +94,7 @@ def test_a_latched_camera_info_is_requested():
                 nonlocal sent
                 sent += 1
                 peer.send_camera(frame_id="another")
-                peer.send(peer.start_ns + sent * 33_000_000, pixels, frame_id="another")
+                peer.send(peer.start_ns + sent * 33_000_000, pixels[sent % 40], frame_id="another")
                 return said and values_of(said[-1])["resets"] == "1"
 
             peer.spin_until(seen, what="the state forgotten for the other publisher's camera")
@@ -203,7 +203,7 @@ def test_a_clock_no_longer_needed_is_not_reported_as_received():
     ids=["another", "none"],
 )
 def test_a_frame_id_other_than_the_cameras_is_reported_once(ours, camera, words):
-    namespace, pixels, sent, next_at = f"/misplaced_{ours}", pixels_of_motion(1)[0], 0, 0.0
+    namespace, pixels, sent, next_at = f"/misplaced_{ours}", pixels_of_motion(40), 0, 0.0
     with NodeProcess(namespace), Reader(namespace) as peer:
 
         def tracking():
@@ -211,7 +211,7 @@ def test_a_frame_id_other_than_the_cameras_is_reported_once(ours, camera, words)
             if time.monotonic() > next_at:  # at a higher rate, a busy machine's node would report overtaken messages
                 sent, next_at = sent + 1, time.monotonic() + 0.1
                 peer.send_camera(frame_id=camera)
-                peer.send(peer.start_ns + sent * 33_000_000, pixels, frame_id=ours)
+                peer.send(peer.start_ns + sent * 33_000_000, pixels[sent % 40], frame_id=ours)
             return "tracking" in peer.said
 
         peer.spin_until(tracking, what="the word that it tracks")

@@ -204,7 +204,7 @@ def test_people_lists_one_person_as_lost_and_then_not_at_all():
                 peer.send(stamps[-1], xy)
                 sent_at = time.monotonic()
 
-        send_until(peer, lambda _: send(PIXELS[0]), lambda: len(people) > 2 and len(places) > 2, "people")
+        send_until(peer, lambda i: send(PIXELS[i % 40]), lambda: len(people) > 2 and len(places) > 2, "people")
         by_stamp = {stamp_of(message): message.point for message in places}
         (message,) = [message for message in people if stamp_of(message) in by_stamp][:1]
         (person,) = points_of(message)

@@ -309,7 +309,7 @@ def test_several_people_of_one_message_have_the_names_of_rep155():
     from messages import crowd, pixels_of_motion
     from rclpy.qos import DurabilityPolicy, QoSProfile
 
-    namespace, pixels = "/rep155", pixels_of_motion(1)[0]
+    namespace, pixels = "/rep155", pixels_of_motion(40)
     settings = {"keypoints_type": "sensor_msgs/PointCloud2", "landmarks": "coco17"}
     with started(namespace, **settings) as node, Peer(namespace, outputs=False) as peer:
         lists, sent, regions = [], [], []
@@ -319,7 +319,7 @@ def test_several_people_of_one_message_have_the_names_of_rep155():
 
         def both():
             peer.send_camera()
-            people = [(pixels + [shift, 0], np.full(17, 0.9)) for shift in (-120, 120)]
+            people = [(pixels[len(sent) % 40] + [shift, 0], np.full(17, 0.9)) for shift in (-120, 120)]
             sent.append(1)
             peer.keypoints.publish(crowd(RclpyBackend(), START_NS + len(sent) * PERIOD_NS, people, (4, 9)))
             return lists and list(lists[-1].ids) == ["p4", "p9"]
