@@ -187,12 +187,11 @@ for case in range({cases}):
 """
 
 
-@pytest.mark.parametrize("seed", range(2))
 @needs_kernel
-def test_any_other_arguments_are_refused(seed):
+def test_any_other_arguments_are_refused():
     """No exception, and the process lives."""
     folder = str(Path(compiled.__file__).parent)
-    code = FUZZ.format(folder=folder, seed=seed, cases=20_000)
+    code = FUZZ.format(folder=folder, seed=0, cases=10_000)
     done = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-2000:]
 
@@ -208,7 +207,7 @@ from test_kernel import CONFIG, SEQUENCES, Tracker, replace
 for name, sequence in SEQUENCES.items():
     for config in (CONFIG, replace(CONFIG, depth_prior=False)):
         tracker = Tracker(config)
-        for seen in sequence()[:60]:
+        for seen in sequence()[:30]:
             tracker.track(seen)
 """
 
@@ -251,7 +250,7 @@ def test_sanitizers_find_nothing(tmp_path):
         "OMP_NUM_THREADS": "1",
     }
     places = {"support": str(ROOT / "test/support"), "root": str(ROOT), "tests": str(ROOT / "test/core")}
-    for code in (DRIVE.format(folder=str(tmp_path), **places), FUZZ.format(folder=str(tmp_path), seed=9, cases=20_000)):
+    for code in (DRIVE.format(folder=str(tmp_path), **places), FUZZ.format(folder=str(tmp_path), seed=9, cases=8_000)):
         done = subprocess.run(
             [sys.executable, "-W", "ignore", "-c", code], env=environment, capture_output=True, text=True, timeout=600
         )

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-OWN = ["lassokin_ros", "msg_adapters", "launch", "test", "benchmarks"]
+OWN = ["lassokin_ros", "msg_adapters", "launch"]
+"""What is installed. ruff checks everything, in a twentieth of the time."""
 
 
 def run(linter, arguments):

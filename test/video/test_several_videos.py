@@ -53,10 +53,11 @@ class Knowing:
 @pytest.fixture
 def rig(tmp_path, monkeypatch):
     """Image folders `left` and `right`, a calibration file, and detectors, in the order of the folders."""
+    black = cv2.imencode(".png", np.zeros((HEIGHT, WIDTH, 3), np.uint8))[1].tobytes()
     for camera in EYES:
         (tmp_path / camera.name).mkdir()
         for number in range(FRAMES):
-            cv2.imwrite(str(tmp_path / camera.name / f"{number:03}.png"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+            (tmp_path / camera.name / f"{number:03}.png").write_bytes(black)
     write_calibration(tmp_path / "calib.toml", [camera.name for camera in EYES])
     made = []
 
@@ -122,7 +123,7 @@ def test_without_a_calibration_the_places_are_found_and_written(rig, capsys, tmp
     assert main(["left", "right", "--cameras", "found.toml", "--height", "1.75", "--export", "again.npz"]) == 0
 
 
-@pytest.mark.parametrize("names", [("vidéo accent", "cam-2"), ("no", "on"), ("./1", "2.b")])
+@pytest.mark.parametrize("names", [("vidéo accent", "on"), ("./1", "2.b")])
 def test_written_places_are_read_again_whatever_the_videos_are_called(rig, names):
     for camera, name in zip(EYES, names):
         Path(camera.name).rename(name)
@@ -234,10 +235,9 @@ def test_the_report_has_the_images_of_both(rig):
     assert min(len(images["time"]), *(len(other["time"]) for other in images["others"])) > FRAMES - 4
 
 
-@pytest.mark.parametrize("frame", [[], ["-p", "fixed_frame:=world"]])
-def test_the_video_shows_the_skeleton_in_the_image_of_each_camera(rig, frame):
+def test_the_video_shows_the_skeleton_in_the_image_of_each_camera(rig):
     command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--causal", "--video", "out.mp4"]
-    assert main([*command, *frame]) == 0
+    assert main(command) == 0
     shown = [image.rgb for image in open_source("out.mp4").images]
     assert len(shown) == FRAMES
     height = min(HEIGHT_OF_SEVERAL, HEIGHT)

@@ -129,7 +129,6 @@ def test_good_cameras_and_a_small_error_of_a_pose_are_used(poses):
     "how, poses, words",
     [
         ({"instead": {"right": "left"}}, {}, "cameras 'left' and 'right' have the same keypoints"),
-        ({}, {"left": inverse(LEFT)}, "keypoints of 'left' and 'right' do not fit"),
         ({}, {"right": inverse(RIGHT)}, "keypoints of 'left' and 'right' do not fit"),
         ({}, {"right": turned(RIGHT, 40)}, "'left' and 'right' do not fit"),
         ({"late": {"right": 0.1}}, {}, "keypoints of 'right' arrive 0.10 s later after their stamps than"),
@@ -167,7 +166,7 @@ NOT_SAVED = {
 @pytest.mark.parametrize("fault", NOT_SAVED)
 def test_poses_that_are_known_to_be_wrong_are_not_saved(fault, tmp_path):
     eyes, how, poses, words = NOT_SAVED[fault]
-    rig, path = Rig(*eyes, poses=poses).send(0.0, 4.0, **how), tmp_path / "cameras.sh"
+    rig, path = Rig(*eyes, poses=poses).send(0.0, 3.0, **how), tmp_path / "cameras.sh"
     path.write_text("the last good one")
     with pytest.raises(CamerasFileError, match=f"nothing is written, because .*{words}.* Correct that"):
         save_cameras(rig.pipeline, path)
@@ -230,16 +229,16 @@ def reachable(root):
 
 
 def test_memory_is_constant_while_cameras_come_and_go():
-    """Ten minutes, in short periods; each camera is silent for a while, and one sends another's images."""
+    """Eight minutes, in short periods; each camera is silent for a while, and one sends another's images."""
     rig, counts = Rig(LEFT, RIGHT, BACK), []
-    for cycle in range(60):
+    for cycle in range(50):
         begin, wrong = 10.0 * cycle, cycle % 10 == 5
         rig.send(begin, begin + 0.5, hz=10)
         rig.send(begin + 2.5, begin + 3.0, hz=10, silent=[list(rig.eyes)[cycle % 3]])
         rig.send(begin + 5.0, begin + (6.5 if wrong else 5.5), hz=10, instead={"right": "back"} if wrong else None)
         rig.said(begin + 9.0)
         rig.errors.clear()
-        if cycle in (29, 59):  # all windows are full
+        if cycle in (19, 49):  # all windows are full, and the last cycles were alike
             counts.append(reachable([rig.pipeline, rig.diagnostics]))
     assert rig.pipeline.counts[f"right: {LEFT_OUT}"] > 0 and counts[0]["ndarray"] > 100
     assert not {name: (n, counts[1][name]) for name, n in counts[0].items() if counts[1][name] > 1.05 * n + 20}
