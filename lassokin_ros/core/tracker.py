@@ -64,7 +64,8 @@ SMALLEST_PX = 3.0
 """Height of the person in the image, in noise_px, below which a body is rejected: random keypoints fit far away."""
 STUCK_AFTER = 3
 """Consecutive frames without a usable answer (no certificate, behind the camera, too small) until the tracker
-initialises anew."""
+initialises anew, and from each time to the next: the full search takes a hundred times as long as a frame. With the
+pose of one of two cameras inverted in TF, each image would need it."""
 FARTHEST_FLOOR = 1e12
 """m: largest distance of a floor from the origin. With larger ones the computations overflow."""
 GOOD_FIT = 3.0
@@ -446,7 +447,8 @@ class Tracker:
 
     def _start(self, measurement: Measurement, frame: FrameData) -> tuple[EvaluatedState, bool]:
         """The state about which the frame is linearised, and whether it was fitted to this frame alone."""
-        if self._solved is None or measurement.lost or self._stuck_frames >= STUCK_AFTER:
+        stuck = self._stuck_frames > 0 and self._stuck_frames % STUCK_AFTER == 0
+        if self._solved is None or measurement.lost or stuck:
             fit = self._first_fit(frame)
             self._cost = fit.cost
             return self.frame_model.evaluate(fit.state), True
