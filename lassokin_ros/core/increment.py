@@ -23,6 +23,8 @@ from lassokin_ros.core.record import record
 
 SHORT_STEP, LONG_STEP = 1 / 30, 0.06
 """s between frames, see `for_step`."""
+MORE_LINEARISATIONS = 2
+"""Further linearisations after a long step."""
 LARGE_ROTATION, LARGE_MOTION = 0.2, 0.06
 """rad, m: largest increment of a frame with measured depth after which it is not linearised again."""
 LEAST_MOTION = 0.003
@@ -117,4 +119,4 @@ def for_step(step: float, linearisations: int, sparsity: float) -> tuple[int, fl
     """Linearisations and sparsity for a frame `step` s after the last one; the settings are for 30 Hz or more."""
     if not np.isfinite(step) or step <= SHORT_STEP:
         return linearisations, sparsity
-    return linearisations + 2 * (step > LONG_STEP), sparsity * SHORT_STEP / step
+    return linearisations + MORE_LINEARISATIONS * (step > LONG_STEP), sparsity * SHORT_STEP / step

@@ -63,9 +63,9 @@ from lassokin_ros.core.record import record
 SMALLEST_PX = 3.0
 """Height of the person in the image, in noise_px, below which a body is rejected: random keypoints fit far away."""
 STUCK_AFTER = 3
-"""Consecutive frames without a usable answer (no certificate, behind the camera, too small) until the tracker
-initialises anew, and from each time to the next: the full search takes a hundred times as long as a frame. With the
-pose of one of two cameras inverted in TF, each image would need it."""
+"""Consecutive frames without a usable answer (no certificate, behind the camera, too small) after which the tracker
+initialises anew. If the answers stay unusable, it does so in every third frame only: the full search takes a hundred
+times as long as a frame. With the pose of one of two cameras inverted in TF, it would otherwise run in most frames."""
 FARTHEST_FLOOR = 1e12
 """m: largest distance of a floor from the origin. With larger ones the computations overflow."""
 GOOD_FIT = 3.0

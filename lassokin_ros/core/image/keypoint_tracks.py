@@ -31,6 +31,8 @@ UNUSED_VARIANCE = 1e30
 """Variance of a point that is not used; it then has no influence."""
 MAX_SURPRISE = 100.0
 """Upper limit of the negative log-likelihood, so that not all probabilities become 0 at once."""
+MIN_SWITCHING = 1e-6
+"""Smallest switching probability per frame, so that no probability becomes 0 for short steps."""
 
 _MODELS = len(ACCELERATION_FACTORS)
 _SAME, _ONES, _HALVES = np.eye(_MODELS), np.ones(_MODELS), np.full(_MODELS, 0.5)
@@ -144,7 +146,7 @@ def _prediction_matrix(step: float, acceleration: float) -> np.ndarray:
 
 def _switching(step: float) -> float:
     """Probability, not 0, that a track has switched to a certain other model after step, s."""
-    return max(1 - math.exp(-step / SOJOURN_TIME), 1e-6) / (_MODELS - 1)
+    return max(1 - math.exp(-step / SOJOURN_TIME), MIN_SWITCHING) / (_MODELS - 1)
 
 
 def _moments(means: np.ndarray) -> np.ndarray:

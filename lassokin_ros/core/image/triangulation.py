@@ -6,6 +6,9 @@ import numpy as np
 
 from lassokin_ros.core.image.frame_data import FrameData
 
+LEAST_CONDITION = 1e-3
+"""Ratio of the smallest to the largest eigenvalue of a landmark's normal equations below which its place is unknown."""
+
 
 def triangulate(frame: FrameData) -> np.ndarray:
     """(l, 3) m, by weighted least squares on x_i + t_i = u (z + t_z) of all views; NaN if fewer than two see a
@@ -21,7 +24,7 @@ def triangulate(frame: FrameData) -> np.ndarray:
         g += (rows.swapaxes(-1, -2) @ right[..., None])[..., 0]
         views += view.weights > 0
     values = np.linalg.eigvalsh(H)
-    known = (views > 1) & (values[:, 0] > 1e-3 * values[:, 2])
+    known = (views > 1) & (values[:, 0] > LEAST_CONDITION * values[:, 2])
     places = np.full((count, 3), np.nan)
     places[known] = np.linalg.solve(H[known], g[known][..., None])[..., 0]
     return places

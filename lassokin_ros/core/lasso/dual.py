@@ -28,6 +28,8 @@ _SOLVED = _proxqp.QPSolverOutput.PROXQP_SOLVED
 TOLERANCE = {"condensed": 1e-4, "projected": 1e-7}
 """Absolute and relative tolerance of ProxQP in the first try, in which it only has to determine the signs of Omega:
 `active_set.solve_active_set` then solves exactly."""
+TOLERANCE_AGAIN, GAP_AGAIN = 1e-9, 1e-7
+"""Tolerances of the solution and of the duality gap in further tries."""
 LARGEST_CONDITION = 1e10
 """Condition number of H above which the condensed dual is not used."""
 _FIRST_MU = {"condensed": 1.0, "projected": 1e-4}
@@ -169,10 +171,10 @@ def _new_proxqp(form: Form, effort: int) -> Any:
     dense, constraints = _proxqp.dense, 0 if box else len(form.bound)
     qp = dense.QP(variables, 0, constraints, box, dense.HessianType.Dense, dense.DenseBackend.PrimalDualLDLT)
     settings = qp.settings
-    tolerance = 1e-9 if effort else TOLERANCE[form.name]
+    tolerance = TOLERANCE_AGAIN if effort else TOLERANCE[form.name]
     settings.eps_abs = settings.eps_rel = tolerance
     settings.check_duality_gap = True
-    settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = 1e-7 if effort else tolerance
+    settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = GAP_AGAIN if effort else tolerance
     settings.eps_primal_inf = settings.eps_dual_inf = 0.0
     settings.max_iter, settings.max_iter_in = ITERATIONS[effort]
     settings.default_mu_in = 1.0 if effort == 2 else 1e-2 if effort else _FIRST_MU[form.name]

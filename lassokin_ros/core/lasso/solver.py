@@ -24,6 +24,8 @@ KKT_TOLERANCE = 1e-6
 """Largest KKT residual of a certified solution, see `Certificate.kkt_residual`. It assumes m and rad."""
 GUESS_STEPS = 16
 """Active-set steps of a prediction. The previous frame's Omega takes about 4."""
+CONFIRMED = 1e-9
+"""Largest relative difference of the solver's answer from a predicted solution that it confirms."""
 SMALLEST_ALPHA = 1e-4
 """Smallest fraction of alpha_max, at which Omega becomes 0. A smaller alpha is raised to it: solvers stall below."""
 
@@ -127,7 +129,7 @@ def _confirms(answer: np.ndarray, predicted: np.ndarray) -> bool:
     if np.count_nonzero((answer != 0) != (predicted != 0)):
         return False
     apart = np.abs(answer - predicted)
-    return bool(apart[apart.argmax()] <= 1e-9 * np.abs(predicted).max())
+    return bool(apart[apart.argmax()] <= CONFIRMED * np.abs(predicted).max())
 
 
 def _finished(

@@ -43,6 +43,10 @@ SIZE_DEVIATION = 0.1
 """Standard deviation of the logarithm of the person's size, with that of the proportions."""
 PERIOD_S, LONGEST = 0.1, 200
 """s between two frames that are kept; frames that are kept."""
+SOLVED_EVERY, CHECKED_EVERY = 5, 20
+"""Kept frames between two solutions, if poses are corrected, and if they are only checked."""
+THINNED = 4
+"""Of so many kept frames, one is used for explanations. They then take about 15 ms, each CHECKED_EVERY frames."""
 FEWEST, FEWEST_POINTS = 10, 6
 """Frames before there is a correction; common landmarks of a frame that is kept."""
 OUTLIER = 3.0
@@ -58,6 +62,8 @@ explanation is right. A detector's errors cause 0.01, an unknown height 0.05."""
 FOUND = 0.015
 """Misfit below which a pose that was found from the person is used. It is at most 0.011 for validation people and the
 pairs of cameras of Shelf's recording, and 0.02 or more (42 pairs of people) if each camera sees another person."""
+LEAST_SHARE = 0.5
+"""Share of the limbs that must have a plausible length, so that an explanation counts."""
 
 
 class Pairs(NamedTuple):
@@ -178,7 +184,7 @@ class Extrinsics:
         anchor, others = self._given[first.camera.name], [view for view in frame.views if view is not first]
         seen = {view.camera.name: _pair(first, view, self._given[view.camera.name], anchor) for view in others}
         self.frame_count += any(seen.values())
-        due = self.frame_count % (5 if self._used else 20) == 0
+        due = self.frame_count % (SOLVED_EVERY if self._used else CHECKED_EVERY) == 0
         for name, pair in seen.items():
             if pair is None:
                 continue
@@ -190,7 +196,7 @@ class Extrinsics:
                 self._solutions[name] = self._solved(pairs, before, deviation)
                 self.wrong[name] = self._what_is_wrong(pairs, first.camera.name, name)
                 if not self._used and self.moved(name) is not None:
-                    self._explain(_stacked(list(frames)[::4]), name)  # 15 ms
+                    self._explain(_stacked(list(frames)[::THINNED]), name)
         for name, solution in self._solutions.items():
             before = self.corrections.get(name, np.zeros(6))
             wanted = solution if name in self.found else _significant(solution)
@@ -223,7 +229,7 @@ class Extrinsics:
         """Return the misfit of a pose, see WRONG; infinite if half of the limbs have no plausible length."""
         distances, size, plausible = self._residuals(pairs, np.zeros(6))
         seen = pairs.weights > 0
-        if plausible < 0.5:
+        if plausible < LEAST_SHARE:
             return math.inf
         shown = np.where(seen[..., None], pairs.b, np.nan)
         extent = np.linalg.norm(np.nanmax(shown, axis=1) - np.nanmin(shown, axis=1), axis=-1)[:, None]

@@ -46,6 +46,8 @@ CHANGE = 0.01
 """Change of the logarithm from which a new height is adopted."""
 PAUSE_S = 0.25
 """s between two adoptions."""
+ROUNDS = 4
+"""Iterations of the robust fit."""
 LOSS_SCALE = 2.5
 """Scale of Geman and McClure's loss of the three equations of a landmark, in standard deviations."""
 RANGE = 0.5, 2.3
@@ -154,7 +156,7 @@ def fit_scale(measurement: Measurement, body: np.ndarray, root: np.ndarray) -> t
     solution[0] = near / np.median((body[:, 2] + root[2])[measurement.depth_weights > 0])
     solution[1:] *= solution[0]
     H = np.eye(4)
-    for _ in range(4):
+    for _ in range(ROUNDS):
         size = np.abs(A @ solution - b) * given
         weights = given / (1 + (size / LOSS_SCALE) ** 2)
         rows, right = (A * weights[..., None]).reshape(-1, 4), (b * weights).ravel()

@@ -22,6 +22,8 @@ SHORTEST = 0.08
 """As a fraction of the height: shortest limb that is used."""
 FEWEST = 20
 """Frames until there is a result, the median over the last 100."""
+LARGEST_COUNT = 100
+"""Frames of which the limbs are kept. The result is the median over all of them."""
 LARGEST_RATIO = 1.6
 """Ratio of a limb from which on, or from the inverse, one of its ends is considered to be on an occluder."""
 LIMIT = 0.12
@@ -54,7 +56,7 @@ class SizeCheck:
     def reset(self) -> None:
         """Forget the person."""
         self._newest = -math.inf
-        self._ratios: deque[np.ndarray] = deque(maxlen=100)
+        self._ratios: deque[np.ndarray] = deque(maxlen=LARGEST_COUNT)
 
     @property
     def ratio(self) -> float:

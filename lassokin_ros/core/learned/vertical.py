@@ -22,6 +22,8 @@ one people who lean in front of a level camera are estimated as upright, with a 
 tilted camera as leaning."""
 LEAST_COSINE = 0.5
 """Cosine of the lean, 60 degrees, beyond which a person is not used."""
+LEAST_TILT = 1e-4
+"""Difference of two unit vectors below which the mount is the same."""
 KNOWN_AFTER = 1.0
 """s for which the vertical must have been learned before it is input to the depth network."""
 LONGEST_STEP = 0.2
@@ -65,7 +67,7 @@ class Vertical:
         if not self.configured:
             self.mount, self.configured = mount, True
             self.reset()
-        elif np.abs(mount - self.mount).max() > 1e-4:
+        elif np.abs(mount - self.mount).max() > LEAST_TILT:
             moved = mount if self.learned_for == 0 else least_turn(self.mount, mount) @ self.direction
             self.direction, self.mount = moved, mount
 
