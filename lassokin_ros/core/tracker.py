@@ -494,8 +494,9 @@ class Tracker:
 
     def _solve(self, start: EvaluatedState, initialised: bool, frame: FrameData, measurement: Measurement) -> Increment:
         step = 0.0 if initialised or self._network is None else measurement.step
-        if self.learned.feet.anchors is not None and not (initialised or self._replaced or measurement.repeated):
-            frame = replace(frame, anchors=self.learned.feet.anchors)
+        feet = self.learned.feet
+        if feet.anchors is not None and not (initialised or self._replaced or measurement.repeated):
+            frame = replace(frame, anchors=feet.anchors, anchor_deviation=feet.deviation)
         return self._increments.solve(start, frame, step, self.config)
 
     def _check(self, start: BodyState, increment: Increment, frame: FrameData, focal: float) -> Rejection | None:
@@ -514,10 +515,9 @@ class Tracker:
         """The state to publish."""
         if answer.initialised or self._replaced:
             self._output_filter.reset()  # the motion of the replaced state does not go on
-        frame, step, speed = answer.frame, answer.together.step, answer.together.speed
-        return self._output_filter.filtered(
-            answer.solved, answer.increment, step, speed, self.config.smoothing, frame.camera.centre, frame.seen_by > 1
-        )
+        step, speed, smoothing = answer.together.step, answer.together.speed, self.config.smoothing
+        centre, several = answer.frame.seeing.camera.centre, answer.frame.seen_by > 1
+        return self._output_filter.filtered(answer.solved, answer.increment, step, speed, smoothing, centre, several)
 
     def _better_state(self, answer: _Answer) -> EvaluatedState | None:
         """The state from which the next frame starts, if another pose explains this frame better."""
@@ -601,20 +601,20 @@ class Tracker:
         if several and not repeated:
             places = triangulate(seen())
             limbs = self.learned.size_check.lengths(places, np.isfinite(places[:, 0]))
-        if height.update(answer.together, solved, self.skeleton.height, limbs, floor):
-            self._adopt_height(height.height / self.skeleton.height, several)
+        camera = frame.seeing.camera
+        if height.update(answer.together, solved, self.skeleton.height, limbs, floor, camera):
+            self._adopt_height(height.height / self.skeleton.height, None if several else camera.centre)
 
     def _floor_size(self, frame: FrameData, solved: EvaluatedState) -> FloorSize | None:
         """The size by the feet that stand on the floor; None if it is not asked for, or none does."""
         if frame.floor is None or not self.config.tilt_deviation:
             return None
-        ankles, centre = solved.pose.positions[self._contacts()], frame.camera.centre
+        ankles, centre = solved.pose.positions[self._contacts()], frame.seeing.camera.centre
         return floor_size(ankles, frame.floor, centre, self.skeleton.height, self.config.tilt_deviation)
 
     def _adopt_lengths(self) -> None:
         """Use the lengths as they are known now."""
-        lengths = self.learned.lengths
-        self.kinematics.set_skeleton(lengths.skeleton)
+        self.kinematics.set_skeleton(self.learned.lengths.skeleton)
         for camera in self._cameras:
             self._tell_lengths(camera)
         self._evaluate_again()
@@ -626,13 +626,15 @@ class Tracker:
             body = self.skeleton if built_in else lengths.proportions.given
             camera.network.use_lengths(body, lengths.certain or not built_in)
 
-    def _adopt_height(self, ratio: float, several: bool = False) -> None:
-        """Scale the body and what was learned; with one camera, which does not observe it, also the distance."""
+    def _adopt_height(self, ratio: float, centre: np.ndarray | None) -> None:
+        """Scale the body and what was learned, and its distance from the centre (3,) m of the only camera.
+
+        centre: None if several cameras observe where the body is.
+        """
         assert self._solved is not None
         self.learned.resize(ratio)
-        state = self._solved.state
-        if not several:
-            self._solved = replace(self._solved, state=BodyState(state.rotations, ratio * state.translation))
+        if centre is not None:
+            self._solved = replace(self._solved, state=self._solved.state.scaled_about(centre, ratio))
         self._output_filter.reset()
         self._adopt_lengths()
 

@@ -98,19 +98,25 @@ def test_rotations_as_files_have_them_are_accepted():
     CameraPose("c", np.eye(3, dtype=int), np.arange(3))
 
 
-@pytest.mark.parametrize("depth_prior", [True, False])
-def test_the_answer_does_not_depend_on_the_frame_in_which_the_skeleton_is_kept(depth_prior):
+@pytest.mark.parametrize("centre", [(0.4, -1.0, 2.0), (100.0, -70.0, 30.0)])
+@pytest.mark.parametrize("settings", [{}, {"depth_prior": False}, {"depth": True}, {"depth": True, "height": 0.0}])
+def test_the_answer_does_not_depend_on_the_frame_in_which_the_skeleton_is_kept(settings, centre):
+    """With the depths of a depth camera, too, which measure the height if it is not given (1.75 m, not 1.7)."""
     truth, front, _, observe = scene(1.0)
-    rotation, translation = Rotation.from_euler("zyx", [0.7, -0.5, 0.9]).as_matrix(), np.array([0.4, -1.0, 2.0])
-    placed = CameraPose("front", rotation, translation)
-    config = replace(CONFIG, depth_prior=depth_prior)
+    rotation = Rotation.from_euler("zyx", [0.7, -0.5, 0.9]).as_matrix()
+    placed = CameraPose("front", rotation, -rotation @ centre)
+    measured = settings.get("depth", False)
+    config = replace(CONFIG, **{name: value for name, value in settings.items() if name != "depth"})
     own, other = Tracker(config, up=LEVEL_UP), Tracker(config, up=rotation.T @ LEVEL_UP)
     for frame in range(len(truth.positions)):
-        one = own.track(observe(front, frame))
-        two = other.track(replace(observe(front, frame), camera=placed))
+        seen = observe(front, frame)
+        seen = replace(seen, depth=truth.landmarks[frame, :, 2]) if measured else seen
+        one, two = own.track(seen), other.track(replace(seen, camera=placed))
         assert one.accepted and two.accepted and two.certificate.kkt_residual < 1e-6
         assert np.abs(placed.into_camera(two.pose.positions) - one.pose.positions).max() < 2e-5  # float32
         assert two.reprojection_px == pytest.approx(one.reprojection_px, rel=1e-3)
+    assert other.skeleton.height == pytest.approx(own.skeleton.height)
+    assert (other.skeleton.height > 1.73) == (settings.get("height", 1.75) > 0 or measured)
 
 
 def test_rows_of_a_second_camera_are_derivatives_of_its_image():

@@ -40,6 +40,10 @@ class BodyState:
         steps = exponential(omega.reshape(self.rotations.shape[:-1]))
         return BodyState(self.rotations @ steps, self.translation + translation_step)
 
+    def scaled_about(self, centre: np.ndarray, ratio: float) -> BodyState:
+        """The state in which the root is `ratio` times as far from a centre (3,) m."""
+        return BodyState(self.rotations, centre + ratio * (self.translation - centre))
+
     def towards(self, other: BodyState, share: float) -> BodyState:
         """The state at a share, 0 to 1, of the way to another one, by the shortest rotation of each joint."""
         turns = logarithm(self.rotations.swapaxes(-1, -2) @ other.rotations)

@@ -16,14 +16,12 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.observation import AXES
 
-DEVIATION = 0.03
-"""m: standard deviation of an ankle about its anchor, in each direction."""
 SCALE = 3.0
 """Scale of the loss, in standard deviations."""
 
 
 class FootContact(Evidence):
-    """Rows (anchor - ankle) / DEVIATION, three per foot; 0 for a foot without an anchor."""
+    """Rows (anchor - ankle) / deviation, three per foot; 0 for a foot without an anchor."""
 
     name, count = "foot contact", 3 * len(ANKLES)
 
@@ -37,21 +35,20 @@ class FootContact(Evidence):
 
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
         """Fill the rows, with the weights of the loss."""
-        error, held = self._errors(about.states, about.frame)
-        weight = held / (1 + squared_norm(error)[..., None] / SCALE**2)
-        about.joint_columns(self._ankles, (weight / DEVIATION)[..., None] * AXES, columns)
+        error, stiffness = self._errors(about.states, about.frame)
+        weight = 1 / (1 + squared_norm(error)[..., None] / SCALE**2)
+        about.joint_columns(self._ankles, (weight * stiffness)[..., None] * AXES, columns)
         z[...] = (weight * error).reshape(z.shape)
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(...,) Geman and McClure's loss of each ankle's distance from its anchor."""
-        error, held = self._errors(states, frame)
-        square = squared_norm(error) * held[:, 0]
+        square = squared_norm(self._errors(states, frame)[0])
         return np.asarray((0.5 * square / (1 + square / SCALE**2)).sum(-1))
 
     def _errors(self, states: EvaluatedState, frame: FrameData) -> tuple[np.ndarray, np.ndarray]:
-        """(..., 2, 3) errors in standard deviations, and (2, 1) 1.0 for a foot with an anchor, else 0.0."""
-        assert frame.anchors is not None
+        """(..., 2, 3) errors in standard deviations, and (2, 1) 1 / m: 1 / standard deviation; 0 without an anchor."""
+        assert frame.anchors is not None and frame.anchor_deviation is not None
         held = np.isfinite(frame.anchors[:, :1])
-        anchors = np.where(held, frame.anchors, 0.0)
+        anchors, stiffness = np.where(held, frame.anchors, 0.0), held / frame.anchor_deviation[:, None]
         places = states.pose.positions.take(self._ankles, axis=-2)
-        return held * (anchors - places) / DEVIATION, held.astype(float)
+        return stiffness * (anchors - places), stiffness

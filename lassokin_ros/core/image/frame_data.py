@@ -42,6 +42,7 @@ class FrameData:
     measured; None in a frame without any. joint_depths: the network's estimate; None without one.
     extra: data for the user's own evidence, by name, as in `Observation.extra`.
     anchors: (2, 3) m, where the left and the right ankle stand still, NaN for one that does not; None without any.
+    anchor_deviation: (2,) m, standard deviation of these ankles about their anchors, in each direction.
     floor: (4,) n and h: a point p (3,) m is n p + h m above a flat floor; None if it is not known.
     camera: the camera that saw this. others: the same of the other cameras; their `up` and `extra` are not used.
     """
@@ -54,6 +55,7 @@ class FrameData:
     joint_depths: JointDepths | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
     anchors: np.ndarray | None = None
+    anchor_deviation: np.ndarray | None = None
     floor: np.ndarray | None = None
     camera: CameraPose = HERE
     others: tuple[FrameData, ...] = ()

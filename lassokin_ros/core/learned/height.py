@@ -20,6 +20,7 @@ from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.floor import ANKLE_HEIGHT
 from lassokin_ros.core.evidence.floor import DEVIATION as FLOOR_DEVIATION
 from lassokin_ros.core.image.measurement import Measurement
+from lassokin_ros.core.observation import HERE, CameraPose
 from lassokin_ros.core.record import record
 
 PEOPLE_DEVIATION = 0.15
@@ -102,11 +103,12 @@ class HeightEstimator:
         height: float,
         lengths: tuple[np.ndarray, np.ndarray] | None = None,
         floor: FloorSize | None = None,
+        camera: CameraPose = HERE,
     ) -> bool:
         """Use a tracked frame. Returns True if the estimate should replace the height in use.
 
         height: m, of the skeleton in use. lengths: (k,) m, as several cameras measure them, and those of that skeleton.
-        floor: from feet on the floor; it is used in frames without measured depth.
+        floor: from feet on the floor; it is used in frames without measured depth. camera: the one that measured.
         """
         stamp = measurement.stamp
         if lengths is not None and len(lengths[0]) >= FEWEST:
@@ -114,8 +116,8 @@ class HeightEstimator:
             self._add(stamp, measured / given * height, LIMB_DEVIATION / np.sqrt(len(lengths[0])))
         elif measurement.depth is not None:
             if not measurement.repeated and measurement.depth_count >= FEWEST:
-                root = solved.state.translation
-                scale, deviation = fit_scale(measurement, solved.pose.landmarks - root, root)
+                root = camera.into_camera(solved.state.translation)
+                scale, deviation = fit_scale(measurement, camera.into_camera(solved.pose.landmarks) - root, root)
                 if RANGE[0] < scale * height < RANGE[1]:
                     self._add(stamp, scale * height, deviation)
         elif floor is not None:
@@ -139,7 +141,10 @@ class HeightEstimator:
 
 
 def fit_scale(measurement: Measurement, body: np.ndarray, root: np.ndarray) -> tuple[float, float]:
-    """Return the scale and its standard deviation. body: (l, 3) m, landmarks relative to the root (3,) m."""
+    """Return the scale and its standard deviation.
+
+    body: (l, 3) m, landmarks relative to the root (3,) m, both in the frame of the camera that measured.
+    """
     assert measurement.depth is not None and measurement.depth_weights is not None
     u, d = measurement.points, measurement.depth
     A = np.zeros((len(u), 3, 4))

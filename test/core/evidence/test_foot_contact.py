@@ -6,11 +6,13 @@ from cases import body, random_body, random_state
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.roles import ANKLES
-from lassokin_ros.core.evidence.foot_contact import DEVIATION, SCALE, FootContact
+from lassokin_ros.core.evidence.foot_contact import SCALE, FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import huber_weights
+
+DEVIATION = 0.02
 
 
 @pytest.fixture
@@ -21,7 +23,8 @@ def scene():
     state = random_state(np.random.default_rng(0), kinematics, 0.3)
     anchors = np.full((2, 3), np.nan)
     anchors[0] = kinematics.pose(state).positions[kinematics.skeleton.index(ANKLES[0])] + (0.01, -0.02, 0.0)
-    return model, state, FrameData(np.zeros((17, 2)), np.ones(17), anchors=anchors)
+    deviation = np.array([DEVIATION, 0.03])
+    return model, state, FrameData(np.zeros((17, 2)), np.ones(17), anchors=anchors, anchor_deviation=deviation)
 
 
 def moved(model, state, step):

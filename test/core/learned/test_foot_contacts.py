@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from sequences import CONFIG
 
-from lassokin_ros.core.learned.foot_contacts import STILL, FootContacts
+from lassokin_ros.core.learned.foot_contacts import NEW_DEVIATION, SETTLED_DEVIATION, SETTLED_S, STILL, FootContacts
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
@@ -43,6 +43,16 @@ def test_a_body_that_runs_towards_the_camera_has_no_contact():
 def test_the_anchor_follows_the_ankle_slowly():
     feet = after(*[(PLACES, (0.0, 0.0))] * 3, *[(PLACES + (0, 0, 0.03), (0.0, 0.0))] * 3)
     assert 0.005 < feet.anchors[0, 2] - 3.0 < 0.015
+
+
+def test_an_anchor_is_surer_the_longer_the_foot_stands():
+    counts = 2, 16, round(2 * RATE * SETTLED_S)
+    deviation = [after(*[(PLACES, (0.0, 2 * STILL))] * count).deviation for count in counts]
+    assert deviation[0][0] == NEW_DEVIATION and deviation[2][0] == SETTLED_DEVIATION
+    assert SETTLED_DEVIATION < deviation[1][0] < NEW_DEVIATION
+    assert all(one[1] == NEW_DEVIATION for one in deviation)  # without a contact
+    lifted = [*[(PLACES, (0.0, 0.0))] * 60, (PLACES, (2 * STILL, 0.0)), *[(PLACES, (0.0, 0.0))] * 2]
+    assert after(*lifted).deviation[0] > 0.9 * NEW_DEVIATION and after(*lifted).deviation[1] == SETTLED_DEVIATION
 
 
 def test_another_pose_forgets_the_feet():

@@ -52,7 +52,7 @@ def test_a_measured_height_scales_what_was_learned():
     assert height == pytest.approx(TRUE_HEIGHT, rel=0.05)
     assert np.abs(before[0]).max() > 0.01 and before[-1] > 10 and before[4] > 1
     tracker.learned.feet.anchors = np.zeros((2, 3))
-    tracker._adopt_height(1.1)
+    tracker._adopt_height(1.1, np.zeros(3))
     assert all(np.allclose(one, other, rtol=1e-12, atol=0) for one, other in zip(before, known(tracker)))
     assert tracker.skeleton.height == pytest.approx(1.1 * height) and tracker.learned.feet.anchors is None
     assert np.array_equal(tracker._solved.state.rotations, solved.state.rotations)

@@ -9,6 +9,7 @@ from collections import Counter
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
+from itertools import cycle
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -352,22 +353,22 @@ def test_no_node_is_made_after_a_signal():
 def test_waiting_messages_are_stamped_with_their_time_of_arrival():
     namespace, kind = "/waiting", "std_msgs/msg/Float32MultiArray"
     with node_in_this_process(namespace, keypoints_type=kind) as (_, serve), Peer(namespace, kind) as peer:
-        states, seen = peer.got[topics.JOINT_STATES], []
+        states, seen, motion = peer.got[topics.JOINT_STATES], [], cycle(PIXELS)
         peer.node.create_subscription(message_class(kind), topics.KEYPOINTS, seen.append, 10)
 
         def tracked():
             peer.send_camera()
-            peer.keypoints.publish(multi_array(BACKEND, 0, PIXELS[0]))
+            peer.keypoints.publish(multi_array(BACKEND, 0, next(motion)))
             serve()
             return states and seen
 
         peer.spin_until(tracked, what="the first output")
         peer.spin_until(lambda: serve() or len(states) > 1 and peer.keypoints.wait_for_all_acked())
         sent = []
-        for index in range(3):
+        for _ in range(3):
             seen.clear()
             sent.append(time.time_ns())
-            peer.keypoints.publish(multi_array(BACKEND, 0, PIXELS[index]))
+            peer.keypoints.publish(multi_array(BACKEND, 0, next(motion)))
             peer.spin_until(lambda: seen and time.time_ns() - sent[-1] > 30_000_000, what="its arrival")
         held_up_until = time.time_ns()
         stamps = lambda: [stamp_of(m) for m in states if stamp_of(m) >= sent[0]]  # noqa: E731

@@ -2,6 +2,7 @@
 
 import signal
 import time
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -168,9 +169,9 @@ def test_a_read_only_value_makes_the_whole_request_fail(running):
 
 def test_a_stamp_of_zero_is_the_time_of_arrival_if_no_message_has_a_stamp(running):
     restart(running)
-    before, states = running.node.get_clock().now().nanoseconds, running.got[topics.JOINT_STATES]
+    before, states, moving = running.node.get_clock().now().nanoseconds, running.got[topics.JOINT_STATES], cycle(PIXELS)
     running.spin_until(
-        lambda: [running.send(0, PIXELS[0])] and stamp_of(states[-1]) > before, what="an output stamped on arrival"
+        lambda: [running.send(0, next(moving))] and stamp_of(states[-1]) > before, what="an output stamped on arrival"
     )
     running.settle()
     assert stamp_of(states[-1]) < running.node.get_clock().now().nanoseconds
