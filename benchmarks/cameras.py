@@ -43,8 +43,10 @@ from benchmarks.data.rig import Rig, moved, rig_of
 from benchmarks.data.simulated_camera import Condition
 from benchmarks.data.strangers import with_peoples_proportions
 from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.image.projection import carried
 from lassokin_ros.core.learned.bone_lengths import Calibration
 from lassokin_ros.core.observation import CameraPose, Observation
 from lassokin_ros.core.recording import WHOLE_FILE, track_recording
@@ -106,6 +108,8 @@ def parser() -> argparse.ArgumentParser:
     add("--scored-from", type=option_types.positive, default=SCORED_FROM, metavar="S",
         help="s of a clip that are not scored (0.5); clips that end within 1 s after are left out")  # fmt: skip
     add("--longest", type=option_types.positive, default=LONGEST, metavar="S", help="s of a clip that are used (10)")
+    add("--turning", type=float, default=0.0, metavar="RAD_S",
+        help="cameras turn to and fro about their vertical axes with up to RAD_S (0)")  # fmt: skip
     add("--occluded", type=option_types.share, default=0.0, help="share of the time that the second camera sees nobody")
     add("--swaps", type=option_types.share, default=0.0, help="share of the first camera's frames with exchanged sides")
     add("--strangers", action="store_true",
@@ -192,7 +196,7 @@ def run(job: Job) -> list[Record]:
     records = [{**base, "method": "lasso", **scored, **heights,
                 "frame_ms_p50": 1000 * float(np.median(times))}]  # fmt: skip
     if not (o.phase or o.late or o.unknown_places):
-        found = _as_file(config, None if o.unknown_height else given, rig, poses, count)
+        found = _as_file(config, None if o.unknown_height else given, rig, poses, count, o.turning)
         records += [{**base, "method": "lasso file", **score(found[:, joints], truth, rig.fps, begin),
                      **dict.fromkeys((*heights, "frame_ms_p50"), np.nan)}]  # fmt: skip
     if o.cameras > 1 and not o.phase and not o.unknown_places:
@@ -227,13 +231,13 @@ def _follow(
     for frame in range(count):
         stamp = frame / rig.fps
         if not o.phase and not o.late:
-            seen = [rig.observation(c, frame, poses[c]) for c in range(o.cameras)]
+            seen = [_turned(rig.observation(c, frame, poses[c]), o.turning) for c in range(o.cameras)]
             messages.append((stamp, stamp, seen))
             continue
         for camera in range(o.cameras):
             own = stamp + camera * o.phase
             arrival = own + (o.late if camera else 0.0)
-            messages.append((arrival, own, [_between(rig, camera, own, poses[camera])]))
+            messages.append((arrival, own, [_turned(_between(rig, camera, own, poses[camera]), o.turning)]))
     for arrival, _, seen in sorted(messages, key=lambda message: message[0]):
         usable = [one for one in seen if np.count_nonzero(one.confidence) > 0]
         if not usable:
@@ -252,9 +256,14 @@ def _follow(
     return positions, times, heights
 
 
-def _as_file(config: TrackerConfig, skeleton: Skeleton | None, rig: Rig, poses: list[Any], count: int) -> np.ndarray:
+def _as_file(
+    config: TrackerConfig, skeleton: Skeleton | None, rig: Rig, poses: list[Any], count: int, turning: float
+) -> np.ndarray:
     """(f, n, 3) joints at each frame, tracked as a whole recording, whose later frames are known."""
-    seen = [[rig.observation(camera, frame, pose) for camera, pose in enumerate(poses)] for frame in range(count)]
+    seen = [
+        [_turned(rig.observation(camera, frame, pose), turning) for camera, pose in enumerate(poses)]
+        for frame in range(count)
+    ]
     usable = [[one for one in instant if np.count_nonzero(one.confidence) > 0] for instant in seen]
     config, up = replace(config, **WHOLE_FILE), np.array([0.0, 0.0, 1.0])
     estimates = track_recording(config, [one for one in usable if one], skeleton, up)
@@ -267,6 +276,15 @@ def _as_file(config: TrackerConfig, skeleton: Skeleton | None, rig: Rig, poses: 
 def _stature(lengths: Calibration) -> float:
     """The height of the person with the present lengths, m."""
     return float(lengths.skeleton.height * (1 + lengths.proportions.stature_shares @ np.expm1(lengths.lengths)))
+
+
+def _turned(seen: Observation, fastest: float) -> Observation:
+    """What the camera sees if it turns to and fro about its vertical axis with rad/s up to `fastest`."""
+    if not fastest:
+        return seen
+    turn, pose = exponential(np.array([0.0, fastest * np.sin(seen.stamp), 0.0])), seen.camera
+    points = carried(seen.points, turn, np.zeros((len(seen.points), 3)))
+    return replace(seen, points=points, camera=CameraPose(pose.name, turn @ pose.rotation, turn @ pose.translation))
 
 
 def _between(rig: Rig, camera: int, stamp: float, pose: Any) -> Observation:

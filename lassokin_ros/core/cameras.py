@@ -12,14 +12,15 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.body.surface import surface_depths
-from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.config import LEARN, TrackerConfig
 from lassokin_ros.core.image.depth_gating import of_own_surface
 from lassokin_ros.core.image.frame_data import FrameData, JointDepths
 from lassokin_ros.core.image.measurement import Measurement, MeasurementFilter
+from lassokin_ros.core.image.projection import NEAREST_DEPTH, carried
 from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
-from lassokin_ros.core.observation import HERE, Observation
+from lassokin_ros.core.observation import HERE, CameraPose, Observation
 
 SILENT_SHARE = 0.3
 """Share of `camera_timeout` without an image after which the rows of a camera begin to fade."""
@@ -34,7 +35,7 @@ class Camera:
         """name: None for the first camera until it is seen."""
         self._kinematics, self.network, self.depth_noise, self.name = kinematics, network, depth_noise, name
         self.measurements = MeasurementFilter(kinematics)
-        self.pose = HERE
+        self.pose = self._last_pose = HERE
         self.reset()
 
     def reset(self) -> None:
@@ -70,6 +71,9 @@ class Camera:
                 nearest, landmarks = surface_depths(skeleton, seen, seen.landmarks), seen.landmarks[:, 2]
                 own = of_own_surface(observation.depth, landmarks, nearest, layout.surface, skeleton.height)
                 observation = replace(observation, depth=own)
+        if (motion := self._motion(body)) is not None and config.extrinsics != LEARN:  # else it may be a correction
+            self.measurements.carry(*motion)
+        self._last_pose = self.pose
         measurement = self.measurements.filtered(observation, weights, depth, model_error, config)
         self._count_presence(measurement.stamp, alone)
         return self.depth_noise.update(measurement, observation.depth_age)
@@ -96,6 +100,8 @@ class Camera:
             return FrameData(nothing, nothing[:, 0], vertical.direction, camera=self.pose)
         depth = None if body is None else _in_front(self.pose.into_camera(body.positions[0]))
         points, weights = self.measurements.predicted(stamp, depth, model_error)
+        if (motion := self._motion(body)) is not None:
+            points = carried(points, *motion)
         weights = self._presence_at(stamp) * weights
         depths = self._joint_depths() if weights.any() else None
         return FrameData(points, weights, vertical.direction, joint_depths=depths, camera=self.pose)
@@ -107,6 +113,25 @@ class Camera:
         """
         speeds = np.fmax.reduce(np.where(points, self.measurements.speeds(), np.nan), axis=1)
         return np.asarray(speeds * self.pose.into_camera(places)[:, 2])
+
+    def move_frame(self, rotation: np.ndarray, translation: np.ndarray) -> None:
+        """Note that the frame of the skeleton has moved, and not the camera; see `Tracker.move_frame`."""
+        turn = self._last_pose.rotation @ rotation.T
+        self._last_pose = replace(
+            self._last_pose, rotation=turn, translation=self._last_pose.translation - turn @ translation
+        )
+
+    def _motion(self, body: BodyPose | None) -> tuple[np.ndarray, np.ndarray] | None:
+        """The camera's motion since its last image, as for `carried`, with the depths of a body; None without any."""
+        before, now = self._last_pose, self.pose
+        if not np.isfinite(self._seen_at) or _same(before, now):
+            return None
+        rotation = now.rotation @ before.rotation.T
+        if body is None:
+            return rotation, np.zeros((self._kinematics.landmark_count, 3))
+        depth = before.into_camera(body.landmarks)[:, 2:]
+        shift = now.translation - rotation @ before.translation
+        return rotation, np.where(depth > 0, shift / np.maximum(depth, NEAREST_DEPTH), 0.0)
 
     def network_places(self) -> np.ndarray | None:
         """See `DepthEstimator.places`, but in the frame of the skeleton."""
@@ -139,6 +164,13 @@ class Camera:
             grown = min(stamp - self._seen_at, silent_after) / (self._timeout - silent_after)
             self._presence = min(self._presence_at(stamp) + grown, 1.0)
         self._seen_at = stamp
+
+
+def _same(one: CameraPose, other: CameraPose) -> bool:
+    """Whether two poses of a camera are equal."""
+    if one is other:
+        return True
+    return np.array_equal(one.rotation, other.rotation) and np.array_equal(one.translation, other.translation)
 
 
 def _in_front(place: np.ndarray) -> float | None:

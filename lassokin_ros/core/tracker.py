@@ -255,6 +255,8 @@ class Tracker:
 
         rotation: (3, 3), about the vertical; translation: (3,) m.
         """
+        for camera in self._cameras:
+            camera.move_frame(rotation, translation)
         if self._solved is None:
             return
         state = self._solved.state

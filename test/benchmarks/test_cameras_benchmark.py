@@ -55,6 +55,13 @@ def test_each_condition_costs_accuracy(clip, condition, worse):
     assert {name for name in ("lasso", "dlt") if found[name]["abs_mm"] > 1.2 * usual[name]["abs_mm"]} == worse
 
 
+def test_cameras_that_turn_see_the_same(clip):
+    still, turning = (figures(clip, "--turning", str(fastest)) for fastest in (0, 0.5))
+    for name in ("lasso", "lasso file"):
+        assert abs(turning[name]["abs_mm"] - still[name]["abs_mm"]) < 2.0
+        assert turning[name]["accel_error"] < 1.1 * still[name]["accel_error"]
+
+
 def test_cameras_that_run_freely_are_for_the_tracker_alone(clip):
     assert set(figures(clip, "--phase", "0.017")) == {"lasso"}
     assert set(figures(clip, "--cameras", "1")) == {"lasso", "lasso file"}

@@ -119,6 +119,47 @@ def test_the_answer_does_not_depend_on_the_frame_in_which_the_skeleton_is_kept(s
     assert (other.skeleton.height > 1.73) == (settings.get("height", 1.75) > 0 or measured)
 
 
+def from_moving_camera(turn, drive, frame_moves=False):
+    """(tracker, contacts (f, 2), jitter of the pelvis, m) with a person who stands still before a camera that moves.
+
+    turn: rad/s to and fro; drive: m/s. frame_moves: also the fixed frame, half way, by 0.3 rad and 2 m.
+    """
+    tracker = Tracker(CONFIG, up=LEVEL_UP)
+    places = tracker.kinematics.pose(motion(tracker.skeleton, np.array([5.0]))).landmarks[0]
+    random, contacts, roots = np.random.default_rng(0), [], []
+    ankles = [tracker.skeleton.index(f"{side}_ankle") for side in ("left", "right")]
+    moved = Rotation.from_euler("y", 0.3).as_matrix(), np.array([2.0, 0.0, -1.0])
+    for frame in range(150):
+        stamp = frame / RATE
+        rotation = Rotation.from_euler("y", turn * np.sin(stamp)).as_matrix()
+        pose = CameraPose("head", rotation, -rotation @ [drive * np.sin(stamp), 0.0, 0.0])
+        points = project(pose.into_camera(places)) + 0.003 * random.normal(size=(len(places), 2))
+        if frame_moves and frame == 75:
+            tracker.move_frame(*moved)
+        if frame_moves and frame >= 75:
+            turned = pose.rotation @ moved[0].T
+            pose = CameraPose("head", turned, pose.translation - turned @ moved[1])
+        estimate = tracker.track(Observation(stamp, points, np.ones(len(points)), FOCAL, camera=pose))
+        contacts.append(estimate.contacts[ankles])
+        roots.append(estimate.pose.positions[0])
+    jitter = np.linalg.norm(np.diff(roots[80:], axis=0), axis=1).mean()
+    return tracker, np.array(contacts), jitter
+
+
+@pytest.mark.parametrize("turn, drive", [(0.5, 0.0), (0.0, 0.5), (0.4, 0.4)])
+def test_the_motion_of_the_camera_is_none_of_the_person(turn, drive):
+    """Neither in the keypoints' tracks, nor in the speeds by which feet are in contact."""
+    _, still, expected = from_moving_camera(0.0, 0.0)
+    _, contacts, jitter = from_moving_camera(turn, drive)
+    assert still[30:].mean() > 0.8 and contacts[30:].mean() > 0.8
+    assert jitter < 1.2 * expected
+
+
+def test_a_jump_of_the_fixed_frame_is_no_motion_of_the_camera():
+    (_, _, expected), (tracker, contacts, jitter) = (from_moving_camera(0.3, 0.0, jump) for jump in (False, True))
+    assert jitter < 1.2 * expected and contacts[85:].mean() > 0.8
+
+
 def test_rows_of_a_second_camera_are_derivatives_of_its_image():
     truth, front, side, observe = scene(0.1)
     tracker = Tracker(CONFIG)

@@ -1,6 +1,7 @@
 """The demo for a few seconds of motion: its limits hold, its files exist, and errors are reported."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import pytest
 pytest.importorskip("rclpy", reason="the demo needs rclpy")
 pytest.importorskip("rosbags", reason="the demo needs rosbags")
 
+from live import stamp_of  # noqa: E402
 from recordings import FRAME_TOPICS, read  # noqa: E402
 
 from lassokin_ros.demo.demo import RATE, main, run, show, slow_line, table  # noqa: E402
@@ -39,7 +41,10 @@ def test_the_command_keeps_its_limits_and_writes_its_files(tmp_path):
     slow = done.stdout.count("   SLOW")  # on a machine that also runs other tests
     assert ("This machine is slow or busy" in done.stdout) == (slow > 0)
     frames = round(SECONDS * RATE)
-    assert f"frames: {frames} in, {frames} out, 0 rejected, 0 overtaken" in done.stdout
+    came, answered, rejected, overtaken = map(
+        int, re.search(r"frames: (\d+) in, (\d+) out, (\d+) rejected, (\d+) overtaken", done.stdout).groups()
+    )
+    assert (came, answered, rejected) == (frames, frames - overtaken, 0) and (slow or not overtaken)
     assert f"{frames}/{frames} frames" in done.stderr  # progress, in a few lines without a terminal
     for name in LIMITS:
         assert name in done.stdout
@@ -52,19 +57,22 @@ def test_the_command_keeps_its_limits_and_writes_its_files(tmp_path):
     assert len(plots) == 3 * 6 + 2
     with BagReader(tmp_path / "out" / "tracked") as bag:
         counts = {topic.name: topic.count for topic in bag.topics}
-    assert all(counts[topic] == frames for topic in FRAME_TOPICS)
+    assert all(counts[topic] == answered for topic in FRAME_TOPICS)
     assert counts["/tracker/robot_description"] >= 1 and counts["/diagnostics"] >= 2
     inputs, outputs = (
         read(tmp_path / "out" / bag, topic)
         for bag, topic in (("keypoints", "/keypoints"), ("tracked", "/tracker/joints"))
     )
-    delays = [(b - a) * 1e-9 for (a, _), (b, _) in zip(inputs, outputs)]
+    sent = {stamp_of(message): at for at, message in inputs}
+    delays = [(at - sent[stamp_of(message)]) * 1e-9 for at, message in outputs]
     assert -0.001 < min(delays) and (slow or np.median(delays) < 0.1)  # recorded at the time of the playback
 
 
 def test_the_result_is_compared_with_the_motion_frame_by_frame(result):
-    assert result.frames_in == len(result.times) == round(SECONDS * RATE)
-    assert np.allclose(result.times, np.arange(len(result.times)) / RATE, atol=1e-9)
+    assert result.frames_in == len(result.times) + result.overtaken == round(SECONDS * RATE)
+    frames = result.times * RATE  # some may be overtaken on a busy machine
+    assert np.allclose(frames, np.round(frames), atol=1e-6) and (np.diff(frames) > 0.5).all()
+    assert frames[0] >= 0 and frames[-1] < result.frames_in
     assert result.estimate.shape == result.truth.shape == (len(result.times), 24, 3)
     assert result.error_mm.shape == (len(result.times),) and result.state == "tracking"
     exact = replace(result, estimate=result.truth)
@@ -76,7 +84,7 @@ def test_the_result_is_compared_with_the_motion_frame_by_frame(result):
 @pytest.fixture
 def kept(result):
     """The result on a fast machine."""
-    return replace(result, latencies_ms=np.full(5, 1.0))
+    return replace(result, latencies_ms=np.full(5, 1.0), frames_in=len(result.times), overtaken=0)
 
 
 def test_every_exceeded_limit_is_reported(kept, result):

@@ -24,6 +24,9 @@ MAX_GAP = 0.3
 """s without a good point after which a track restarts."""
 MAX_EXTRAPOLATION = 0.05
 """s of extrapolation with constant velocity. Longer extrapolation increases the error."""
+WIDEST = 5.0
+"""Normalised units from the middle of the image, 79 degrees, beyond which a track is out of view after the camera has
+moved."""
 PREDICTED_WEIGHT = 0.5
 """Factor on the weights of points that are predicted and not measured."""
 
@@ -100,6 +103,11 @@ class KeypointFilter:
         filtered = 1 / np.sqrt(np.maximum(self._tracks.variance, 0.0) + model_error * model_error)
         self._weights = np.where(good | coasting, filtered, 0.0)
         return self._tracks.position.copy(), self._weights
+
+    def carry(self, rotation: np.ndarray, shift: np.ndarray) -> None:
+        """See `KeypointTracks.carry`. Tracks that leave the view are forgotten."""
+        self._tracks.carry(rotation, shift)
+        self._known &= np.abs(self._tracks.position).max(axis=1) < WIDEST
 
     def speed(self) -> float:
         """Mean speed of the known tracks, normalised units / s; 0 if none is known."""

@@ -19,6 +19,7 @@ from copy import copy
 
 import numpy as np
 
+from lassokin_ros.core.image.projection import carried
 from lassokin_ros.core.kernel import kernel
 
 ACCELERATION_FACTORS = np.array([0.15, 0.5, 1.5, 4.0])
@@ -31,6 +32,8 @@ UNUSED_VARIANCE = 1e30
 """Variance of a point that is not used; it then has no influence."""
 MAX_SURPRISE = 100.0
 """Upper limit of the negative log-likelihood, so that not all probabilities become 0 at once."""
+SHORT = 1e-3
+"""s: interval over which velocities are transformed."""
 MIN_SWITCHING = 1e-6
 """Smallest switching probability per frame, so that no probability becomes 0 for short steps."""
 
@@ -65,6 +68,13 @@ class KeypointTracks:
         self._beliefs[0][:, which] = 1 / _MODELS
         self._beliefs[5][:, which] = 2 / _MODELS * variance[which]
         self._beliefs[7][:, which] = 2 / _MODELS * FIRST_VELOCITY**2
+
+    def carry(self, rotation: np.ndarray, shift: np.ndarray) -> None:
+        """Continue in the image of the camera after it has moved; see `projection.carried`."""
+        before = self._merged[0].T
+        position = carried(before, rotation, shift)
+        self._merged[1] = (carried(before + SHORT * self._merged[1].T, rotation, shift) - position).T / SHORT
+        self._merged[0] = position.T
 
     def follow(
         self,

@@ -144,6 +144,13 @@ class MeasurementFilter:
         times, depths = (speed, repeated, step, since_new, lost), measured or (None, None)
         return Measurement(stamp, detected, visible, focal, points, weights, *times, *depths)
 
+    def carry(self, rotation: np.ndarray, shift: np.ndarray) -> None:
+        """Continue the tracks in the image of the camera after it has moved; see `projection.carried`.
+
+        The camera's motion is none of the person: the tracks' velocities do not contain it.
+        """
+        self._filter.carry(rotation, shift)
+
     def predicted(self, stamp: float, depth: float | None, model_error: float) -> tuple[np.ndarray, np.ndarray]:
         """Points (l, 2) and weights (l,) predicted for a stamp, s. depth, model_error: m, as in `filtered`."""
         depth = depth or TYPICAL_DEPTH

@@ -14,6 +14,14 @@ def project(points: np.ndarray) -> np.ndarray:
     return points[..., :2] / depth
 
 
+def carried(points: np.ndarray, rotation: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Where points (l, 2), normalised, are after the camera has moved: R q + t of a place q = (x, y, 1) z before.
+
+    rotation: R (3, 3); shift: t / z (l, 3), with the depth z of each point.
+    """
+    return project(points @ rotation[:, :2].T + rotation[:, 2] + shift)
+
+
 def projection_jacobian(points: np.ndarray) -> np.ndarray:
     """F(q) of (8): (..., l, 3) -> (..., l, 2, 3), [[1/z, 0, -x/z^2], [0, 1/z, -y/z^2]] in 1/m."""
     return project_with_jacobian(points)[1]

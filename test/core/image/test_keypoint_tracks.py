@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.image import keypoint_tracks as keypoint_tracks
 from lassokin_ros.core.image.keypoint_tracks import FIRST_VELOCITY, KeypointTracks
+from lassokin_ros.core.image.projection import project
 
 RATE, NOISE, ACCELERATION = 60.0, 0.002, 1.0
 
@@ -101,3 +103,22 @@ def test_numbers_stay_finite_after_an_extreme_outlier():
     points[10:, 0] = 1e3
     positions, variances = tracked(points)
     assert np.isfinite(positions).all() and (variances > 0).all() and np.array_equal(positions[:, 1], points[:, 1])
+
+
+def test_tracks_of_places_at_rest_stay_on_them_while_the_camera_moves():
+    """Their velocity in the world stays 0, whatever the camera does."""
+    places = np.random.default_rng(3).uniform([-1, -1, 3], [1, 1, 5], (9, 3))
+    tracks = KeypointTracks(9)
+    tracks.start(np.ones(9, dtype=bool), project(places), np.full(9, NOISE**2))
+    rotation, translation = exponential(np.array([0.02, -0.05, 0.03])), np.array([0.04, 0.01, -0.1])
+    tracks.carry(rotation, translation / places[:, 2:])
+    assert np.allclose(tracks.position, project(places @ rotation.T + translation), atol=1e-12)
+    assert not tracks.velocity.any()
+
+
+def test_velocities_turn_with_the_image():
+    tracks = KeypointTracks(1)
+    tracks.start(np.ones(1, dtype=bool), np.zeros((1, 2)), np.full(1, NOISE**2))
+    tracks.velocity[0] = 0.3, 0.0
+    tracks.carry(exponential(np.array([0.0, 0.0, 0.5 * np.pi])), np.zeros((1, 3)))
+    assert np.allclose(tracks.velocity, [[0.0, 0.3]], atol=1e-3) and np.allclose(tracks.position, 0.0)
