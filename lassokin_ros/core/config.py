@@ -126,7 +126,8 @@ class TrackerConfig:
         "start the QP solver from the solution on the last answer's support; this saves time and changes no answer",
     )
     hold_feet: bool = live_setting(
-        True, "hold feet that stand still where they are; the camera stands still too, or fixed_frame tells how it moves"
+        True,
+        "hold feet that stand still where they are; the camera stands still too, or fixed_frame tells how it moves",
     )
     calibrate: bool = live_setting(True, "learn the bone lengths while tracking; robot_description is updated")
 
