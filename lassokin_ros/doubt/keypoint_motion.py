@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from lassokin_ros.core.body.symmetry import partners
+from lassokin_ros.core.image.projection import carried
 from lassokin_ros.core.image.robust_loss import norm
 from lassokin_ros.core.record import record
 
@@ -60,21 +61,25 @@ class MotionMeter:
 
     def reset(self) -> None:
         """Forget the last frame."""
-        self._last: tuple[float, np.ndarray] | None = None
+        self._last: tuple[float, np.ndarray, np.ndarray | None] | None = None
         self._size = np.nan
 
-    def update(self, stamp: float, points: np.ndarray) -> KeypointMotion | None:
+    def update(self, stamp: float, points: np.ndarray, rotation: np.ndarray | None = None) -> KeypointMotion | None:
         """Return the motion since the last frame, None without one of the last `LONGEST_S` or without a trunk.
 
-        stamp: s. points: (l, 2) in any unit of the image, NaN = missing.
+        stamp: s. points: (l, 2) in any unit of the image, NaN = missing. rotation: see `Signs`; turns of the camera are
+        no motion.
         """
-        last, size, self._last = self._last, self._size, (stamp, points.copy())
+        last, size, self._last = self._last, self._size, (stamp, points.copy(), rotation)
         present = self._trunk_length(points)
         self._size = size if math.isnan(present) else present
         scale = max(size, present) if size == size and present == present else self._size
         if last is None or not 0 < stamp - last[0] <= LONGEST_S or not scale > 0:
             return None
-        return KeypointMotion(stamp - last[0], points, last[1], scale, self._partner)
+        before = last[1]
+        if rotation is not None and last[2] is not None and not np.array_equal(rotation, last[2]):
+            before = carried(before, rotation @ last[2].T, np.zeros(3))
+        return KeypointMotion(stamp - last[0], points, before, scale, self._partner)
 
     def _trunk_length(self, points: np.ndarray) -> float:
         if not self._trunk:

@@ -92,7 +92,7 @@ class DoubtMonitor:
     def _of_keypoints(self, signs: Signs) -> list[Event]:
         if signs.camera not in self._motions:
             self._motions[signs.camera] = MotionMeter(self._landmarks)
-        motion = self._motions[signs.camera].update(signs.stamp, signs.used_keypoints)
+        motion = self._motions[signs.camera].update(signs.stamp, signs.used_keypoints, signs.rotation)
         if motion is None or not motion.largest > LEAST_MOTION:
             return []  # neither event is that small; this is most of the frames
         events = [Event.PERSON_CHANGED] if is_person_change(motion) else []

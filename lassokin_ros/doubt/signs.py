@@ -10,6 +10,8 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.observation import HERE, CameraPose
 from lassokin_ros.core.record import record
 
+NO_TURN = np.eye(3)
+
 
 @record
 class Signs:
@@ -19,7 +21,8 @@ class Signs:
     joints in the camera frame, the pelvis first. reprojection: error as a share of the person's height in the image.
     cost: per measurement. prior_cost: of the pose prior. network_distance: m, see `FailureModel.update`. visible: (l,)
     bool, keypoints that are used; None for all. camera: name of the camera that saw the keypoints. fixed: as positions,
-    but in the frame of the skeleton; None if that is the camera's.
+    but in the frame of the skeleton; None if that is the camera's. rotation: (3, 3) into the camera's frame from one
+    that does not turn, if keypoints are normalised; None if the camera does not turn.
     """
 
     stamp: float
@@ -32,6 +35,7 @@ class Signs:
     visible: np.ndarray | None = None
     camera: str = ""
     fixed: np.ndarray | None = None
+    rotation: np.ndarray | None = None
 
     @property
     def used_keypoints(self) -> np.ndarray:
@@ -47,11 +51,12 @@ def signs_of(
     focal: float,
     height: float,
     camera: CameraPose = HERE,
+    frame_turn: np.ndarray = NO_TURN,
 ) -> Signs:
     """Return what an accepted estimate shows.
 
     points: (l, 2) normalised image coordinates of the detector's keypoints. focal: px per normalised unit. height: m,
-    of the skeleton. camera: that of the points.
+    of the skeleton. camera: that of the points. frame_turn: (3, 3) by which the frame of the skeleton has turned.
     """
     assert estimate.pose is not None
     positions = camera.into_camera(estimate.pose.positions)
@@ -67,4 +72,5 @@ def signs_of(
         estimate.visible,
         camera.name,
         None if camera.is_identity else estimate.pose.positions,
+        None if camera.is_identity else camera.rotation @ frame_turn,
     )

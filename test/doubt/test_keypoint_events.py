@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.symmetry import partners
+from lassokin_ros.core.image.projection import project
 from lassokin_ros.doubt.keypoint_motion import MotionMeter
 from lassokin_ros.doubt.person_change import is_person_change
 from lassokin_ros.doubt.side_exchange import SideExchange
@@ -95,6 +97,16 @@ def test_a_layout_without_pairs_has_no_events():
     meter.update(0.0, np.zeros((2, 2)))
     motion = meter.update(0.03, np.ones((2, 2)))
     assert motion is None and exchange.update(motion) == ""
+
+
+def test_a_camera_that_turns_fast_shows_no_other_person():
+    places = np.random.default_rng(2).uniform([-0.5, -1.0, 2.9], [0.5, 1.0, 3.1], (len(NAMES), 3))
+    turns = [exponential(np.array([0.0, 0.2 * max(0, min(frame - 5, 3)), 0.0])) for frame in range(12)]  # 6 rad/s
+    seen = [project(places @ turn.T) for turn in turns]
+    meter, told = MotionMeter(NAMES), MotionMeter(NAMES)
+    assert any(is_person_change(meter.update(frame / 30, points)) for frame, points in enumerate(seen))
+    motions = [told.update(frame / 30, points, turn) for frame, (points, turn) in enumerate(zip(seen, turns))]
+    assert all(motion.largest < 1e-6 for motion in motions[1:])
 
 
 def test_a_layout_may_have_one_side_of_a_pair():

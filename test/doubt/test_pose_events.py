@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from sequences import CONFIG, observations
 
+from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.doubt.doubt import Doubt, Event, reasons
 from lassokin_ros.doubt.facing import CORNERS, TURN_S, LastingReversal, facing_of, is_fast_turn
@@ -162,6 +164,16 @@ def test_the_failure_model_is_that_of_one_camera_without_depth(cameras, depth, s
     shown = signs_of(given, seen.points, seen.focal, tracker.skeleton.height)
     doubt = DoubtMonitor(tracker.layout.names, tracker.skeleton.joint_names).update(shown)
     assert np.isfinite(doubt.probability) == stated
+
+
+def test_a_jump_of_the_fixed_frame_is_no_turn_of_the_camera():
+    tracker = Tracker(CONFIG)
+    for _, seen in observations(tracker, 0.2):
+        estimate = tracker.track(seen)
+    camera, jump = exponential(np.array([0.1, 0.4, -0.2])), exponential(np.array([0.0, 0.3, 0.0]))
+    placed = CameraPose("head", camera, np.zeros(3)), CameraPose("head", camera @ jump.T, np.zeros(3))
+    shown = [signs_of(estimate, seen.points, seen.focal, 1.75, *where) for where in zip(placed, (np.eye(3), jump))]
+    assert np.allclose(shown[0].rotation, shown[1].rotation)
 
 
 def test_keypoints_of_two_cameras_are_not_compared():

@@ -17,7 +17,7 @@ def project(points: np.ndarray) -> np.ndarray:
 def carried(points: np.ndarray, rotation: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """Where points (l, 2), normalised, are after the camera has moved: R q + t of a place q = (x, y, 1) z before.
 
-    rotation: R (3, 3); shift: t / z (l, 3), with the depth z of each point.
+    rotation: R (3, 3); shift: t / z (l, 3), with the depth z of each point, or (3,) zeros for a camera that only turns.
     """
     return project(points @ rotation[:, :2].T + rotation[:, 2] + shift)
 

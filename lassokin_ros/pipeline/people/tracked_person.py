@@ -21,7 +21,7 @@ from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.record import record
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.doubt.live import LiveDoubts
-from lassokin_ros.doubt.signs import Signs, signs_of
+from lassokin_ros.doubt.signs import NO_TURN, Signs, signs_of
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.repeats import Repeats
@@ -108,7 +108,7 @@ class TrackedPerson:
         self._place: np.ndarray | None = None
         self._landmarks: np.ndarray | None = None
         self._velocity = np.zeros(3)
-        self._frame_moved_ns = 0
+        self._frame_moved_ns, self._frame_turn = 0, NO_TURN
 
     def move_frame(self, frame: CameraPose, stamp_ns: int) -> None:
         """Keep the person where they are, although the frame of the skeleton has moved: see `PoseJumps.update`.
@@ -119,7 +119,7 @@ class TrackedPerson:
         self._velocity = frame.rotation @ self._velocity
         if self._place is not None and self._landmarks is not None:
             self._place, self._landmarks = frame.into_camera(self._place), frame.into_camera(self._landmarks)
-        self._frame_moved_ns = stamp_ns
+        self._frame_moved_ns, self._frame_turn = stamp_ns, frame.rotation @ self._frame_turn
 
     def use_backward(self, frames: Mapping[int, Backward]) -> None:
         """Publish poses between the track and one backward in time. frames: of the latter, by stamp, ns."""
@@ -180,6 +180,7 @@ class TrackedPerson:
             focal=first.lens.focal,
             height=tracker.skeleton.height,
             camera=camera,
+            frame_turn=self._frame_turn,
         )
         self._waiting.append((stamp_ns, estimate.stamp, partial(self._watched, made, signs)))
         return self._due(self.tracker.published, stamp_ns)
