@@ -36,6 +36,7 @@ class Camera:
         self._kinematics, self.network, self.depth_noise, self.name = kinematics, network, depth_noise, name
         self.measurements = MeasurementFilter(kinematics)
         self.pose = self._last_pose = HERE
+        self._corrected = False  # whether poses are learned
         self.reset()
 
     def reset(self) -> None:
@@ -71,7 +72,8 @@ class Camera:
                 nearest, landmarks = surface_depths(skeleton, seen, seen.landmarks), seen.landmarks[:, 2]
                 own = of_own_surface(observation.depth, landmarks, nearest, layout.surface, skeleton.height)
                 observation = replace(observation, depth=own)
-        if (motion := self._motion(body)) is not None and config.extrinsics != LEARN:  # else it may be a correction
+        self._corrected = config.extrinsics == LEARN
+        if (motion := self._motion(body)) is not None:
             self.measurements.carry(*motion)
         self._last_pose = self.pose
         measurement = self.measurements.filtered(observation, weights, depth, model_error, config)
@@ -122,9 +124,12 @@ class Camera:
         )
 
     def _motion(self, body: BodyPose | None) -> tuple[np.ndarray, np.ndarray] | None:
-        """The camera's motion since its last image, as for `carried`, with the depths of a body; None without any."""
+        """The camera's motion since its last image, as for `carried`, with the depths of a body; None without any.
+
+        If poses are learned it is not known: a correction of the pose looks like a motion.
+        """
         before, now = self._last_pose, self.pose
-        if not np.isfinite(self._seen_at) or _same(before, now):
+        if self._corrected or not np.isfinite(self._seen_at) or _same(before, now):
             return None
         rotation = now.rotation @ before.rotation.T
         if body is None:
