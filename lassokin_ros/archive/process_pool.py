@@ -1,7 +1,8 @@
 """Process an archive on this machine: one process per core, one recording per process at a time.
 
-Every process is a ProcessPoolExecutor of its own. If a process dies (out of memory, a crash in a library), its
-recording is known, the other processes continue, and a new process tries the recording again.
+Each process has a pipe of its own to this one. If a process dies (out of memory, a crash in a library), the end of its
+pipe tells which one; the other processes continue, and a new process tries its recording again. ProcessPoolExecutor
+would do, but until Python 3.12 a future that is submitted while its process dies may never complete.
 """
 
 from __future__ import annotations
@@ -11,8 +12,7 @@ import os
 import signal
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from threading import Thread
 from types import FrameType
@@ -49,66 +49,91 @@ def in_processes(jobs: int | None) -> Runner:
     return run
 
 
+class Worker:
+    """A spawned process, which inherits no threads and no library state, and this process's end of its pipe."""
+
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, its_end = context.Pipe()
+        self.process = context.Process(target=_serve, args=(its_end,), daemon=True)  # ends with this process
+        self.process.start()
+        its_end.close()  # the pipe ends with the process
+
+    def start(self, task: Task) -> bool:
+        """Let the process run a task. Return False if it has died."""
+        try:
+            self.pipe.send(task)
+        except OSError:
+            return False
+        return True
+
+    def result(self) -> Result | None:
+        """Wait for the result of the task, and return it. Return None if the process has died."""
+        try:
+            return self.pipe.recv()
+        except (EOFError, OSError):
+            return None
+
+    def end(self) -> None:
+        """Wait until the process has ended, which it does if it is idle, dead or terminated."""
+        self.pipe.close()
+        self.process.join()
+
+
 class WorkerPool:
     """Worker processes, each with one recording at a time."""
 
     def __init__(self, tasks: Sequence[Task], workers: int) -> None:
         self._waiting = deque((task, 1) for task in tasks)
-        self._busy: dict[Future[Result], tuple[ProcessPoolExecutor, Task, int]] = {}
-        self._idle = [_worker() for _ in range(workers)]
+        self._busy: dict[Worker, tuple[Task, int]] = {}
+        self._idle = [Worker() for _ in range(workers)]
 
     def results(self) -> Iterator[Result]:
         """Yield the result of each task, in order of completion."""
         while self._waiting or self._busy:
             while self._waiting and self._idle:
                 worker, (task, attempt) = self._idle.pop(), self._waiting.popleft()
-                try:
-                    self._busy[worker.submit(_work, task)] = worker, task, attempt
-                except BrokenProcessPool:  # its process died while it was idle
-                    worker.shutdown(wait=False)
-                    self._idle.append(_worker())
-                    self._waiting.appendleft((task, attempt))
-            for future in wait(self._busy, return_when=FIRST_COMPLETED).done:
-                worker, task, attempt = self._busy.pop(future)
-                result: Result | None
-                try:
-                    result = future.result()
-                except (BrokenProcessPool, Terminated):
-                    worker.shutdown(wait=False)
-                    worker = _worker()
+                while not worker.start(task):  # it died while it was idle
+                    worker.end()
+                    worker = Worker()
+                self._busy[worker] = task, attempt
+            ready = wait([worker.pipe for worker in self._busy])
+            for worker in [worker for worker in self._busy if worker.pipe in ready]:
+                task, attempt = self._busy.pop(worker)
+                result = worker.result()
+                if result is None:
+                    worker.end()
+                    worker = Worker()
                     remove_leftovers(task.options.output)
-                    result = Result(task.name, f"failed: its process died {ATTEMPTS} times")
                     if attempt < ATTEMPTS:
                         self._waiting.append((task, attempt + 1))
-                        result = None
-                except Exception as error:  # a bug, or out of memory: the other recordings continue
-                    result = Result(task.name, f"failed: {type(error).__name__}: {error}")
+                    else:
+                        result = Result(task.name, f"failed: its process died {ATTEMPTS} times")
                 self._idle.append(worker)
                 if result is not None:
                     yield result
 
     def stop(self) -> None:
         """Stop all processes. Busy ones remove their unfinished output first."""
-        if self._busy:
-            for process in multiprocessing.active_children():
-                process.terminate()
-        for worker in [*self._idle, *(worker for worker, _, _ in self._busy.values())]:
-            worker.shutdown(wait=True, cancel_futures=True)
-        for _, task, _ in self._busy.values():
+        for worker in self._busy:
+            worker.process.terminate()
+        for worker in [*self._idle, *self._busy]:
+            worker.end()
+        for task, _ in self._busy.values():
             remove_leftovers(task.options.output)
 
 
-def _worker() -> ProcessPoolExecutor:
-    """Return a pool of one spawned process, which inherits no threads and no library state."""
-    return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin)
-
-
-def _begin() -> None:
-    """Initialise a worker process: ignore Ctrl-C, which the parent handles, and exit if the parent dies."""
+def _serve(pipe: Connection) -> None:
+    """Run tasks until the pipe ends. Ctrl-C is the parent's to handle; the process ends if the parent dies."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
         Thread(target=_exit_with, args=(parent,), daemon=True).start()
+    try:
+        while True:
+            pipe.send(_work(pipe.recv()))
+    except (EOFError, Terminated):
+        return
 
 
 def _exit_with(process: BaseProcess) -> None:
@@ -121,6 +146,8 @@ def _work(task: Task) -> Result:
     signal.signal(signal.SIGTERM, _stop)
     try:
         return run_task(task)
+    except Exception as error:  # a bug, or out of memory: the other recordings continue
+        return Result(task.name, f"failed: {type(error).__name__}: {error}")
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 

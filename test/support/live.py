@@ -41,6 +41,8 @@ class NodeProcess:
     def __init__(self, namespace, *ros_arguments, command=TRACKER, folder=ROOT, **options):
         arguments = [*command, "--ros-args", "-r", f"__ns:={namespace}", *ros_arguments]
         self.said = ""
+        # It may survive the tests' process, if that is killed, and must not keep that process's output open.
+        options = {"stdout": subprocess.DEVNULL, **options}
         self.process = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, cwd=folder, **options)
 
     def stop(self, *signals, grace_s=DEADLINE_S):
