@@ -604,7 +604,7 @@ class Tracker:
             places = triangulate(seen())
             limbs = self.learned.size_check.lengths(places, np.isfinite(places[:, 0]))
         camera = frame.seeing.camera
-        if height.update(answer.together, solved, self.skeleton.height, limbs, floor, camera):
+        if height.update(answer.together, solved, camera, self.skeleton.height, limbs, floor):
             self._adopt_height(height.height / self.skeleton.height, None if several else camera.centre)
 
     def _floor_size(self, frame: FrameData, solved: EvaluatedState) -> FloorSize | None:

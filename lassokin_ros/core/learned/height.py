@@ -20,7 +20,7 @@ from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.floor import ANKLE_HEIGHT
 from lassokin_ros.core.evidence.floor import DEVIATION as FLOOR_DEVIATION
 from lassokin_ros.core.image.measurement import Measurement
-from lassokin_ros.core.observation import HERE, CameraPose
+from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.core.record import record
 
 PEOPLE_DEVIATION = 0.15
@@ -100,15 +100,15 @@ class HeightEstimator:
         self,
         measurement: Measurement,
         solved: EvaluatedState,
+        camera: CameraPose,
         height: float,
         lengths: tuple[np.ndarray, np.ndarray] | None = None,
         floor: FloorSize | None = None,
-        camera: CameraPose = HERE,
     ) -> bool:
         """Use a tracked frame. Returns True if the estimate should replace the height in use.
 
-        height: m, of the skeleton in use. lengths: (k,) m, as several cameras measure them, and those of that skeleton.
-        floor: from feet on the floor; it is used in frames without measured depth. camera: the one that measured.
+        camera: the one that measured. height: m, of the skeleton in use. lengths: (k,) m, as several cameras measure
+        them, and those of that skeleton. floor: from feet on the floor; it is used in frames without measured depth.
         """
         stamp = measurement.stamp
         if lengths is not None and len(lengths[0]) >= FEWEST:

@@ -22,6 +22,7 @@ from lassokin_ros.core.learned.height import (
     HeightEstimator,
     fit_scale,
 )
+from lassokin_ros.core.observation import HERE
 
 KINEMATICS = body(height=TYPICAL_HEIGHT)
 DEVIATION = 0.03
@@ -81,12 +82,12 @@ def test_before_any_depth_the_height_is_that_of_people():
     estimator = HeightEstimator()
     assert not estimator.measured and estimator.height == TYPICAL_HEIGHT
     assert estimator.deviation == pytest.approx(TYPICAL_HEIGHT * np.hypot(LEAST_DEVIATION, PEOPLE_DEVIATION))
-    assert not estimator.update(*person(1.2, measured=0), TYPICAL_HEIGHT) and not estimator.measured
+    assert not estimator.update(*person(1.2, measured=0), HERE, TYPICAL_HEIGHT) and not estimator.measured
 
 
 def test_one_frame_is_averaged_with_the_prior_of_people():
     estimator, given = HeightEstimator(), person(1.2)
-    assert estimator.update(*given, TYPICAL_HEIGHT) and estimator.measured
+    assert estimator.update(*given, HERE, TYPICAL_HEIGHT) and estimator.measured
     weight, prior = information(*given), PEOPLE_DEVIATION**-2
     expected = TYPICAL_HEIGHT * 1.2 ** (weight / (weight + prior))
     assert estimator.height == pytest.approx(expected, rel=1e-6)
@@ -99,18 +100,18 @@ def test_the_height_is_the_skeletons_times_the_scale():
     for in_use in (1.5, 1.9):
         estimator = HeightEstimator()
         for number in range(60):
-            estimator.update(*person(1.6 / in_use, 0.2 * number, number), in_use)
+            estimator.update(*person(1.6 / in_use, 0.2 * number, number), HERE, in_use)
         assert estimator.height == pytest.approx(1.6, rel=0.01)
 
 
 def test_frames_close_in_time_count_in_proportion_to_their_distance():
     step, estimator = 0.25 * CORRELATED_S, HeightEstimator()
     given = person(1.2)
-    estimator.update(*given, TYPICAL_HEIGHT)
-    estimator.update(*person(1.2, step), TYPICAL_HEIGHT)
+    estimator.update(*given, HERE, TYPICAL_HEIGHT)
+    estimator.update(*person(1.2, step), HERE, TYPICAL_HEIGHT)
     once = information(*given)
     assert estimator._information == pytest.approx(once * (np.exp(-step / TIME_CONSTANT_S) + 0.25))
-    estimator.update(*person(1.2, step + 4 * CORRELATED_S), TYPICAL_HEIGHT)
+    estimator.update(*person(1.2, step + 4 * CORRELATED_S), HERE, TYPICAL_HEIGHT)
     fade = np.exp(-4 * CORRELATED_S / TIME_CONSTANT_S)
     assert estimator._information == pytest.approx(once * (fade * (np.exp(-step / TIME_CONSTANT_S) + 0.25) + 1))
 
@@ -118,8 +119,8 @@ def test_frames_close_in_time_count_in_proportion_to_their_distance():
 def test_older_frames_fade_with_the_time_constant():
     """A wrong scale of the first frame has the weight exp(-t / TIME_CONSTANT_S) after t."""
     estimator, first, second = HeightEstimator(), person(1.3), person(1.0, TIME_CONSTANT_S, 1)
-    estimator.update(*first, TYPICAL_HEIGHT)
-    estimator.update(*second, TYPICAL_HEIGHT)
+    estimator.update(*first, HERE, TYPICAL_HEIGHT)
+    estimator.update(*second, HERE, TYPICAL_HEIGHT)
     before, after, prior = information(*first) / np.e, information(*second), PEOPLE_DEVIATION**-2
     expected = before * np.log(1.3) / (before + after + prior)
     assert np.log(estimator.height / TYPICAL_HEIGHT) == pytest.approx(expected, rel=1e-5)
@@ -128,7 +129,7 @@ def test_older_frames_fade_with_the_time_constant():
 def test_the_height_becomes_more_certain_up_to_the_spread_of_proportions():
     estimator, deviations = HeightEstimator(), []
     for number in range(100):
-        estimator.update(*person(1.0, 0.2 * number, number), TYPICAL_HEIGHT)
+        estimator.update(*person(1.0, 0.2 * number, number), HERE, TYPICAL_HEIGHT)
         deviations.append(estimator.deviation / estimator.height)
     assert np.all(np.diff(deviations) < 1e-9) and LEAST_DEVIATION < deviations[-1] < 1.1 * LEAST_DEVIATION
 
@@ -136,42 +137,42 @@ def test_the_height_becomes_more_certain_up_to_the_spread_of_proportions():
 @pytest.mark.parametrize("case", [{"measured": FEWEST - 1}, {"repeated": 0.1}])
 def test_frames_without_enough_new_depths_are_not_used(case):
     estimator = HeightEstimator()
-    assert not estimator.update(*person(1.2, **case), TYPICAL_HEIGHT) and not estimator.measured
-    estimator.update(*person(1.2, measured=FEWEST), TYPICAL_HEIGHT)
+    assert not estimator.update(*person(1.2, **case), HERE, TYPICAL_HEIGHT) and not estimator.measured
+    estimator.update(*person(1.2, measured=FEWEST), HERE, TYPICAL_HEIGHT)
     assert estimator.measured
 
 
 @pytest.mark.parametrize("height", [0.98 * RANGE[0], 1.02 * RANGE[1]])
 def test_a_scale_outside_the_range_of_heights_is_ignored(height):
     estimator = HeightEstimator()
-    assert not estimator.update(*person(height / TYPICAL_HEIGHT), TYPICAL_HEIGHT) and not estimator.measured
+    assert not estimator.update(*person(height / TYPICAL_HEIGHT), HERE, TYPICAL_HEIGHT) and not estimator.measured
 
 
 @pytest.mark.parametrize("height", [1.02 * RANGE[0], 0.98 * RANGE[1]])
 def test_children_and_tall_people_are_in_the_range(height):
     estimator = HeightEstimator()
     for number in range(100):
-        estimator.update(*person(height / TYPICAL_HEIGHT, 0.2 * number, number), TYPICAL_HEIGHT)
+        estimator.update(*person(height / TYPICAL_HEIGHT, 0.2 * number, number), HERE, TYPICAL_HEIGHT)
     assert estimator.measured and estimator.height == pytest.approx(height, rel=0.05)
     assert RANGE[0] <= estimator.height <= RANGE[1]
 
 
 def test_a_new_height_is_adopted_if_it_differs_and_not_too_often():
     estimator = HeightEstimator()
-    assert estimator.update(*person(1.2), TYPICAL_HEIGHT)
-    assert not estimator.update(*person(1.2, 0.9 * PAUSE_S), TYPICAL_HEIGHT)
-    assert estimator.update(*person(1.2, 1.1 * PAUSE_S), TYPICAL_HEIGHT)
+    assert estimator.update(*person(1.2), HERE, TYPICAL_HEIGHT)
+    assert not estimator.update(*person(1.2, 0.9 * PAUSE_S), HERE, TYPICAL_HEIGHT)
+    assert estimator.update(*person(1.2, 1.1 * PAUSE_S), HERE, TYPICAL_HEIGHT)
     in_use = estimator.height * np.exp(0.9 * CHANGE)
     ratio = estimator.height / in_use
-    assert not estimator.update(*person(ratio, 3 * PAUSE_S), in_use)
+    assert not estimator.update(*person(ratio, 3 * PAUSE_S), HERE, in_use)
 
 
 def test_reset_forgets_the_person():
     estimator = HeightEstimator()
-    estimator.update(*person(1.2), TYPICAL_HEIGHT)
+    estimator.update(*person(1.2), HERE, TYPICAL_HEIGHT)
     estimator.reset()
     assert not estimator.measured and estimator.height == TYPICAL_HEIGHT
-    assert estimator.update(*person(1.2), TYPICAL_HEIGHT)  # at once, although the stamp is that of the last adoption
+    assert estimator.update(*person(1.2), HERE, TYPICAL_HEIGHT)  # at once, with the stamp of the last adoption
 
 
 def test_with_several_cameras_the_sum_of_the_lengths_is_the_size():
@@ -181,11 +182,12 @@ def test_with_several_cameras_the_sum_of_the_lengths_is_the_size():
     estimator = HeightEstimator()
     for number in range(50):
         seen, solved = person(1.0, 0.1 * number, measured=0)
-        estimator.update(seen, solved, TYPICAL_HEIGHT, (measured, given))
+        estimator.update(seen, solved, HERE, TYPICAL_HEIGHT, (measured, given))
     assert estimator.height == pytest.approx(1.15 * TYPICAL_HEIGHT, rel=0.02)
 
 
 def test_few_lengths_are_not_used():
     estimator = HeightEstimator()
     few = np.full(FEWEST - 1, 0.4)
-    assert not estimator.update(*person(1.0, measured=0), TYPICAL_HEIGHT, (1.2 * few, few)) and not estimator.measured
+    assert not estimator.update(*person(1.0, measured=0), HERE, TYPICAL_HEIGHT, (1.2 * few, few))
+    assert not estimator.measured
