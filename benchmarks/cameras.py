@@ -58,6 +58,8 @@ HIPS = [LIMBS.index(EVALUATED.index("l_hip")), LIMBS.index(EVALUATED.index("r_hi
 SCORED_FROM = 0.5
 LONGEST = 10.0
 """s of a clip that are used."""
+OSCILLATION = 4.0
+"""rad/s, of cameras that turn to and fro."""
 SIDES = {"l": "left", "r": "right"}
 METHODS = ("lasso", "lasso file", "dlt", "dlt causal", "dlt offline")
 COLUMNS = {"method": "<", "clips": "d", "mpjpe_mm": ".1f", "pa_mpjpe_mm": ".1f", "abs_mm": ".1f", "accel_error": ".1f",
@@ -282,7 +284,8 @@ def _turned(seen: Observation, fastest: float) -> Observation:
     """What the camera sees if it turns to and fro about its vertical axis with rad/s up to `fastest`."""
     if not fastest:
         return seen
-    turn, pose = exponential(np.array([0.0, fastest * np.sin(seen.stamp), 0.0])), seen.camera
+    pose, angle = seen.camera, fastest / OSCILLATION * np.sin(OSCILLATION * seen.stamp)
+    turn = exponential(np.array([0.0, angle, 0.0]))
     points = carried(seen.points, turn, np.zeros((len(seen.points), 3)))
     return replace(seen, points=points, camera=CameraPose(pose.name, turn @ pose.rotation, turn @ pose.translation))
 

@@ -75,6 +75,8 @@ class Camera:
         self._corrected = config.extrinsics == LEARN
         if (motion := self._motion(body)) is not None:
             self.measurements.carry(*motion)
+            if self.network is not None:
+                self.network.carry(*motion)
         self._last_pose = self.pose
         measurement = self.measurements.filtered(observation, weights, depth, model_error, config)
         self._count_presence(measurement.stamp, alone)

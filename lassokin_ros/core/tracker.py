@@ -542,7 +542,7 @@ class Tracker:
             omega=increment.omega,
             translation_step=increment.x,
             certificate=increment.solution.certificate,
-            reprojection_px=_reprojection_px(measured, pose),
+            reprojection_px=_reprojection_px(_placed(measured), pose),
             initialised=answer.initialised,
             problem=increment.problem,
             rows=increment.rows,
@@ -653,7 +653,7 @@ class Tracker:
         assert self._output_filter.forward is not None
         forward, vectors = self._output_filter.forward, self.kinematics.vectors
         backward = None if self.backward is None else self.backward(estimate.stamp)
-        self._lag.add(Waiting(estimate, forward, vectors, partial(_reprojection_px, measured), backward))
+        self._lag.add(Waiting(estimate, forward, vectors, partial(_reprojection_px, _placed(measured)), backward))
         self.published = self._lag.due(estimate.stamp, self.config.smoothing_lag)
 
     def _reject(
@@ -683,9 +683,14 @@ def _unit_vertical(up: np.ndarray) -> np.ndarray:
     return np.asarray(found / length)
 
 
-def _reprojection_px(measured: dict[Camera, Measurement], pose: BodyPose) -> float:
+def _placed(measured: dict[Camera, Measurement]) -> list[tuple[Measurement, CameraPose]]:
+    """The measurements with the poses of their cameras, which may move before a frame is published."""
+    return [(measurement, camera.pose) for camera, measurement in measured.items()]
+
+
+def _reprojection_px(placed: list[tuple[Measurement, CameraPose]], pose: BodyPose) -> float:
     """px, over the cameras with an image, see `Measurement.reprojection_px`."""
-    errors = [measurement.reprojection_px(pose, camera.pose) for camera, measurement in measured.items()]
+    errors = [measurement.reprojection_px(pose, camera) for measurement, camera in placed]
     return errors[0] if len(errors) == 1 else math.sqrt(sum(error * error for error in errors) / len(errors))
 
 

@@ -54,6 +54,10 @@ class DepthEstimator:
         self.joint_depths: JointDepths | None = None
         """Of the newest frame, with `sight` in the camera frame; None if fewer than `LEAST_SEEN` points are visible."""
 
+    def carry(self, rotation: np.ndarray, shift: np.ndarray) -> None:
+        """Continue in the image of the camera after it has moved; see `projection.carried`. shift: (l, 3)."""
+        self._history.carry(rotation, shift.take(self._index, axis=0))
+
     def update(
         self, stamp: float, points: np.ndarray, seen: np.ndarray, up: np.ndarray | None, mount: np.ndarray
     ) -> None:
@@ -66,10 +70,9 @@ class DepthEstimator:
         shown = seen.take(self._index) & self._in_layout
         if mount is not self._mount:
             self._mount, self._level = mount, _upright_image(mount)
-        level = self._level
-        levelled = points.take(self._index, axis=0) @ level[:2, :2].T
-        self._history.add(stamp, levelled, shown)
-        self._roll.update(stamp, levelled, shown)
+        level, canonical = self._level, points.take(self._index, axis=0)
+        self._history.add(stamp, canonical, shown)
+        self._roll.update(stamp, canonical @ level[:2, :2].T, shown)
         self.places = self.joint_depths = None
         if np.count_nonzero(shown) < LEAST_SEEN:
             return
@@ -77,7 +80,8 @@ class DepthEstimator:
         if self._roll.turned:
             turn = np.eye(3)
             turn[:2, :2] = self._roll.turn
-            past, level, up = past @ turn[:2, :2].T, turn @ level, None
+            level, up = turn @ level, None
+        past = past @ level[:2, :2].T
         vertical = np.zeros(3) if up is None else level @ up
         scene = Scene(past, known, vertical, np.array(up is not None), self._lengths, self._lengths_known)
         places, depths, whitening, rotation = self._network.estimate(scene, self._kinematics.skeleton.height)

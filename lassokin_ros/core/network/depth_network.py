@@ -26,6 +26,7 @@ import numpy as np
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.roles import NETWORK_JOINTS, SIDES, sided
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.image.projection import carried
 from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.observation import AXES
 from lassokin_ros.core.record import record
@@ -350,6 +351,12 @@ class History:
             self._count = half
         self._stamps[self._count], self._points[self._count], self._seen[self._count] = stamp, points, seen
         self._count += 1
+
+    def carry(self, rotation: np.ndarray, shift: np.ndarray) -> None:
+        """Continue in the image of the camera after it has moved; see `projection.carried`. shift: (canonical, 3)."""
+        stamps = self._stamps[: self._count]
+        recent = slice(stamps.searchsorted(stamps[-1:] - TIMES[-1] - LONGEST_GAP).sum(), self._count)
+        self._points[recent] = carried(self._points[recent], rotation, shift)
 
     def sampled(self) -> tuple[np.ndarray, np.ndarray]:
         """(points (times, canonical, 2), seen (times, canonical)) at `TIMES` before the newest frame."""

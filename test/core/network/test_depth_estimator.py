@@ -122,6 +122,25 @@ def test_a_configured_roll_is_taken_out_of_the_image(roll):
     assert np.allclose(rolled.joint_depths.sight, turn @ level.joint_depths.sight, rtol=0, atol=1e-6)
 
 
+def test_the_motion_of_the_camera_is_none_of_the_person():
+    """The camera turns, rolls and drives to where a still one is; both have then seen the same."""
+    pose, still = standing(), watched(standing())
+    moving, before = DepthEstimator(shipped_network(), KINEMATICS), (np.eye(3), np.zeros(3))
+    for frame in range(10):
+        left = (9 - frame) / 9
+        now = exponential(np.array([0.1, 0.5, 0.2]) * left), np.array([0.4, 0.1, -0.5]) * left
+        turn = now[0] @ before[0].T
+        depth = (pose.landmarks @ before[0].T + before[1])[:, 2:]
+        if frame:
+            moving.carry(turn, (now[1] - turn @ before[1]) / depth)
+        up = now[0] @ LEVEL
+        moving.update(10.0 + frame / 10, project(pose.landmarks @ now[0].T + now[1]), ALL, up, up)
+        before = now
+    for name, position in positions(still).items():
+        assert np.allclose(positions(moving)[name], position, rtol=0, atol=1e-5), name
+    assert np.allclose(moving.joint_depths.whitening, still.joint_depths.whitening, rtol=1e-4, atol=1e-4)
+
+
 def test_the_turn_of_the_image_brings_the_vertical_to_its_top():
     random = np.random.default_rng(0)
     for _ in range(20):

@@ -8,7 +8,9 @@ from cases import FACING, body
 from sequences import CONFIG, RATE, observations, published_by, same
 
 from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.estimate import Estimate
+from lassokin_ros.core.image.projection import carried
 from lassokin_ros.core.observation import CameraPose, Status
 from lassokin_ros.core.output.fixed_lag import FixedLag, Waiting
 from lassokin_ros.core.output.output_filter import (
@@ -210,6 +212,17 @@ def test_what_is_published_does_not_depend_on_the_origin_of_the_skeletons_frame(
         other.track(replace(observation, camera=moved))
         for a, b in zip(own.published, other.published, strict=True):
             assert np.abs(a.pose.positions - b.pose.positions - place).max() < 1e-4
+
+
+def test_the_reprojection_error_is_that_in_the_cameras_own_image_if_it_has_turned_since():
+    still, turning = (Tracker(LAGGED, up=np.array([0.0, -1.0, 0.0])) for _ in range(2))
+    for _, observation in observations(still, 1.0):
+        turn = exponential(np.array([0.0, np.sin(observation.stamp), 0.0]))
+        points = carried(observation.points, turn, np.zeros((len(observation.points), 3)))
+        still.track(replace(observation, camera=CameraPose("still")))
+        turning.track(replace(observation, points=points, camera=CameraPose("turning", turn)))
+        for a, b in zip(still.published, turning.published, strict=True):
+            assert b.reprojection_px == pytest.approx(a.reprojection_px, abs=3.0)
 
 
 def test_reset_drops_waiting_frames():
