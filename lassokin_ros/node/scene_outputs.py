@@ -39,7 +39,7 @@ class SceneOutputs:
         self._node, self._pipeline = node, pipeline
         self._people_out = advertise(node, topics.people_output(message_type))
         self._state_out = advertise(node, topics.STATE_OUTPUT)
-        self._people = PeopleMessages(backend, message_type, serialised=True)
+        self._people = PeopleMessages(backend, message_type, True, pipeline.config.several_cameras)
         self._skeletons_out = advertise(node, topics.SKELETONS_OUTPUT)
         self._skeletons = SkeletonsMessage(backend, pipeline.tracker.skeleton.joint_count, serialised=True)
         self._markers_out, self._cameras = markers, CameraMarkers(backend, pipeline)

@@ -37,6 +37,7 @@ from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.image_sets import LATE, ImageSets, stamp_of_set
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
+from lassokin_ros.pipeline.outputs.people_messages import LONGEST_LATE_NS
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.matching import is_trackable
@@ -463,8 +464,9 @@ class Pipeline:
             frames = self._without_absences(frames, stamp_ns)
             self._note_residuals(frames)
         self._check_depth(images, frames)
-        newer = self._latest is None or stamp_ns >= self._latest[0]
-        if newer or self.people.tracked_at(stamp_ns):  # a stamp that was ahead is left behind
+        older_ns = 0 if self._latest is None else self._latest[0] - stamp_ns
+        late = self._sets is not None and older_ns < LONGEST_LATE_NS
+        if older_ns <= 0 or (not late and self.people.tracked_at(stamp_ns)):  # a stamp that was ahead is left behind
             self._latest, self.image = (stamp_ns, arrival_ns), (stamp_ns, frame_id)
         if self._sets is None and all(frame.accepted for frame in frames):
             self.first.stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))

@@ -298,7 +298,7 @@ class SceneMessages:
         for name, definition in DEFINITIONS.items():
             if name.split("/")[0] == self._type.split("/")[0]:
                 add_type(types, name, definition)
-        self._people = PeopleMessages(backend, self._type, serialised)
+        self._people = PeopleMessages(backend, self._type, serialised, pipeline.config.several_cameras)
         self._name = topics.full_name(topics.PEOPLE, NODE_NAME)
         self._skeletons = SkeletonsMessage(backend, pipeline.tracker.skeleton.joint_count, serialised)
         self._skeletons_name = topics.full_name(topics.SKELETONS, NODE_NAME)

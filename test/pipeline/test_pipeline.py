@@ -8,9 +8,10 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
-from cases import copied_body  # noqa: E402
+from cases import body, copied_body  # noqa: E402
 from depth_camera import depth_message  # noqa: E402
 from messages import (  # noqa: E402
+    FOCAL,
     FRAME,
     HEIGHT,
     WIDTH,
@@ -20,11 +21,14 @@ from messages import (  # noqa: E402
     pixels_of_motion,
     raw_cloud,
     rosbags_backend,
+    with_depths,
 )
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.errors import ConfigurationError  # noqa: E402
+from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
+from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE  # noqa: E402
 from lassokin_ros.pipeline.camera_images import NOBODY, UNSCORED, UNUSED  # noqa: E402
 from lassokin_ros.pipeline.people.choice import NoPersonError  # noqa: E402
@@ -315,3 +319,23 @@ def test_held_results_come_later_and_with_a_flush():
     rest = [frame.stamp_ns for frame in pipeline.flush()]
     assert stamps + rest == [START_NS + i * PERIOD_NS for i in range(8)] and len(stamps) < 8 and rest
     assert pipeline.flush() == []
+
+
+@pytest.mark.parametrize("smoothing_lag", [0.0, 0.1])
+def test_measuring_the_height_is_no_motion_of_a_person_who_stands_still(smoothing_lag):
+    kinematics, random = body("coco17", 1.95), np.random.default_rng(0)
+    landmarks = kinematics.pose(motion(kinematics.skeleton, np.zeros(1))).landmarks[0]
+    middle, depth = np.array([WIDTH, HEIGHT]) / 2, landmarks[:, 2] - kinematics.layout.surface * 1.95
+    pipeline = Pipeline(TrackerConfig(height=0.0, smoothing_lag=smoothing_lag), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    frames = []
+    for index in range(30):
+        pixels = project(landmarks) * FOCAL + middle + random.normal(size=(17, 2))
+        noise = 0.01 * random.normal(size=17) if index >= 6 else np.nan
+        frames += pipeline.frames(
+            with_depths(BACKEND, message(0, START_NS + index * PERIOD_NS, pixels=pixels), depth + noise), 7
+        )
+    assert pipeline.tracker.skeleton.height > 1.8
+    for frame in frames:
+        assert np.linalg.norm(frame.velocity) < 0.2 and np.linalg.norm(frame.joint_velocities[0]) < 0.5
+        assert np.linalg.norm(frame.velocities[:3]) < 0.5

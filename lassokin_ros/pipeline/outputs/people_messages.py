@@ -12,6 +12,8 @@ from msg_adapters.output_messages.people import PersonReport, people_builder
 
 Image = tuple[int, str]
 """Stamp in ns and frame_id of an image."""
+LONGEST_LATE_NS = 1_000_000_000
+"""ns: images of one of several cameras are later than those of the others by less than this."""
 SINGLE_PERSON = "p1"
 """Id in the message if one person is followed."""
 
@@ -23,11 +25,15 @@ class PeopleMessages:
     `forget_after` s, or is not among the people present, is left out.
     """
 
-    def __init__(self, backend: Backend, message_type: str, serialised: bool = False) -> None:
+    def __init__(
+        self, backend: Backend, message_type: str, serialised: bool = False, several_cameras: bool = False
+    ) -> None:
         """message_type: parameter people_type, long form. The package of the type must be installed.
 
-        serialised: return serialised messages where that is faster.
+        serialised: return serialised messages where that is faster. several_cameras: images come late, and a message
+        has the stamp of the newest person in it.
         """
+        self._late_ns = LONGEST_LATE_NS if several_cameras else 0
         self._builder = people_builder(backend, message_type, serialised)
         self._newest: dict[str, FrameResult] = {}
 
@@ -55,6 +61,8 @@ class PeopleMessages:
         only = self._newest.get("")
         if only is not None and only.stamp_ns > stamp_ns:  # the stamps have jumped back
             self.forget()
+        stamps_ns = (frame.stamp_ns for frame in self._newest.values() if frame.frame_id == frame_id)
+        stamp_ns = max([stamp_ns, *(other for other in stamps_ns if other < stamp_ns + self._late_ns)])
         people: list[PersonReport] = []
         for frame in self._newest.values():
             age_s = (stamp_ns - frame.stamp_ns) * 1e-9

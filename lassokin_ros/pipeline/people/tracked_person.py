@@ -109,6 +109,7 @@ class TrackedPerson:
         self._landmarks: np.ndarray | None = None
         self._velocity = np.zeros(3)
         self._frame_moved_ns, self._frame_turn = 0, NO_TURN
+        self._resized_ns, self._height = 0, math.nan  # stamp, ns, of the first frame with this height, m
 
     def move_frame(self, frame: CameraPose, stamp_ns: int) -> None:
         """Keep the person where they are, although the frame of the skeleton has moved: see `PoseJumps.update`.
@@ -158,6 +159,7 @@ class TrackedPerson:
             observations=observations,
             skeleton=self.tracker.skeleton,  # calibration changes the lengths for the next frame only
         )
+        height = self.tracker.skeleton.height  # a measured one changes for the next frame only, too
         estimate = self.tracker.track(observations)
         self.status = estimate.status
         if estimate.rejection is not None:
@@ -170,7 +172,7 @@ class TrackedPerson:
                 reason, detail = FROZEN, frozen_text(frozen_s, self.tracker.config)
             due = self._due(self.tracker.published, stamp_ns)
             return [*due, frame(estimate=estimate, rejection=reason, detail=detail)]
-        self._update_motion(stamp_ns, estimate)
+        self._update_motion(stamp_ns, estimate, height)
         self.seen_by = {sight.camera.name: sight.stamp_ns for sight in sights}
         tracker, velocity = self.tracker, self._velocity.copy()
         made = partial(frame, velocity=velocity, measure=tracker.uncertainty, observe=tracker.observed)
@@ -241,9 +243,12 @@ class TrackedPerson:
             while stamp < estimate.stamp:  # skip results lost by an error
                 stamp_ns, stamp, frame = self._waiting.popleft()
             moment, before, earlier = Moment(stamp_ns, estimate.state, estimate.initialised), None, None
-            if self._last is not None and self._last[0].stamp_ns < self._frame_moved_ns <= stamp_ns:
+            last_ns = stamp_ns if self._last is None else self._last[0].stamp_ns
+            if last_ns < self._frame_moved_ns <= stamp_ns:
                 self._last = None
                 self._doubts.reset()
+            elif last_ns < self._resized_ns <= stamp_ns:
+                self._last = None
             if self._last is not None and not estimate.initialised:
                 before, places = self._last
                 if stamp_ns - before.stamp_ns >= SHORTEST_NS:
@@ -254,13 +259,18 @@ class TrackedPerson:
             frames.append(frame(estimate, joint_states=states, earlier=earlier, held_s=held_s))
         return frames
 
-    def _update_motion(self, stamp_ns: int, estimate: Estimate) -> None:
-        """Update position and velocity from the newest estimate, which may not be published yet."""
+    def _update_motion(self, stamp_ns: int, estimate: Estimate, height: float) -> None:
+        """Update position and velocity from the newest estimate, which may not be published yet.
+
+        height: m, of its skeleton. With another one, the body is elsewhere along the line of sight and has not moved.
+        """
         assert estimate.state is not None and estimate.pose is not None
-        place = estimate.state.translation
+        place, resized = estimate.state.translation, height != self._height
+        if resized:
+            self._resized_ns, self._height = stamp_ns, height
         if estimate.initialised or self._place is None or self.seen_ns is None:
             self._velocity[:] = 0.0
-        elif (seconds := (stamp_ns - self.seen_ns) * 1e-9) > 0:  # 0: another camera's image of the same stamp
+        elif not resized and (seconds := (stamp_ns - self.seen_ns) * 1e-9) > 0:  # 0: another camera, same stamp
             share = 1 - math.exp(-seconds / VELOCITY_MEMORY_S)
             self._velocity += share * ((place - self._place) / seconds - self._velocity)
         self._place, self._landmarks, self.seen_ns = place, estimate.pose.landmarks, stamp_ns

@@ -119,6 +119,20 @@ def test_one_person_does_not_come_back_when_stamps_that_have_jumped_back_reach_t
         assert messages.build((stamp_ns, FRAME), 1.0, 3.0).width == 0
 
 
+@pytest.mark.parametrize("several_cameras", [True, False])
+def test_a_late_image_of_one_camera_hides_nobody_whom_another_one_has_seen_later(frames, several_cameras):
+    messages = PeopleMessages(BACKEND, CLOUD_TYPE, several_cameras=several_cameras)
+    early, late = (replace(frames[i], person=f"p{n}", label=f"p{n}") for i, n in ((0, 2), (3, 1)))
+    messages.update([late, early], ["p1", "p2"])
+    message = messages.build((early.stamp_ns, FRAME), 1.0, 3.0)
+    people, stamp = np.frombuffer(message.data.tobytes(), POINT), message.header.stamp
+    assert sorted(people["person"]) == ([1, 2] if several_cameras else [2])
+    newest = late if several_cameras else early
+    assert stamp.sec * SECOND + stamp.nanosec == newest.stamp_ns
+    assert people["age"].max() == pytest.approx((newest.stamp_ns - early.stamp_ns) * 1e-9)
+    assert messages.build((early.stamp_ns - 2 * SECOND, FRAME), 1.0, 3.0).width == 0  # the stamps begin anew
+
+
 @pytest.mark.parametrize("message_type", BUILDERS)
 def test_people_who_are_not_tracked_have_no_place_in_point_clouds_alone(frames, message_type):
     messages = PeopleMessages(BACKEND, message_type)

@@ -79,6 +79,21 @@ def test_an_image_with_the_stamp_of_an_earlier_result_does_not_spoil_the_velocit
         assert all(np.isfinite(frame.velocity).all() for frame in frames if frame.accepted)
 
 
+def test_stamps_do_not_go_back_with_images_of_a_slower_detector():
+    rig, late, stamps, people = Rig("left", "right", max_people=3), 2, [], set()
+    for index in range(12):
+        frames = rig.send("left", index, {1: (rig.pixels("left", index), np.full(17, 0.9))})
+        stamps.append(rig.pipeline.image[0])
+        if index >= late:
+            other = {5: (rig.pixels("right", index - late, (0.0, 1.5, 0.0)), np.full(17, 0.9))}
+            frames += rig.send("right", index - late, other, late_ns=late * PERIOD_NS)
+            frames += rig.pipeline.due(START_NS + (index + late) * PERIOD_NS)
+            stamps.append(rig.pipeline.image[0])
+        people |= {(frame.person, frame.camera.name) for frame in frames if frame.accepted}
+    assert people == {("p1", "left"), ("p2", "right")}
+    assert stamps == sorted(stamps) and stamps[-1] == START_NS + 11 * PERIOD_NS
+
+
 @pytest.mark.parametrize("max_people", [1, 3])
 @pytest.mark.parametrize("later_ns", [2_000_000, 16_000_000])
 @pytest.mark.parametrize("by_call", [True, False])

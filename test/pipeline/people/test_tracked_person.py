@@ -33,7 +33,7 @@ def at(place, initialised=False, turn=0.0):
 def move(person, *steps):
     """(s, x) of the pelvis; the first one initialises."""
     for i, (seconds, x) in enumerate(steps):
-        person._update_motion(round(seconds * SECOND), at([x, 0.0, 0.5 * x], i == 0))
+        person._update_motion(round(seconds * SECOND), at([x, 0.0, 0.5 * x], i == 0), 1.75)
 
 
 def test_before_the_first_frame_nothing_is_predicted(person):
@@ -45,9 +45,9 @@ def test_velocity_is_averaged(person):
     move(person, (1.0, 0.0), (1.1, 0.2))
     share = 1 - np.exp(-0.1 / VELOCITY_MEMORY_S)
     assert person._velocity == pytest.approx(share * np.array([2.0, 0, 1.0]))
-    person._update_motion(round(1.2 * SECOND), at([0.2, 0, 0.1]))
+    person._update_motion(round(1.2 * SECOND), at([0.2, 0, 0.1]), 1.75)
     assert person._velocity == pytest.approx((1 - share) * share * np.array([2.0, 0, 1.0]))
-    person._update_motion(round(1.3 * SECOND), at([9.0, 0, 0], initialised=True))
+    person._update_motion(round(1.3 * SECOND), at([9.0, 0, 0], initialised=True), 1.75)
     assert not person._velocity.any()
 
 
@@ -55,7 +55,7 @@ def test_two_results_of_one_stamp_keep_the_velocity(person):
     """Another camera's image of the stamp came later, and is of use."""
     move(person, (1.0, 0.0), (1.1, 0.2))
     velocity = person._velocity.copy()
-    person._update_motion(round(1.1 * SECOND), at([0.21, 0.0, 0.1]))
+    person._update_motion(round(1.1 * SECOND), at([0.21, 0.0, 0.1]), 1.75)
     assert person._velocity.tolist() == velocity.tolist() and person._place.tolist() == [0.21, 0.0, 0.1]
 
 
