@@ -87,6 +87,7 @@ def test_stamps_do_not_go_back_with_images_of_a_slower_detector():
         if index >= late:
             other = {5: (rig.pixels("right", index - late, (0.0, 1.5, 0.0)), np.full(17, 0.9))}
             frames += rig.send("right", index - late, other, late_ns=late * PERIOD_NS)
+            stamps.append(rig.pipeline.image[0])
             frames += rig.pipeline.due(START_NS + (index + late) * PERIOD_NS)
             stamps.append(rig.pipeline.image[0])
         people |= {(frame.person, frame.camera.name) for frame in frames if frame.accepted}
