@@ -84,6 +84,12 @@ class CameraPose:
         rotation = self.rotation @ first.rotation.T
         return CameraPose(self.name, rotation, self.translation - rotation @ first.translation)
 
+    def after(self, earlier: CameraPose) -> CameraPose:
+        """The pose that maps as this one does what the earlier one has mapped."""
+        return CameraPose(
+            self.name, self.rotation @ earlier.rotation, self.rotation @ earlier.translation + self.translation
+        )
+
     def into_camera(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 3) m in the camera's optical frame."""
         return points if self.is_identity else points @ self.rotation.T + self.translation

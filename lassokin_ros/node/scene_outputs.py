@@ -59,7 +59,7 @@ class SceneOutputs:
         config, wanted = pipeline.tracker.config, subscribers(self._people_out) > 0
         newest = pipeline.image if pipeline.enabled else None
         for image, people in images_of(frames, newest, config.smoothing_lag > 0):
-            self._people.update(people, pipeline.ids)
+            self._people.update(people, pipeline.ids, pipeline.jumps.newest)
             if wanted:
                 self._publish_people(image)
             if subscribers(self._skeletons_out) > 0:

@@ -333,6 +333,7 @@ class Pipeline:
         if self._sets is not None:
             self._sets.reset()
         self.agreement.reset()
+        self.jumps.reset()
         self._latest = self.image = self._untracked_ns = None
         self._used_ns, self._untracked = {}, {}
         self.counts["resets"] += 1

@@ -315,7 +315,7 @@ class SceneMessages:
         pipeline = self._pipeline
         config = pipeline.tracker.config
         for image, people in images_of(frames, pipeline.image, config.smoothing_lag > 0):
-            self._people.update(people, pipeline.ids)
+            self._people.update(people, pipeline.ids, pipeline.jumps.newest)
             limits = pipeline.reported_lost_after, pipeline.config.forget_after
             message = self._people.build(image, *limits, pipeline.untracked_at(image[0]), pipeline.locked)
             yield self._name, self._type, message

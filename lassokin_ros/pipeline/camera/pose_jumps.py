@@ -18,9 +18,15 @@ class PoseJumps:
     """Compares the poses of the cameras from instant to instant."""
 
     def __init__(self) -> None:
-        self._last: tuple[int, dict[str, CameraPose]] | None = None
         self.words = ""
         """By how much the cameras have jumped the last time; empty before the first jump."""
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget where the cameras were."""
+        self._last: tuple[int, dict[str, CameraPose]] | None = None
+        self.newest: tuple[int, CameraPose] | None = None
+        """Stamp, ns, of the first image after the last jump, and how the frame has moved; None before the first one."""
 
     def update(self, stamp_ns: int, poses: Sequence[CameraPose]) -> CameraPose | None:
         """Return how the frame has moved since the last images if all cameras have jumped with it; None otherwise.
@@ -43,6 +49,7 @@ class PoseJumps:
         if any(_jumps(old.relative_to(moved), new, seconds) for old, new in steps[1:]):
             return None
         self.words = "{:.1f} m and {:.0f} degrees".format(*_step(*steps[0]))
+        self.newest = stamp_ns, moved
         return moved
 
 

@@ -6,7 +6,11 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from lassokin_ros.pipeline.frame_result import FrameResult
+import numpy as np
+
+from lassokin_ros.core.body.rotations import to_quaternion
+from lassokin_ros.core.observation import HERE, CameraPose
+from lassokin_ros.pipeline.frame_result import BODY_FROM_ROOT, FrameResult
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.people import PersonReport, people_builder
 
@@ -36,12 +40,25 @@ class PeopleMessages:
         self._late_ns = LONGEST_LATE_NS if several_cameras else 0
         self._builder = people_builder(backend, message_type, serialised)
         self._newest: dict[str, FrameResult] = {}
+        self._moved: dict[str, CameraPose] = {}  # how the frame has moved since the person's newest result
+        self._jump_ns = 0
 
-    def update(self, frames: Sequence[FrameResult], ids: Sequence[str] | None) -> None:
-        """Store accepted results. ids: of the people present, None if one person is followed."""
+    def update(
+        self, frames: Sequence[FrameResult], ids: Sequence[str] | None, jump: tuple[int, CameraPose] | None = None
+    ) -> None:
+        """Store accepted results. ids: of the people present, None if one person is followed.
+
+        jump: see `PoseJumps.newest`; people without a result since then are moved with the frame.
+        """
+        jump_ns, moved = jump or (0, HERE)
+        if jump_ns != self._jump_ns:
+            self._jump_ns = jump_ns
+            for person in self._newest:
+                self._moved[person] = moved.after(self._moved.get(person, HERE))
         for frame in frames:
             if frame.accepted:
                 self._newest[frame.person] = frame
+                self._moved[frame.person] = moved if frame.stamp_ns < jump_ns else HERE
         if ids is not None and len(self._newest) > 0:
             self._newest = {person: frame for person, frame in self._newest.items() if person in ids}
 
@@ -68,7 +85,8 @@ class PeopleMessages:
             age_s = (stamp_ns - frame.stamp_ns) * 1e-9
             if 0 <= age_s <= max(forget_after, lost_after) and frame.frame_id == frame_id:
                 age_s += 0.0 if frame.estimate is None else frame.estimate.repeated
-                people.append(person_report(frame, age_s <= lost_after, age_s, id_of(frame) == locked))
+                moved = self._moved.get(frame.person, HERE)
+                people.append(person_report(frame, age_s <= lost_after, age_s, id_of(frame) == locked, moved))
         return self._builder.fill(stamp_ns, frame_id, people, untracked)
 
 
@@ -95,19 +113,30 @@ def id_of(frame: FrameResult) -> str:
     return frame.label or frame.person or SINGLE_PERSON
 
 
-def person_report(frame: FrameResult, tracked: bool, age_s: float = 0.0, locked: bool = False) -> PersonReport:
-    """Return the report on the person of an accepted frame, whose keypoints are `age_s` older than the message."""
+def person_report(
+    frame: FrameResult, tracked: bool, age_s: float = 0.0, locked: bool = False, moved: CameraPose = HERE
+) -> PersonReport:
+    """Return the report on the person of an accepted frame, whose keypoints are `age_s` older than the message.
+
+    moved: what was at x is at `into_camera(x)` of it now.
+    """
     estimate = frame.estimate
     assert estimate is not None and estimate.pose is not None and frame.velocity is not None
-    positions = estimate.pose.positions
+    positions, quaternion, velocity = estimate.pose.positions, frame.quaternions[-1], frame.velocity
+    covariance = frame.uncertainty.absolute.pelvis
+    if moved is not HERE:
+        turn = np.kron(np.eye(2), moved.rotation)
+        positions, velocity = moved.into_camera(positions), moved.rotation @ velocity
+        covariance = turn @ covariance @ turn.T
+        (quaternion,) = to_quaternion(moved.rotation @ estimate.pose.orientations[:1] @ BODY_FROM_ROOT)
     return PersonReport(
         id=id_of(frame),
         tracked=tracked,
         confidence=confidence(frame) if tracked else 0.0,
         position=positions[0],
-        quaternion=frame.quaternions[-1],
-        velocity=frame.velocity,
-        covariance=frame.uncertainty.absolute.pelvis,
+        quaternion=quaternion,
+        velocity=velocity,
+        covariance=covariance,
         joints=positions,
         age=age_s,
         detector_id=frame.detector_id,

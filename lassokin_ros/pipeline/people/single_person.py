@@ -150,7 +150,7 @@ class SinglePersonTracker:
         if len(found) > 1:
             found = [(image, one) for image, one in found if self._is_followed(image, one)] or found
         sights = [Sight(image.stamp_ns, one, image.lens, image.camera) for image, one in found]
-        number = sights[0].seen.number if found[0][0].persistent else -1
+        number = self._number_at(max(image.stamp_ns for image in images))
         results = self._person.track(sights, frame_id, label=self._id, detector_id=number, guessed=self._guessed)
         rejected = results and not results[-1].accepted
         if rejected and (absence := self._absence(images[0], forget_after)):
@@ -197,6 +197,12 @@ class SinglePersonTracker:
         if followed.seen_ns == stamp_ns:
             return followed.detection
         return self._nobody(() if image.persistent else people)
+
+    def _number_at(self, stamp_ns: int) -> int:
+        """Return the person's number in the messages of the first camera that has seen them lately; -1 without one."""
+        since_ns = stamp_ns - GUESS_AFTER_S * 1e9
+        lasting = [one.followed for one in self._views.values() if one.persistent and one.shown_ns >= since_ns]
+        return next((track.detection.number for track in lasting if track is not None), -1)
 
     def _is_followed(self, image: PeopleImage, one: Detection) -> bool:
         """Return True if a detection in an image shows the followed person, and no bystander."""

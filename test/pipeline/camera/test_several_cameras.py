@@ -200,6 +200,18 @@ def test_a_late_image_from_before_a_jump_is_no_second_jump():
     assert [one is not None for one in moved] == [False, True, False, False]
 
 
+def test_a_robot_that_is_elsewhere_after_a_reset_has_not_jumped():
+    """Simulated time is set back by 2 s, and its old end is passed again."""
+    play = Play([LEFT], NodeSettings(fixed_frame=MAP)).run(2.0)
+    play.pipeline.transforms.clear()
+    play.pipeline.reset()
+    away = jumping(LEFT, 30, (1.0, -2.0, 0.0)).pose_at(9.0)
+    for index in range(75):
+        play.pipeline.transforms.add(tf_of(BACKEND, Eye("left", lambda _: away), START_NS, index / 30), static=False)
+        play.image(0, index / 30)
+    assert not play.pipeline.counts[JUMPS] and not play.refused
+
+
 def test_a_fast_robot_is_no_jump():
     robot = turning_eye("camera", 4.0)
     assert not Play([robot], NodeSettings(fixed_frame=MAP), still=True).run(2.0).pipeline.counts[JUMPS]

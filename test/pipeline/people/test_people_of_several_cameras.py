@@ -52,6 +52,15 @@ def test_a_person_whom_only_the_second_camera_sees_has_its_number():
         assert (frame.accepted, frame.camera.name, frame.detector_id) == (True, "right", 42)
 
 
+def test_a_person_has_one_number_although_each_detector_has_another_one():
+    rig, numbers = Rig("left", "right"), []
+    for index in range(12):
+        for name, number, later_ns in (("left", 7, 0), ("right", 3, 15_000_000)):
+            person = {number: (rig.pixels(name, index), np.full(17, 0.9))}
+            numbers += [frame.detector_id for frame in rig.send(name, index, person, later_ns) if frame.accepted]
+    assert len(numbers) > 20 and set(numbers) == {7}
+
+
 def test_the_points_of_a_bystander_are_not_published_as_the_persons():
     rig = Rig("left", "right")
     few = np.where(np.arange(17) < 3, 0.9, 0.0)

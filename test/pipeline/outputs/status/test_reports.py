@@ -10,7 +10,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.observation import CameraPose, Status
 from lassokin_ros.doubt.doubt import Doubt
 from lassokin_ros.doubt.live import Judgement
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -97,6 +97,23 @@ def test_the_report_on_a_person():
     lost = person_report(result(person="p7"), False)
     assert (lost.id, lost.tracked, lost.confidence) == ("p7", False, 0.0)
     assert confidence(result(wrong=np.nan)) == 0.0 and confidence(result(wrong=1.0)) == 0.0
+
+
+def test_who_is_not_seen_when_the_frame_jumps_is_moved_with_it(people):
+    turn, shift = Rotation.from_euler("z", 90, degrees=True).as_matrix(), np.array([3.0, 0, 0])
+    jump, again = (2 * SECOND, CameraPose("", turn, shift)), (4 * SECOND, CameraPose("", turn, shift))
+    people.update([result(person="p1"), result(person="p2")], None)
+    people.update([result(2 * SECOND, person="p1")], None, jump)  # already in the new frame
+    stays, moved = people.build((2 * SECOND, "a"), 1.0, 9.0)[2]
+    assert stays.position.tolist() == [1, 2, 3] and np.allclose(moved.position, [-2 + 3, 1, 3])
+    assert np.allclose(moved.joints, POSITIONS @ turn.T + shift) and np.allclose(moved.velocity, [0, 1, 0])
+    facing, before = (Rotation.from_quat(one.quaternion).as_matrix() for one in (moved, stays))
+    assert np.allclose(facing, turn @ before) and np.allclose(moved.covariance, np.eye(6))
+    people.update([result(2 * SECOND - 1, person="p3")], None, jump)  # held back by smoothing_lag
+    people.update([], None, again)
+    places = [one.position for one in people.build((4 * SECOND, "a"), 9.0, 9.0)[2]]
+    once, twice = turn @ [1, 2, 3] + shift, turn @ (turn @ [1, 2, 3] + shift) + shift
+    assert np.allclose(places, [once, twice, twice])
 
 
 def small():
