@@ -22,6 +22,8 @@ EXTRAPOLATED_NS = 200_000_000
 LONGEST_STEP_NS, FASTEST_M_S, FASTEST_RAD_S = 250_000_000, 5.0, 5.0
 """ns, m/s, rad/s: limits of the motion between two transforms. Within them the motion is continued up to the image;
 beyond, it is a jump, and the nearest transform is used."""
+SHORTEST_STEP_NS = 20_000_000
+"""ns: a motion is continued from transforms that are as far apart, because their noise grows with it."""
 MOST_FRAMES, LONGEST_NAME, MOST_STAMPS = 2000, 256, 10_000
 """Limits of the memory: number of frames, characters of a name, transforms of a frame within `HISTORY_NS`."""
 FARTHEST_M = 1e8
@@ -158,8 +160,8 @@ class _Frame:
         after = bisect(self._stamps, stamp_ns)
         nearest = min(after, len(self._stamps) - 1)
         if 0 < after < len(self._stamps):
-            if not self._jumps(after - 1):
-                return self._between(after - 1, stamp_ns)
+            if not self._jumps(after - 1, after):
+                return self._between(after - 1, after, stamp_ns)
             nearest -= stamp_ns - self._stamps[after - 1] < self._stamps[after] - stamp_ns
         distance_ns = stamp_ns - self._stamps[nearest]
         longest_ns = EXTRAPOLATED_NS if continued else STALE_NS
@@ -169,28 +171,29 @@ class _Frame:
                 f"the transform of '{name}' is more than {longest_ns * 1e-9:g} s {side} than the image: do the camera "
                 "and TF have the same clock?"
             )
-        if continued and distance_ns > 0 and self._moves():
-            return self._between(nearest - 1, stamp_ns)
+        if continued and distance_ns > 0 and (since := self._moves_since()) is not None:
+            return self._between(since, nearest, stamp_ns)
         return self._poses[nearest]
 
-    def _between(self, before: int, stamp_ns: int) -> tuple[Quaternion, Vector]:
-        """Return the pose at a time on the straight motion from one stored pose to the next."""
-        step_ns = self._stamps[before + 1] - self._stamps[before]
-        share = (stamp_ns - self._stamps[before]) / step_ns
-        (a, p), (b, q) = self._poses[before], self._poses[before + 1]
+    def _between(self, before: int, after: int, stamp_ns: int) -> tuple[Quaternion, Vector]:
+        """Return the pose at a time on the straight motion from one stored pose to a later one."""
+        share = (stamp_ns - self._stamps[before]) / (self._stamps[after] - self._stamps[before])
+        (a, p), (b, q) = self._poses[before], self._poses[after]
         x, y, z = (u + share * (v - u) for u, v in zip(p, q))
         return _interpolated(a, b, share), (x, y, z)
 
-    def _moves(self) -> bool:
-        """Return True if the two newest poses are those of a motion that can be continued."""
-        if len(self._stamps) < 2 or self._stamps[-1] - self._stamps[-2] > LONGEST_STEP_NS:
-            return False
-        return not self._jumps(len(self._stamps) - 2)
+    def _moves_since(self) -> int | None:
+        """Return the pose from which on the newest motion can be continued; None if it cannot."""
+        newest = len(self._stamps) - 1
+        since = max(bisect(self._stamps, self._stamps[-1] - SHORTEST_STEP_NS) - 1, 0)
+        if newest == since or self._stamps[-1] - self._stamps[since] > LONGEST_STEP_NS:
+            return None
+        return None if self._jumps(since, newest) else since
 
-    def _jumps(self, before: int) -> bool:
-        """Return True if no robot moves from one stored pose to the next in their time."""
-        seconds = (self._stamps[before + 1] - self._stamps[before]) * 1e-9
-        (a, p), (b, q) = self._poses[before], self._poses[before + 1]
+    def _jumps(self, before: int, after: int) -> bool:
+        """Return True if no robot moves from one stored pose to a later one in their time."""
+        seconds = (self._stamps[after] - self._stamps[before]) * 1e-9
+        (a, p), (b, q) = self._poses[before], self._poses[after]
         angle = 2 * math.acos(min(abs(math.fsum(u * v for u, v in zip(a, b))), 1.0))
         return math.dist(p, q) >= FASTEST_M_S * seconds or angle >= FASTEST_RAD_S * seconds
 

@@ -103,6 +103,21 @@ def test_a_camera_away_from_the_axis_moves_on_a_circle(rad_s, period_s, at_s):
     assert np.allclose(centre, rotation @ arm, atol=1e-9)
 
 
+@pytest.mark.parametrize("period_s", [0.001, 0.005, 0.04])
+def test_the_noise_of_a_fast_publisher_hardly_grows_beyond_the_newest_transform(period_s):
+    """0.3 rad/s with 0.1 degrees of noise, 0.1 s beyond. The noise of two transforms 1 ms apart is 10 degrees there."""
+    off = []
+    for seed in range(20):
+        transforms, random = Transforms(), np.random.default_rng(seed)
+        for seconds in np.arange(0.0, 0.4, period_s):
+            yaw = 0.3 * seconds + np.radians(0.1) * random.normal()
+            transforms.add(tf_message(BACKEND, round(1e9 * seconds), (BASE, "head", rpy(0, 0, yaw))), static=False)
+        rotation, _ = transforms.pose("head", BASE, round(1e9 * (seconds + 0.1)))
+        found = np.arctan2(rotation[1, 0], rotation[0, 0])
+        off.append(np.degrees(found - 0.3 * (seconds + 0.1)))
+    assert np.std(off) < 1.2
+
+
 def test_time_that_starts_again():
     transforms = robot(0.2, 100 * SECOND)
     robot(0.4, SECOND, transforms)  # a bag in a loop
