@@ -80,6 +80,11 @@ class PerBodyPipeline(Pipeline):
             return False
         return all(pipeline.is_informed_at(now_ns) for pipeline in self._present.values())
 
+    def set_clock_back(self, step_ns: int) -> None:
+        """See Pipeline.set_clock_back."""
+        for pipeline in self._all:
+            pipeline.set_clock_back(step_ns)
+
     def untracked_at(self, stamp_ns: int) -> int:
         """As Pipeline.untracked_at: the bodies of the detector's list that were never tracked."""
         return self._beyond + sum(pipeline.status is Status.SEARCHING for pipeline in self._present.values())

@@ -199,6 +199,14 @@ def test_listed_bodies_are_lost_in_silence_but_stay(pipeline):
     assert not feed(pipeline, "abc", 1)[0].estimate.initialised
 
 
+def test_messages_keep_their_ages_when_the_clock_is_set_back(pipeline):
+    pipeline.keep(["abc"])
+    pipeline.frames_of("abc", skeleton2d(BACKEND, START_NS, 0), 60 * 10**9)
+    pipeline.set_clock_back(50 * 10**9)
+    assert [pipeline.presence_at(at * 10**9).status for at in (10, 11)] == [Status.TRACKING, Status.LOST]
+    assert pipeline.is_informed_at(10 * 10**9) and not pipeline.is_informed_at(11 * 10**9)
+
+
 def test_settings_camera_and_reset_apply_to_all_people(pipeline):
     pipeline.keep(["abc", "xyz"])
     feed(pipeline, "abc", 0), feed(pipeline, "xyz", 0)
