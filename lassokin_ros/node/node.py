@@ -146,7 +146,7 @@ class TrackerNode(Node):
         self.create_service(Trigger, "~/save_skeleton", self._on_save_skeleton)
         self.create_service(Trigger, "~/save_cameras", self._on_save_cameras)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics continue while simulated time is paused
-        self._as_of_ns = self._checked_ns = 0
+        self._as_of_ns = self._checked_ns = self._newest_ns = 0
         self._wait = self.create_timer(max(config.camera_wait, SHORTEST_WAIT_S), self._on_wait_end, clock=steady)
         self._wait.cancel()
         self.create_timer(CHECK_PERIOD_S, self._update_presence, clock=steady)
@@ -187,7 +187,8 @@ class TrackerNode(Node):
         received_ns: ns, system clock, 0 if the middleware gives none.
         """
         started = time.monotonic()
-        arrival_ns = self._now_ns() if self._clock_is_simulated else received_ns or time.time_ns()
+        now_ns = self._followed_clock_ns()
+        arrival_ns = now_ns if self._clock_is_simulated else min(received_ns or now_ns, now_ns)
         try:
             frames = (frames_in or self._pipeline.frames)(message, arrival_ns)
             self._publish(frames)
@@ -211,6 +212,15 @@ class TrackerNode(Node):
 
     def _now_ns(self) -> int:
         return int(self.get_clock().now().nanoseconds)
+
+    def _followed_clock_ns(self) -> int:
+        """Return the node's time, ns. If the system's clock was set back, the messages keep their ages."""
+        before_ns, self._newest_ns = self._newest_ns, self._now_ns()
+        if self._newest_ns < before_ns:
+            self._as_of_ns = self._checked_ns = self._newest_ns
+            self._pipeline.set_clock_back(before_ns - self._newest_ns)
+            self._scene.restart_clock()
+        return self._newest_ns
 
     def _count_internal_error(self, what: str, error: Exception) -> None:
         if self.context.ok():
@@ -271,10 +281,8 @@ class TrackerNode(Node):
         The time of the previous call is used: after a delay of the node itself, unread messages may be waiting.
         """
         self._inputs.poll()
-        self._as_of_ns, self._checked_ns = self._checked_ns, self._now_ns()
-        if self._checked_ns < self._as_of_ns:  # the system's clock was set back
-            self._as_of_ns = self._checked_ns
-            self._scene.restart_clock()
+        now_ns = self._followed_clock_ns()
+        self._as_of_ns, self._checked_ns = self._checked_ns, now_ns
         ids = self._pipeline.presence_at(self._as_of_ns).ids
         if self._people is not None and ids is not None:
             self._people.keep(ids)
@@ -370,7 +378,7 @@ class TrackerNode(Node):
     def _on_clock_jump(self, jump: TimeJump) -> None:
         lock = ", and the lock has ended" if self._pipeline.locked is not None else ""
         self.get_logger().info(f"the clock has jumped: the state is forgotten{lock}")
-        self._as_of_ns = self._checked_ns = 0
+        self._as_of_ns = self._checked_ns = self._newest_ns = 0
         if self._pipeline.transforms is not None:
             self._pipeline.transforms.clear()
         self._forget()

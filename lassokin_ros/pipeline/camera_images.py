@@ -74,7 +74,7 @@ class CameraImages:
         self.unused_confidence = 0.0
         """Largest confidence in the last message without a confident keypoint; 0 if that had no keypoint."""
         self.received, self.arrival_ns = 0, 0
-        """Number of messages, and the arrival of the last one, ns."""
+        """Number of messages, and the arrival of the last one since the last reset, ns."""
         self.residuals: deque[float] = deque(maxlen=RESIDUALS)
         """px: median distance of the person's landmarks from the keypoints of the last images, with several cameras."""
         self.delay_s: float | None = None
@@ -135,6 +135,7 @@ class CameraImages:
     def reset(self) -> None:
         """Forget the stamps; everything that concerns the people was forgotten."""
         self.stamps.reset()
+        self.arrival_ns = 0  # its clock may have jumped back
         self.delay_s = None
         self._optical_frame = None
 

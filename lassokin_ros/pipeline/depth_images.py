@@ -21,8 +21,9 @@ OLDEST = 1.5
 """Periods by which the newest depth image may be older than the keypoints, if the image of their time has not come."""
 LONGEST_PERIOD_NS = 200_000_000
 """ns: assumed period of the depth images before two have come, and its upper limit."""
-OVERTAKEN_NS = 1_000_000_000
-"""ns: an image that is older than the newest one by less than this has been overtaken and is not kept."""
+OVERTAKEN_NS = 500_000_000
+"""ns: an image that is older than the newest one by less than this has been overtaken and is not kept. Otherwise time
+has jumped back; it is the default of `jump_back`, from which keypoints tell that."""
 LARGEST_ASPECT_ERROR = 0.02
 """Largest difference of width / height between a depth image and the image of its camera_info."""
 

@@ -48,6 +48,10 @@ class ImageSets:
         self._timings: dict[str, _Timing] = {}
         self._released = 0, 0  # stamp and arrival of the newest image that did not wait any more, ns
 
+    def set_clock_back(self, step_ns: int) -> None:
+        """See `Pipeline.set_clock_back`."""
+        self._held = [(image, arrival_ns - step_ns) for image, arrival_ns in self._held]
+
     @property
     def due_at_ns(self) -> int | None:
         """Time in ns of the arrival clock at which the wait of the first image ends; None if no image waits."""

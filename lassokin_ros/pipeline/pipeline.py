@@ -234,6 +234,18 @@ class Pipeline:
         stamp_ns += max(now_ns - arrival_ns, 0)
         return self.people.presence_at(stamp_ns, self.config.forget_after, self.config.stale_after)
 
+    def set_clock_back(self, step_ns: int) -> None:
+        """Keep the ages of all messages: the clock of arrivals was set back by `step_ns` ns since the last call."""
+        if self._latest is not None:
+            self._latest = self._latest[0], self._latest[1] - step_ns
+        if self._untracked_ns is not None:
+            self._untracked_ns -= step_ns
+        self._used_ns = {name: at_ns - step_ns for name, at_ns in self._used_ns.items()}
+        for camera in self.cameras.values():
+            camera.arrival_ns -= step_ns
+        if self._sets is not None:
+            self._sets.set_clock_back(step_ns)
+
     @property
     def reported_lost_after(self) -> float:
         """Time without a result after which a person is reported as lost, s."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -95,6 +95,8 @@ class OfflineTracker:
             for output in (self._tracked, topics.ROI_OUTPUT):
                 add_type(types, output.message_type, OF_DETECTORS[output.message_type])
         self._list = id_list(self._backend, node_config.rep155)
+        # As in the node: the locked one of several people, on the topics of one person. ~/markers is everybody's.
+        self._locked = PersonMessages(self._backend, self.pipeline, "", serialised, RECORDED - {topics.MARKERS})
         self._scene = SceneMessages(self._backend, self.pipeline, types, serialised)
         self._diagnostics: Diagnostics | None = None
         self._next_diagnostics_ns = 0
@@ -227,6 +229,8 @@ class OfflineTracker:
             self._people[frame.person] = PersonMessages(self._backend, self.pipeline, frame.person, self._serialised)
         if not self._only_track:
             yield from self._people[frame.person].build(frame)
+            if frame.person == self.pipeline.locked:
+                yield from self._locked.build(frame)
 
     def _list_of_people(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Yield the list of ids if it has changed."""
@@ -261,13 +265,15 @@ class OfflineTracker:
 class PersonMessages:
     """One person's messages, the body's description before those of the first frame that needs it."""
 
-    def __init__(self, backend: Backend, pipeline: Pipeline, person: str, serialised: bool) -> None:
-        """person: the id, empty when one person is followed. serialised: see FrameMessages."""
+    def __init__(
+        self, backend: Backend, pipeline: Pipeline, person: str, serialised: bool, wanted: Container[str] = RECORDED
+    ) -> None:
+        """person: the id, empty on the topics of one person. serialised: see FrameMessages. wanted: its topics."""
         skeleton, config = pipeline.tracker.skeleton, pipeline.config
         self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config, serialised)
         naming = Naming.of_person(config, NODE_NAME, person)
         self._description = RobotDescription(backend, skeleton, config.root_frame, naming)
-        self._counts = pipeline.counts
+        self._counts, self._wanted = pipeline.counts, wanted
         #: Full name and type of each topic.
         self._places: dict[str, tuple[str, str]] = {}
         for topic in (*topics.person_outputs(regions=True), topics.TF_OUTPUT):
@@ -283,7 +289,7 @@ class PersonMessages:
             self._counts[LINK_AS_FRAME] += 1
         if description is not None:
             yield *self._places[topics.ROBOT_DESCRIPTION], description
-        for topic, message in self._messages.build(frame, RECORDED):
+        for topic, message in self._messages.build(frame, self._wanted):
             yield *self._places[topic], message
 
 

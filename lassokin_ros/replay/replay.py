@@ -96,7 +96,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
             files.placed.append(output)
     written.update({f"images {n}" if n else "images": str(shown) for n, shown in enumerate(images)})
     title = f"{options.bag} -> {output} ({storage})"
-    summary = _summary(title, cameras, tracker, seconds, written)
+    summary = _summary(title, cameras, tracker, seconds, written, known.height)
     if report is not None:
         summary = "\n".join([summary, *report.summary_lines])
     frame_ms = 1e3 * float(np.median(tracker.frame_seconds or [np.nan]))
@@ -229,7 +229,9 @@ def _summary(
     tracker: OfflineTracker,
     seconds: float,
     written: Mapping[str, str],
+    height_before: str,
 ) -> str:
+    """height_before: see `KnownPerson.height`."""
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     rejected = {key.partition(": ")[2]: n for key, n in sorted(counts.items()) if key.startswith("rejected: ")}
     times = 1e3 * np.array(tracker.frame_seconds or [np.nan])
@@ -258,6 +260,8 @@ def _summary(
         lines["depth images"] = f"for {counts[MATCHED]} of {counts[MATCHED] + counts[UNMATCHED]} keypoint messages"
         if remark := depth.fault or depth.note:
             lines["depth images"] += f"; {remark}"
+    if height_before:
+        lines["height"] = height_before
     for person, height in tracker.pipeline.heights().items():
         lines[f"height of {person}" if person else "height"] = height_in_words(height)
     lines |= {f"warned {number}": words for number, words in enumerate(tracker.warnings.lines, 1)}

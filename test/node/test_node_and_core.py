@@ -14,7 +14,7 @@ from live import BACKEND, node_in_this_process  # noqa: E402
 from messages import camera_info, cloud, pixels_of_motion  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 
-from lassokin_ros.pipeline.outputs.status.presence_state import LOST, TRACKING  # noqa: E402
+from lassokin_ros.pipeline.outputs.status.presence_state import LOST, NOBODY, TRACKING  # noqa: E402
 
 START_NS, PERIOD_NS, FRAMES = 10**18, 33_333_333, 40
 PIXELS = pixels_of_motion(FRAMES, 30.0)
@@ -125,3 +125,24 @@ def test_the_state_follows_a_system_clock_that_is_set_back(monkeypatch):
             now_ns += 10**9
             node._update_presence()
         assert node._scene._state.value == LOST
+
+
+@pytest.mark.parametrize("shown", ["a person", "nobody"])
+def test_messages_keep_their_ages_when_the_systems_clock_is_set_back(monkeypatch, shown):
+    """Otherwise the state stands for as long as the clock was set back, if the detector has died."""
+    with node_in_this_process("/dead", forget_after=0.5) as (node, _):
+        now_ns, confidence = START_NS, [0.9 if shown == "a person" else 0.0] * 17
+        monkeypatch.setattr(node, "_now_ns", lambda: now_ns)
+        node._inputs.camera_info.take(camera_info(BACKEND))
+        for i in range(5):
+            now_ns += PERIOD_NS
+            received_ns = now_ns
+            if i == 4:
+                now_ns -= 60 * 10**9  # while the last message waits
+            node.work_on(cloud(BACKEND, START_NS + i * PERIOD_NS, PIXELS[i], confidence), received_ns=received_ns)
+        states = []
+        for period in range(20):
+            now_ns += 10**8 if period != 10 else -9 * 10**8  # as old again as when the state was known
+            node._update_presence()
+            states.append(node._scene.state)
+        assert states[0] == (TRACKING if shown == "a person" else NOBODY) and set(states[6:]) == {LOST}, states

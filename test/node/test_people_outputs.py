@@ -276,3 +276,17 @@ def test_replay_writes_each_persons_topics(recording, tmp_path, rep155):
     assert frames == {"body_p4", "body_p9"} if rep155 else {"tracker/p4/body", "tracker/p9/body"}
     lists = [m.ids if rep155 else m.data.split(",") for _, m in read(tmp_path / "out", f"{folder}/tracked")]
     assert [list(ids) for ids in lists] == [["p4", "p9"], ["p9"]]
+
+
+def test_replay_writes_the_topics_of_one_person_for_the_locked_one(recording, tmp_path):
+    settings = ["max_people:=2", "lock:=true", "follow:=p9"]
+    options = [word for setting in settings for word in ("-p", setting)]
+    assert main([str(recording), "-o", str(tmp_path / "out"), *options]) == 0
+    with BagReader(tmp_path / "out") as bag:
+        found = {topic.name: topic.count for topic in bag.topics}
+    names = [topic.name.removeprefix("~/") for topic in topics.FRAME_OUTPUTS if topic.name != topics.MARKERS]
+    for name in (*names, "robot_description"):
+        assert found[f"/tracker/{name}"] == found[f"/tracker/bodies/p9/{name}"] > 0
+    assert "/tracker/markers" not in found
+    one, of_p9 = (read(tmp_path / "out", f"/tracker/{place}joints") for place in ("", "bodies/p9/"))
+    assert [message.poses for _, message in one] == [message.poses for _, message in of_p9]

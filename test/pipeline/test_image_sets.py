@@ -61,6 +61,13 @@ def test_an_image_waits_no_longer_than_camera_wait(known):
     assert known.add("b", 90, 135) == [["b90"]]  # late: the tracker uses it for its track only
 
 
+def test_an_image_waits_no_longer_if_the_clock_is_set_back(known):
+    assert known.add("a", 90, 100) == []
+    known.sets.set_clock_back(60_000 * MS)
+    assert known.sets.due_at_ns == -59_870 * MS and known.due(-59_875) == []
+    assert known.due(-59_870) == [["a90"]]
+
+
 def test_a_camera_that_is_always_late_is_not_waited_for_until_it_is_in_time(known):
     for count in range(MOST_FAILED_WAITS + 3):
         stamp = 90 + 30 * count

@@ -1,5 +1,6 @@
 """replay --two-pass: the lengths learned over the whole recording are used from its first frame on."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags reads the recordings")
 
-from recordings import RATE, START_NS, contents, read, write_recording  # noqa: E402
+from messages import FOCAL, HEIGHT, WIDTH, camera_info, cloud, rosbags_backend, with_depths  # noqa: E402
+from recordings import RATE, START_NS, contents, read, write_messages, write_recording  # noqa: E402
 from sequences import CONFIG, observations  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
@@ -17,6 +19,7 @@ from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.body.rotations import exponential  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import CameraPose  # noqa: E402
 from lassokin_ros.core.recording import WHOLE_FILE  # noqa: E402
 from lassokin_ros.core.tracker import Tracker  # noqa: E402
@@ -78,6 +81,19 @@ def test_the_first_frame_has_the_lengths_learned_by_the_last_frame(recording, tm
 def test_contradictory_settings_are_refused(recording, tmp_path, capsys, setting, words):
     assert main([str(recording[0]), "-o", str(tmp_path / "out"), "--two-pass", "-p", setting]) == 2
     assert words in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_the_summary_states_the_height_that_the_first_pass_measured(tmp_path, capsys):
+    skeleton, backend, times = Skeleton.load("anthropometric", 1.9), rosbags_backend(), np.arange(90) / 15
+    body = Kinematics(skeleton, Layout.load("coco17", skeleton)).pose(motion(skeleton, times)).landmarks
+    stamps = (START_NS + np.round(times * 1e9)).astype(np.int64).tolist()
+    pixels = project(body) * FOCAL + [WIDTH / 2, HEIGHT / 2]
+    clouds = [with_depths(backend, cloud(backend, at, xy), xyz[:, 2]) for at, xy, xyz in zip(stamps, pixels, body)]
+    messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS, camera_info(backend))]
+    messages += [("/keypoints", "sensor_msgs/msg/PointCloud2", at, one) for at, one in zip(stamps, clouds)]
+    bag = write_messages(tmp_path / "in", messages)
+    assert main([str(bag), "-o", str(tmp_path / "out"), "--two-pass", "-p", "height:=0.0"]) == 0
+    assert re.search(r"^height +1\.[89]\d m, measured, standard deviation 0\.0\d m$", capsys.readouterr().out, re.M)
 
 
 def smoothed():

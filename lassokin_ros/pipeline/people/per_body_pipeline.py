@@ -20,7 +20,7 @@ from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.presence import Presence, best
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.pipeline import JUMPS, Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 
 
@@ -80,6 +80,11 @@ class PerBodyPipeline(Pipeline):
             return False
         return all(pipeline.is_informed_at(now_ns) for pipeline in self._present.values())
 
+    def set_clock_back(self, step_ns: int) -> None:
+        """See Pipeline.set_clock_back."""
+        for pipeline in self._all:
+            pipeline.set_clock_back(step_ns)
+
     def untracked_at(self, stamp_ns: int) -> int:
         """As Pipeline.untracked_at: the bodies of the detector's list that were never tracked."""
         return self._beyond + sum(pipeline.status is Status.SEARCHING for pipeline in self._present.values())
@@ -123,10 +128,13 @@ class PerBodyPipeline(Pipeline):
         pipeline = self._present.get(person)
         if pipeline is None:
             return []
-        pipeline.enabled = self.enabled
+        pipeline.enabled, jumps = self.enabled, self.counts[JUMPS]
         frames = pipeline.frames(message, arrival_ns, self.first.name)
+        if self.counts[JUMPS] > jumps:
+            self.jumps = pipeline.jumps
         self.answered = self.answered or pipeline.answered
         mine, theirs = self.first, pipeline.first
+        self.image, mine.frame_id = pipeline.image, theirs.frame_id
         mine.nobody_in_view, mine.unused_confidence = theirs.nobody_in_view, theirs.unused_confidence
         mine.stamp_rate, mine.own_depth, mine.landmark_ids = theirs.stamp_rate, theirs.own_depth, theirs.landmark_ids
         return [replace(frame, person=person, label=person) for frame in frames]
@@ -136,6 +144,7 @@ class PerBodyPipeline(Pipeline):
         with self._uncounted_resets():
             for pipeline in self._all:
                 pipeline.reset(unlock)
+        self.image = None
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:

@@ -12,6 +12,7 @@ from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.pipeline.outputs.description.skeleton_file import LEAST_MOTION, save_all
+from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words
 from lassokin_ros.pipeline.pipeline import JUMPS, Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.passes.kept_observations import KeptObservations
@@ -25,11 +26,12 @@ class KnownPerson:
     """What the last pass uses.
 
     config: with the lengths. backward: frames by stamp in ns, see `TrackedPerson.use_backward`; none if the recording
-    cannot be tracked backward.
+    cannot be tracked backward. height: as the first pass measured it, in words; empty if `config` does not have it.
     """
 
     config: TrackerConfig
     backward: Mapping[int, Backward]
+    height: str = ""
 
 
 def check_two_passes(tracker: TrackerConfig, node: NodeSettings) -> None:
@@ -57,11 +59,13 @@ def learn_person(
         pass
     calibrations = tracker.pipeline.calibrations()
     (calibration,) = calibrations.values()
+    height = ""
     if calibration.kept_motion >= LEAST_MOTION:
         path = folder / "skeleton.yaml"
         save_all(calibrations, path, tracker.newest_ns)
         config = replace(config, skeleton=str(path), height=float(calibration.skeleton.height))
-    return KnownPerson(config, _backward(kept, tracker.pipeline, config))
+        height = "".join(map(height_in_words, tracker.pipeline.heights().values()))
+    return KnownPerson(config, _backward(kept, tracker.pipeline, config), height)
 
 
 def _backward(kept: KeptObservations, pipeline: Pipeline, config: TrackerConfig) -> Mapping[int, Backward]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from detector_messages import HRI, detector_types
 from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, rosbags_backend
+from transforms import OPTICAL, tf_message
 
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
@@ -26,7 +27,7 @@ from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend, RosbagsBackend
-from msg_adapters.output_messages.builders import set_header
+from msg_adapters.output_messages.builders import WARN, set_header
 
 pytest.importorskip("rosbags")
 START_NS, PERIOD_NS = 5_000_000_000, 33_333_333
@@ -153,6 +154,32 @@ def test_the_number_of_bodies_without_a_track_is_in_the_diagnostics(pipeline):
     assert line.values["people in view, not tracked"] == "1"
 
 
+def status_of(pipeline, jump_after=100):
+    """The status after 60 messages of the body abc; after `jump_after` of them, TF moves the camera by 3 m."""
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    diagnostics.count_camera_info(0.0)
+    pipeline.keep(["abc"])
+    for i in range(60):
+        if pipeline.transforms is not None:
+            place = "map", FRAME, OPTICAL, (3.0 * (i > jump_after), 0.0, 1.0)
+            pipeline.transforms.add(tf_message(BACKEND, START_NS + i * PERIOD_NS, place), static=False)
+        diagnostics.count_message(feed(pipeline, "abc", i), START_NS + i * PERIOD_NS, i / 30, 0.001)
+    return diagnostics.line(2.0)
+
+
+def test_a_jump_of_the_fixed_frame_is_named_with_its_distance():
+    pipeline = PerBodyPipeline(TRACKER, replace(CONFIG, fixed_frame="map"))
+    pipeline.set_camera(camera_info(rosbags_backend()))
+    assert "in fixed_frame 'map' by 3.0 m and 0 degrees from" in status_of(pipeline, jump_after=40).message
+
+
+def test_camera_info_of_another_camera_is_a_warning():
+    pipeline = PerBodyPipeline(TRACKER, CONFIG)
+    pipeline.set_camera(camera_info(rosbags_backend(), frame_id="another"))
+    status = status_of(pipeline)
+    assert status.level == WARN and "camera_info is of another camera: its frame_id is 'another'" in status.message
+
+
 def test_an_empty_message_is_no_problem_to_report(pipeline):
     pipeline.keep(["abc"])
     message = skeleton2d(BACKEND, START_NS, 0)
@@ -170,6 +197,14 @@ def test_listed_bodies_are_lost_in_silence_but_stay(pipeline):
     assert pipeline.presence_at(7) == Presence(Status.TRACKING, ["abc", "xyz"])
     assert pipeline.presence_at(60 * 10**9) == Presence(Status.LOST, ["abc", "xyz"])
     assert not feed(pipeline, "abc", 1)[0].estimate.initialised
+
+
+def test_messages_keep_their_ages_when_the_clock_is_set_back(pipeline):
+    pipeline.keep(["abc"])
+    pipeline.frames_of("abc", skeleton2d(BACKEND, START_NS, 0), 60 * 10**9)
+    pipeline.set_clock_back(50 * 10**9)
+    assert [pipeline.presence_at(at * 10**9).status for at in (10, 11)] == [Status.TRACKING, Status.LOST]
+    assert pipeline.is_informed_at(10 * 10**9) and not pipeline.is_informed_at(11 * 10**9)
 
 
 def test_settings_camera_and_reset_apply_to_all_people(pipeline):

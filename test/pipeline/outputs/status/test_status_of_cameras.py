@@ -83,6 +83,16 @@ def test_nobody_is_in_view_of_the_cameras_that_send():
         assert pipeline.nobody_in_view is right_is_silent
 
 
+def test_nobody_is_in_view_of_the_camera_that_still_sends_after_simulated_time_jumped_back():
+    scene = Scene()
+    scene.second()
+    assert not scene.pipeline.nobody_in_view
+    scene.pipeline.reset()
+    early_ns = START_NS - 90 * 10**9
+    scene.pipeline.frames(crowd(BACKEND, early_ns, [], [], frame_id="left_optical"), early_ns, "left")
+    assert scene.pipeline.nobody_in_view
+
+
 def test_an_old_recording_of_cameras_with_different_rates_has_one_clock():
     scene = Scene(old_s=30 * 86400.0)
     lines = [scene.second(sends=lambda name, index: name == "left" or index % 2 == 0) for _ in range(3)]
