@@ -248,7 +248,7 @@ class Tracker:
         extrinsics = self.learned.extrinsics
         for pose in poses:
             if (camera := self._named(pose.name)) is not None:
-                camera.pose = pose if extrinsics is None else extrinsics.corrected(pose)
+                camera.pose = pose if extrinsics is None else extrinsics.received(pose)
 
     def move_frame(self, rotation: np.ndarray, translation: np.ndarray) -> None:
         """Keep the body where it is although its frame has moved: x is at rotation x + translation from now on.
@@ -293,7 +293,7 @@ class Tracker:
             return Estimate(self._newest, self._status, Rejection.TOO_FEW_LANDMARKS)
         extrinsics, known = self.learned.extrinsics, all(one.camera.known for one in observations)
         if extrinsics is not None and (len(observations) > 1 or len(self._cameras) > 1 or not known):
-            observations = [replace(one, camera=extrinsics.corrected(one.camera)) for one in observations]
+            observations = [replace(one, camera=extrinsics.received(one.camera)) for one in observations]
         placed = [one for one in observations if one.camera.known]
         estimate = self._track(placed) if placed else self._reject(observations[0], Rejection.UNPLACED)
         if extrinsics is not None and self.config.extrinsics == LEARN and len(placed) < len(observations):
