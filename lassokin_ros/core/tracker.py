@@ -152,7 +152,8 @@ class Tracker:
     def reset(self, same_camera: bool = False) -> None:
         """Forget the state; the next usable frame initialises anew.
 
-        same_camera: True if the camera stays as it is and only the person changes: the learned vertical is kept.
+        same_camera: True if the cameras stay as they are and only the person changes: the learned vertical and the
+        corrections of the cameras' poses are kept.
         """
         self._solved: EvaluatedState | None = None
         self._replaced = False  # whether the next frame starts from another state than the last one solved

@@ -98,8 +98,15 @@ class Extrinsics:
         """Poses of cameras without a given one, by name, from the first frames with the person."""
         self.reset()
 
-    def reset(self) -> None:
-        """Forget the frames; the corrections stay, because cameras do not move with the person."""
+    def reset(self, same_camera: bool = False) -> None:
+        """Forget the frames. Found poses stay with their corrections.
+
+        same_camera: keep the other corrections, too, because cameras do not move with the person.
+        """
+        if not same_camera:
+            for known in (self._solutions, self._explanations, self.corrections):
+                for name in known.keys() - self.found.keys():
+                    known.pop(name)  # type: ignore[attr-defined]
         self._frames: dict[str, deque[Pairs]] = {}
         self._finders: dict[str, CameraFinder] = {}
         self._newest, self.frame_count = -math.inf, 0
