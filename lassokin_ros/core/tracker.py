@@ -587,14 +587,16 @@ class Tracker:
         height, lengths = self.learned.height, self.learned.lengths
         frame, solved, initialised = answer.frame, answer.solved, answer.initialised
         stamp, repeated, several = answer.together.stamp, answer.together.repeated, frame.seen_by > 1
-        if several and height is not None:
+        sized = self._of_known_size(frame)
+        if sized.seen_by > 1 and height is not None:
             lengths.stature_deviation = PEOPLE_DEVIATION
         elif height is None and (frame.observes_depth or frame.floor is not None):
             lengths.stature_deviation = OBSERVED_STATURE_DEVIATION
         if self.config.calibrate and (initialised or not repeated):
             if lengths.update(stamp, solved.state, frame, initialised or self._replaced):
                 self._adopt_lengths()
-        seen = partial(_with_seen_landmarks, frame, [answer.measured.get(camera) for camera in self._cameras])
+        measured = [answer.measured.get(camera) for camera in self._cameras]
+        seen = partial(_with_seen_landmarks, frame, measured)
         start, increment = answer.start.state, answer.increment
         if self.learned.update(answer.together, seen, start, initialised, increment, solved.state):
             self._evaluate_again()  # the prior's mean has changed
@@ -602,11 +604,19 @@ class Tracker:
             return
         limbs, floor = None, None if several or repeated else self._floor_size(frame, solved)
         if several and not repeated:
-            places = triangulate(seen())
+            places = triangulate(_with_seen_landmarks(sized, measured))
             limbs = self.learned.size_check.lengths(places, np.isfinite(places[:, 0]))
         camera = frame.seeing.camera
         if height.update(answer.together, solved, camera, self.skeleton.height, limbs, floor):
             self._adopt_height(height.height / self.skeleton.height, None if several else camera.centre)
+
+    def _of_known_size(self, frame: FrameData) -> FrameData:
+        """The frame without the points of cameras that were found from the person, whose size sets their distances."""
+        found = () if self.learned.extrinsics is None else self.learned.extrinsics.found
+        if not found:
+            return frame
+        views = [replace(one, weights=(one.camera.name not in found) * one.weights) for one in frame.views]
+        return replace(views[0], others=tuple(views[1:]))
 
     def _floor_size(self, frame: FrameData, solved: EvaluatedState) -> FloorSize | None:
         """The size by the feet that stand on the floor; None if it is not asked for, or none does."""

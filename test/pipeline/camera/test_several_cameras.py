@@ -600,6 +600,13 @@ def test_until_it_is_found_the_other_camera_goes_on_and_diagnostics_says_why():
     assert "right" not in checked.pipeline.places.newest and checked.results[-1].frame.estimate.cameras == 1
 
 
+def test_a_camera_whose_place_was_found_from_the_person_does_not_measure_the_height():
+    play = without_tf_of_right(TWO, TrackerConfig(height=0.0, extrinsics="learn"))
+    assert "right" in play.pipeline.places.newest and play.results[-1].frame.estimate.cameras == 2
+    (height,) = play.pipeline.heights().values()
+    assert not height.measured and "1.7 m is assumed" in status(play).message
+
+
 SHIFTS = np.array([[0.0, 0.0, 0.0], [1.0, 0.8, 0.0]])
 """m: of two people."""
 
