@@ -152,7 +152,8 @@ class Tracker:
     def reset(self, same_camera: bool = False) -> None:
         """Forget the state; the next usable frame initialises anew.
 
-        same_camera: True if the camera stays as it is and only the person changes: the learned vertical is kept.
+        same_camera: True if the cameras stay as they are and only the person changes: the learned vertical and the
+        corrections of the cameras' poses are kept.
         """
         self._solved: EvaluatedState | None = None
         self._replaced = False  # whether the next frame starts from another state than the last one solved
@@ -248,7 +249,7 @@ class Tracker:
         extrinsics = self.learned.extrinsics
         for pose in poses:
             if (camera := self._named(pose.name)) is not None:
-                camera.pose = pose if extrinsics is None else extrinsics.corrected(pose)
+                camera.pose = pose if extrinsics is None else extrinsics.received(pose)
 
     def move_frame(self, rotation: np.ndarray, translation: np.ndarray) -> None:
         """Keep the body where it is although its frame has moved: x is at rotation x + translation from now on.
@@ -293,7 +294,7 @@ class Tracker:
             return Estimate(self._newest, self._status, Rejection.TOO_FEW_LANDMARKS)
         extrinsics, known = self.learned.extrinsics, all(one.camera.known for one in observations)
         if extrinsics is not None and (len(observations) > 1 or len(self._cameras) > 1 or not known):
-            observations = [replace(one, camera=extrinsics.corrected(one.camera)) for one in observations]
+            observations = [replace(one, camera=extrinsics.received(one.camera)) for one in observations]
         placed = [one for one in observations if one.camera.known]
         estimate = self._track(placed) if placed else self._reject(observations[0], Rejection.UNPLACED)
         if extrinsics is not None and self.config.extrinsics == LEARN and len(placed) < len(observations):
@@ -586,14 +587,16 @@ class Tracker:
         height, lengths = self.learned.height, self.learned.lengths
         frame, solved, initialised = answer.frame, answer.solved, answer.initialised
         stamp, repeated, several = answer.together.stamp, answer.together.repeated, frame.seen_by > 1
-        if several and height is not None:
+        sized = self._of_known_size(frame)
+        if sized.seen_by > 1 and height is not None:
             lengths.stature_deviation = PEOPLE_DEVIATION
         elif height is None and (frame.observes_depth or frame.floor is not None):
             lengths.stature_deviation = OBSERVED_STATURE_DEVIATION
         if self.config.calibrate and (initialised or not repeated):
             if lengths.update(stamp, solved.state, frame, initialised or self._replaced):
                 self._adopt_lengths()
-        seen = partial(_with_seen_landmarks, frame, [answer.measured.get(camera) for camera in self._cameras])
+        measured = [answer.measured.get(camera) for camera in self._cameras]
+        seen = partial(_with_seen_landmarks, frame, measured)
         start, increment = answer.start.state, answer.increment
         if self.learned.update(answer.together, seen, start, initialised, increment, solved.state):
             self._evaluate_again()  # the prior's mean has changed
@@ -601,11 +604,19 @@ class Tracker:
             return
         limbs, floor = None, None if several or repeated else self._floor_size(frame, solved)
         if several and not repeated:
-            places = triangulate(seen())
+            places = triangulate(_with_seen_landmarks(sized, measured))
             limbs = self.learned.size_check.lengths(places, np.isfinite(places[:, 0]))
         camera = frame.seeing.camera
         if height.update(answer.together, solved, camera, self.skeleton.height, limbs, floor):
             self._adopt_height(height.height / self.skeleton.height, None if several else camera.centre)
+
+    def _of_known_size(self, frame: FrameData) -> FrameData:
+        """The frame without the points of cameras that were found from the person, whose size sets their distances."""
+        found = () if self.learned.extrinsics is None else self.learned.extrinsics.found
+        if not found:
+            return frame
+        views = [replace(one, weights=(one.camera.name not in found) * one.weights) for one in frame.views]
+        return replace(views[0], others=tuple(views[1:]))
 
     def _floor_size(self, frame: FrameData, solved: EvaluatedState) -> FloorSize | None:
         """The size by the feet that stand on the floor; None if it is not asked for, or none does."""

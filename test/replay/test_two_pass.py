@@ -212,6 +212,27 @@ def test_an_observation_is_given_back_as_it_was():
             np.testing.assert_array_equal(getattr(one.camera, name), getattr(other.camera, name))
 
 
+def test_the_track_backward_has_the_places_learned_forward_and_leaves_them(monkeypatch):
+    """Nobody told where the right camera is: it was found after the first instant, and corrected then."""
+    pipeline = Pipeline(TrackerConfig(extrinsics="learn"), NodeSettings(cameras=("left", "right")))
+    extrinsics, kept, used = pipeline.tracker.learned.extrinsics, KeptObservations(), []
+    found = CameraPose("right", exponential(np.array([[0.0, 1.5, 0.0]]))[0], np.array([0.0, 0.0, 3.0]))
+    extrinsics.found["right"], extrinsics.corrections["right"] = found, np.array([0.0, 0.0, 0.0, 0.1, 0.0, 0.0])
+    for n, right in enumerate([CameraPose("right", known=False), found]):
+        (seen,) = frame(START_NS + n * 10**8).observations
+        both = [replace(seen, camera=camera) for camera in (CameraPose("left"), right)]
+        kept.add([FrameResult(START_NS + n * 10**8, "left", label="p1", observations=both)], 0, 0.0)
+
+    def track_backward(self, _, placed):
+        used.extend(placed(instant) for instant in self._latest_first(self._people[0][1]))
+
+    monkeypatch.setattr(KeptObservations, "track_backward", track_backward)
+    earlier_passes._backward(kept, pipeline, pipeline.tracker.config)
+    places = [[one.camera.translation.tolist() for one in instant] for instant in used]
+    assert places == 2 * [[[0.0, 0.0, 0.0], [0.1, 0.0, 3.0]]]
+    assert extrinsics.found == {"right": found} and extrinsics.corrections
+
+
 class FullDisk:
     """A file on a full disk."""
 

@@ -98,8 +98,15 @@ class Extrinsics:
         """Poses of cameras without a given one, by name, from the first frames with the person."""
         self.reset()
 
-    def reset(self) -> None:
-        """Forget the frames; the corrections stay, because cameras do not move with the person."""
+    def reset(self, same_camera: bool = False) -> None:
+        """Forget the frames. Found poses stay with their corrections.
+
+        same_camera: keep the other corrections, too, because cameras do not move with the person.
+        """
+        if not same_camera:
+            for known in (self._solutions, self._explanations, self.corrections):
+                for name in known.keys() - self.found.keys():
+                    known.pop(name)  # type: ignore[attr-defined]
         self._frames: dict[str, deque[Pairs]] = {}
         self._finders: dict[str, CameraFinder] = {}
         self._newest, self.frame_count = -math.inf, 0
@@ -107,17 +114,32 @@ class Extrinsics:
         """What is wrong with the pose of a camera, in words, by name; empty if it fits."""
 
     def corrected(self, pose: CameraPose) -> CameraPose:
-        """Return a given pose with the correction of its camera; for an unknown pose, the found one with it, if any."""
-        if not pose.known:
-            pose = self.found.get(pose.name, pose)
-            if not pose.known:
-                return pose
-        elif pose.name in self.found and pose is not self.found[pose.name]:  # it is given now
+        """Return a given pose with the correction of its camera; for an unknown pose, the found one with it, if any.
+
+        The correction of a found pose is not that of one that is given in its place.
+        """
+        pose = pose if pose.known else self.found.get(pose.name, pose)
+        corrected = self._used and pose.known and not self._replaces_found(pose)
+        correction = self.corrections.get(pose.name) if corrected else None
+        return pose if correction is None else _moved(pose, correction)
+
+    def received(self, pose: CameraPose) -> CameraPose:
+        """As `corrected`, for the pose of a new observation. A found pose is forgotten if another one is given now."""
+        if self._replaces_found(pose):
             for known in (self.found, self._frames, self._solutions, self._explanations, self.corrections):
                 known.pop(pose.name, None)  # type: ignore[attr-defined]
-        self._given[pose.name] = pose
-        correction = self.corrections.get(pose.name) if self._used else None
-        return pose if correction is None else _moved(pose, correction)
+        used = pose if pose.known else self.found.get(pose.name, pose)
+        if used.known:
+            self._given[pose.name] = used
+        return self.corrected(used)
+
+    def _replaces_found(self, pose: CameraPose) -> bool:
+        """Whether a camera with a found pose has another one that is given."""
+        found = self.found.get(pose.name, pose)
+        if not pose.known or pose is found:
+            return False
+        same = np.array_equal(pose.rotation, found.rotation) and np.array_equal(pose.translation, found.translation)
+        return not same
 
     def find(
         self, name: str, stamp: float, views: tuple[FrameData, FrameData], joints: tuple[np.ndarray, np.ndarray]

@@ -46,11 +46,13 @@ class Learned:
         self.feet = FootContacts()
 
     def reset(self, same_camera: bool = False) -> None:
-        """Forget what was learned. same_camera: keep the vertical."""
+        """Forget what was learned. same_camera: keep the vertical and the corrections of the cameras' poses."""
         known = self.lengths, self.mean_pose, self.model_error, self.depth_noise, self.size_check, self.feet
-        learners: tuple[Any, ...] = *known, self.height, self.extrinsics, None if same_camera else self.vertical
+        learners: tuple[Any, ...] = *known, self.height, None if same_camera else self.vertical
         for learner in filter(None, learners):
             learner.reset()
+        if self.extrinsics is not None:
+            self.extrinsics.reset(same_camera)
 
     def resize(self, ratio: float) -> None:
         """Scale what is known to a body that is taller by a factor."""

@@ -102,10 +102,16 @@ def test_a_found_pose_stays_after_a_reset_and_gives_way_to_a_given_one(scene):
     filled(scene, extrinsics)
     extrinsics.reset()
     found = extrinsics.found["side"]
-    assert extrinsics.corrected(unknown) is found and extrinsics.corrected(found) is found
+    assert extrinsics.corrected(unknown) is found and extrinsics.received(found) is found
     assert not extrinsics.in_words("side")
-    extrinsics.corrected(scene[2])
-    assert not extrinsics.found and extrinsics.corrected(unknown) is unknown
+    extrinsics.corrections["side"] = np.full(6, 0.1)
+    kept = CameraPose("side", found.rotation.copy(), found.translation.copy())  # as of an earlier observation
+    for same in (unknown, found, kept):
+        assert apart(extrinsics.corrected(same), extrinsics.received(same)) == (0.0, 0.0)
+        assert apart(extrinsics.corrected(same), found)[0] > 5.0
+    assert extrinsics.corrected(scene[2]) is scene[2] and extrinsics.found["side"] is found
+    assert extrinsics.received(scene[2]) is scene[2]
+    assert not extrinsics.found and not extrinsics.corrections and extrinsics.corrected(unknown) is unknown
 
 
 @pytest.mark.parametrize("setting", ["given", "check", "learn"])

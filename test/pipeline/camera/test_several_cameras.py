@@ -429,16 +429,34 @@ def test_a_repeated_or_a_wrong_stamp_of_a_camera_changes_nothing():
     assert len(play.results) > before + 5
 
 
-def test_after_a_reset_the_poses_are_learned_anew():
+@pytest.mark.parametrize("extrinsics", ["check", "learn"])
+def test_after_a_reset_the_poses_are_learned_anew(extrinsics):
     poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
-    play = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics="learn"), poses=poses).run(4.0)
+    play = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics=extrinsics), poses=poses).run(4.0)
+    learned = play.pipeline.tracker.learned.extrinsics
+    assert learned.moved("right") is not None and learned.in_words("right")
     play.pipeline.reset()
+    assert not learned.in_words("right")
+    with pytest.raises(CamerasFileError, match="no pose of a camera was learned yet"):
+        camera_commands(play.pipeline)
     play.pipeline.places._given["right"] = RIGHT.pose_at(0)  # the pose is repaired
     for index in range(200):
         for number in range(2):
             play.image(number, 10.0 + index / 30)
-    angle, _ = play.pipeline.tracker.learned.extrinsics.solution("right")
-    assert np.degrees(angle) < 0.3 and play.error(15.0) < 25
+    angle, _ = learned.solution("right")
+    assert np.degrees(angle) < 0.3 and play.error(9.9) < 25
+    assert max(one.error.mean() for one in play.results if one.seconds > 9.9) < 0.1
+
+
+def test_the_next_person_has_the_poses_learned_from_the_last_one():
+    poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
+    play = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics="learn"), poses=poses).run(6.0)
+    before = play.error(5.0)
+    play.pipeline.people._person.reset(same_camera=True)
+    for index in range(15):
+        for number in range(2):
+            play.image(number, 6.0 + index / 30)
+    assert before < 40 and play.error(5.99) < 50
 
 
 def test_a_learned_pose_is_that_of_the_results():
@@ -592,6 +610,13 @@ def test_until_it_is_found_the_other_camera_goes_on_and_diagnostics_says_why():
     assert "no pose of camera 'right'" in status(play).message and "found from the person" in status(play).message
     checked = without_tf_of_right(TWO, TrackerConfig(extrinsics="check"))
     assert "right" not in checked.pipeline.places.newest and checked.results[-1].frame.estimate.cameras == 1
+
+
+def test_a_camera_whose_place_was_found_from_the_person_does_not_measure_the_height():
+    play = without_tf_of_right(TWO, TrackerConfig(height=0.0, extrinsics="learn"))
+    assert "right" in play.pipeline.places.newest and play.results[-1].frame.estimate.cameras == 2
+    (height,) = play.pipeline.heights().values()
+    assert not height.measured and "1.7 m is assumed" in status(play).message
 
 
 SHIFTS = np.array([[0.0, 0.0, 0.0], [1.0, 0.8, 0.0]])
