@@ -12,7 +12,7 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.body.surface import surface_depths
-from lassokin_ros.core.config import LEARN, TrackerConfig
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.depth_gating import of_own_surface
 from lassokin_ros.core.image.frame_data import FrameData, JointDepths
 from lassokin_ros.core.image.measurement import Measurement, MeasurementFilter
@@ -22,6 +22,8 @@ from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
 from lassokin_ros.core.observation import HERE, CameraPose, Observation
 
+RECENT = 0.1
+"""s for which the person is where the last image of a camera has shown."""
 SILENT_SHARE = 0.3
 """Share of `camera_timeout` without an image after which the rows of a camera begin to fade."""
 
@@ -36,7 +38,8 @@ class Camera:
         self._kinematics, self.network, self.depth_noise, self.name = kinematics, network, depth_noise, name
         self.measurements = MeasurementFilter(kinematics)
         self.pose = self._last_pose = HERE
-        self._corrected = False  # whether poses are learned
+        self.given = self._last_given = HERE
+        """The pose without what `extrinsics` has learned: a correction of it is no motion of the camera."""
         self.reset()
 
     def reset(self) -> None:
@@ -45,7 +48,9 @@ class Camera:
         self.depth_noise.reset()
         if self.network is not None:
             self.network.reset()
-        self._seen_at, self._presence, self._timeout = -np.inf, 1.0, np.inf
+        self._presence, self._timeout = 1.0, np.inf
+        self.newest = -np.inf
+        """s: stamp of the last image with the person."""
 
     def measure(
         self,
@@ -72,12 +77,11 @@ class Camera:
                 nearest, landmarks = surface_depths(skeleton, seen, seen.landmarks), seen.landmarks[:, 2]
                 own = of_own_surface(observation.depth, landmarks, nearest, layout.surface, skeleton.height)
                 observation = replace(observation, depth=own)
-        self._corrected = config.extrinsics == LEARN
         if (motion := self._motion(body)) is not None:
             self.measurements.carry(*motion)
             if self.network is not None:
                 self.network.carry(*motion)
-        self._last_pose = self.pose
+        self._last_pose, self._last_given = self.pose, self.given
         measurement = self.measurements.filtered(observation, weights, depth, model_error, config)
         self._count_presence(measurement.stamp, alone)
         return self.depth_noise.update(measurement, observation.depth_age)
@@ -99,7 +103,7 @@ class Camera:
 
     def predicted_view(self, stamp: float, vertical: Vertical, body: BodyPose | None, model_error: float) -> FrameData:
         """The view at a stamp, s, without an image."""
-        if not np.isfinite(self._seen_at):  # never
+        if not np.isfinite(self.newest):  # never
             nothing = np.zeros((self._kinematics.landmark_count, 2))
             return FrameData(nothing, nothing[:, 0], vertical.direction, camera=self.pose)
         depth = None if body is None else _in_front(self.pose.into_camera(body.positions[0]))
@@ -120,18 +124,13 @@ class Camera:
 
     def move_frame(self, rotation: np.ndarray, translation: np.ndarray) -> None:
         """Note that the frame of the skeleton has moved, and not the camera; see `Tracker.move_frame`."""
-        turn = self._last_pose.rotation @ rotation.T
-        self._last_pose = replace(
-            self._last_pose, rotation=turn, translation=self._last_pose.translation - turn @ translation
-        )
+        moved = CameraPose("", rotation.T, -rotation.T @ translation)  # from the frame as it is now to that of before
+        self._last_pose, self._last_given = self._last_pose.after(moved), self._last_given.after(moved)
 
     def _motion(self, body: BodyPose | None) -> tuple[np.ndarray, np.ndarray] | None:
-        """The camera's motion since its last image, as for `carried`, with the depths of a body; None without any.
-
-        If poses are learned it is not known: a correction of the pose looks like a motion.
-        """
-        before, now = self._last_pose, self.pose
-        if self._corrected or not np.isfinite(self._seen_at) or _same(before, now):
+        """The camera's motion since its last image, as for `carried`, with the depths of a body; None without any."""
+        before, now = self._last_given, self.given
+        if not np.isfinite(self.newest) or _same(before, now):
             return None
         rotation = now.rotation @ before.rotation.T
         if body is None:
@@ -142,35 +141,39 @@ class Camera:
 
     def network_places(self) -> np.ndarray | None:
         """See `DepthEstimator.places`, but in the frame of the skeleton."""
-        found = None if self.network is None else self.network.places
-        return found if found is None or self.pose.is_identity else found @ self.pose.rotation
+        found, pose = None if self.network is None else self.network.places, self._last_pose
+        return found if found is None or pose.is_identity else found @ pose.rotation
 
     def _joint_depths(self) -> JointDepths | None:
         """The network's estimate, with its direction in the frame of the skeleton."""
-        found = None if self.network is None else self.network.joint_depths
-        if found is None or self.pose.is_identity:
+        found, pose = None if self.network is None else self.network.joint_depths, self._last_pose
+        if found is None or pose.is_identity:
             return found
-        return replace(found, sight=self.pose.rotation.T @ found.sight)
+        return replace(found, sight=pose.rotation.T @ found.sight)
 
     def _presence_at(self, stamp: float) -> float:
         """Weight of this camera's rows, 0 to 1, if there is no image up to a stamp, s."""
         silent_after = SILENT_SHARE * self._timeout
-        fading = (stamp - self._seen_at - silent_after) / (self._timeout - silent_after)
+        fading = (stamp - self.newest - silent_after) / (self._timeout - silent_after)
         return self._presence * min(max(1 - fading, 0.0), 1.0)
 
     def seen_at(self, stamp: float) -> bool:
         """Whether the camera has followed the person up to a stamp, s."""
-        return bool(stamp - self._seen_at < self._timeout)
+        return bool(stamp - self.newest < self._timeout)
+
+    def seen_lately(self, stamp: float) -> bool:
+        """Whether the camera's last image with the person is at most RECENT older than a stamp, s."""
+        return bool(stamp - self.newest <= RECENT)
 
     def _count_presence(self, stamp: float, alone: bool) -> None:
         """Note an image: the weight grows as it has faded."""
         if alone:
             self._presence = 1.0
-        elif np.isfinite(self._seen_at):
+        elif np.isfinite(self.newest):
             silent_after = SILENT_SHARE * self._timeout
-            grown = min(stamp - self._seen_at, silent_after) / (self._timeout - silent_after)
+            grown = min(stamp - self.newest, silent_after) / (self._timeout - silent_after)
             self._presence = min(self._presence_at(stamp) + grown, 1.0)
-        self._seen_at = stamp
+        self.newest = stamp
 
 
 def _same(one: CameraPose, other: CameraPose) -> bool:

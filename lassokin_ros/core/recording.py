@@ -51,11 +51,20 @@ def track_recording(
 
 
 def track_backward(tracker: Tracker, instants: Iterable[Instant]) -> Iterator[tuple[float, Backward]]:
-    """The frames by a new tracker backward in time, by the latest stamp of the instant, s; the last one first."""
-    turned = ([replace(one, stamp=-max(o.stamp for o in instant)) for one in instant] for instant in instants)
-    for estimate in published(tracker, turned):
+    """The frames by a new tracker backward in time, by each stamp of the instant, s; the last instant first."""
+    stamps: dict[float, set[float]] = {}
+
+    def turned() -> Iterator[Instant]:
+        for instant in instants:
+            own = {one.stamp for one in instant}
+            if own:
+                stamps[-max(own)] = own
+            yield [replace(one, stamp=-max(own)) for one in instant]
+
+    for estimate in published(tracker, turned()):
         assert estimate.state is not None
-        yield -estimate.stamp, Backward(estimate.state, estimate.cost)
+        frame = Backward(estimate.state, estimate.cost)
+        yield from ((stamp, frame) for stamp in sorted(stamps[estimate.stamp], reverse=True))
 
 
 def published(tracker: Tracker, instants: Iterable[Instant]) -> Iterator[Estimate]:

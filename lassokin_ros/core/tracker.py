@@ -17,6 +17,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial, reduce
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -185,8 +186,10 @@ class Tracker:
         return self._cameras[0].network
 
     def _network_places(self) -> np.ndarray | None:
-        """The places by the network of the first camera that has an estimate, in the skeleton's frame."""
-        return next((found for camera in self._cameras if (found := camera.network_places()) is not None), None)
+        """The places by the network of the first camera that sees the person and has them, in the skeleton's frame."""
+        newest = max(camera.newest for camera in self._cameras)
+        lately = (camera for camera in self._cameras if camera.seen_lately(newest))
+        return next((found for camera in lately if (found := camera.network_places()) is not None), None)
 
     @property
     def state(self) -> BodyState | None:
@@ -250,6 +253,7 @@ class Tracker:
         for pose in poses:
             if (camera := self._named(pose.name)) is not None:
                 camera.pose = pose if extrinsics is None else extrinsics.received(pose)
+                camera.given = pose if extrinsics is None else extrinsics.given(pose)
 
     def move_frame(self, rotation: np.ndarray, translation: np.ndarray) -> None:
         """Keep the body where it is although its frame has moved: x is at rotation x + translation from now on.
@@ -290,6 +294,7 @@ class Tracker:
         part with keypoints predicted to that instant. Bad input does not raise: see `Estimate.rejection`.
         """
         observations = [observation] if isinstance(observation, Observation) else list(observation)
+        self.published = []
         if not observations:
             return Estimate(self._newest, self._status, Rejection.TOO_FEW_LANDMARKS)
         extrinsics, known = self.learned.extrinsics, all(one.camera.known for one in observations)
@@ -365,10 +370,9 @@ class Tracker:
                 del self._unplaced[name]
 
     def _seen_at(self, stamp: float) -> FrameData:
-        """What the first camera sees at a stamp, s, predicted by its tracks."""
-        return self._cameras[0].predicted_view(
-            stamp, self.learned.vertical, self._body, self.learned.model_error.deviation
-        )
+        """What the first camera that sees the person sees at a stamp, s, predicted by its tracks."""
+        seeing = next((camera for camera in self._cameras if camera.seen_lately(stamp)), self._cameras[0])
+        return seeing.predicted_view(stamp, self.learned.vertical, self._body, self.learned.model_error.deviation)
 
     @property
     def _body(self) -> BodyPose | None:
@@ -380,7 +384,7 @@ class Tracker:
         measured: dict[Camera, Measurement] = {}
         first: Rejection | None = None
         for observation in observations:
-            camera = self._camera(observation.camera.name)
+            camera = self._camera(observation.camera)
             newest = camera.measurements.newest
             rejection, weights = gate_observation(observation, newest, self.layout, self.config)
             if rejection is not None or camera in measured:
@@ -389,6 +393,8 @@ class Tracker:
             body, error = self._body, self.learned.model_error.deviation
             others = (other for other in self._cameras if other is not camera)
             alone = body is None or not any(other.seen_at(observation.stamp) for other in others)
+            extrinsics, pose = self.learned.extrinsics, observation.camera
+            camera.given = pose if extrinsics is None else extrinsics.given(pose)
             measurement = camera.measure(observation, weights, body, error, self.config, alone)
             if len(self._cameras) > 1 and observation.stamp <= self._newest:  # a later image has been used
                 camera.measurements.mark_used(measurement)
@@ -401,13 +407,14 @@ class Tracker:
         """The camera of this name; None if it has had no image."""
         return next((camera for camera in self._cameras if camera.name == name), None)
 
-    def _camera(self, name: str) -> Camera:
-        """The camera of this name. A new one gets a filter, a depth network, and rows in the lasso."""
+    def _camera(self, pose: CameraPose) -> Camera:
+        """The camera of this pose's name. A new one gets a filter, a depth network, and rows in the lasso."""
         if self._cameras[0].name is None:
-            self._cameras[0].name = name
-        camera = self._named(name)
+            self._cameras[0].name, self._cameras[0].pose = pose.name, pose
+        camera = self._named(pose.name)
         if camera is None:
-            camera = Camera(self.kinematics, self._depth_estimator(), DepthNoise(), name)
+            camera = Camera(self.kinematics, self._depth_estimator(), DepthNoise(), pose.name)
+            camera.pose = pose
             self._tell_lengths(camera)
             self._cameras.append(camera)
             self.frame_model.add_camera()
@@ -428,7 +435,7 @@ class Tracker:
             repeated=repeated,
             step=stamp - self._newest,
             since_new_keypoints=0.0 if repeated else stamp - before,
-            lost=stamp - before > self.config.lost_after,
+            lost=stamp - (self._newest if repeated else before) > self.config.lost_after,
         )
 
     def _frame_data(
@@ -468,7 +475,7 @@ class Tracker:
         self, tracked: EvaluatedState, measurement: Measurement, frame: FrameData
     ) -> tuple[EvaluatedState, bool]:
         """The tracked state, or a newly fitted one if the cost stays high and that one explains the frame better."""
-        count = self.kinematics.landmark_count + measurement.depth_count
+        count = frame.seen_by * self.kinematics.landmark_count + frame.count - frame.point_count
         if measurement.repeated or not self._reinitialisation.due(measurement.stamp, self._cost, count):
             return tracked, False
         fit = self._initialiser.fit(frame)
@@ -553,7 +560,7 @@ class Tracker:
             keypoint_error_ratio=self.learned.model_error.ratio,
             repeated=answer.together.repeated,
             visible=reduce(np.logical_or, [one.visible & one.used for one in measured.values()]),
-            measurements=sum(one.count for one in measured.values()),
+            measurements=frame.count,
             depth_measured=any(view.depth_weights is not None for view in frame.views),
             depth_covers=frame.depth_covers,
             length_deviation=self.learned.lengths.deviation,
@@ -601,14 +608,17 @@ class Tracker:
         if self.learned.update(answer.together, seen, start, initialised, increment, solved.state):
             self._evaluate_again()  # the prior's mean has changed
         if height is None:
+            for one in answer.measured.values():
+                self.learned.size_check.update(one)
             return
         limbs, floor = None, None if several or repeated else self._floor_size(frame, solved)
         if several and not repeated:
-            places = triangulate(_with_seen_landmarks(sized, measured))
+            lately = [camera.seen_lately(stamp) for camera in self._cameras]
+            places = triangulate(_with_seen_landmarks(sized, measured, lately))
             limbs = self.learned.size_check.lengths(places, np.isfinite(places[:, 0]))
-        camera = frame.seeing.camera
-        if height.update(answer.together, solved, camera, self.skeleton.height, limbs, floor):
-            self._adopt_height(height.height / self.skeleton.height, None if several else camera.centre)
+        camera, one = max(answer.measured.items(), key=lambda item: item[1].depth_count > 0)
+        if height.update(one, solved, camera.pose, self.skeleton.height, limbs, floor):
+            self._adopt_height(height.height / self.skeleton.height, None if several else frame.seeing.camera.centre)
 
     def _of_known_size(self, frame: FrameData) -> FrameData:
         """The frame without the points of cameras that were found from the person, whose size sets their distances."""
@@ -674,7 +684,6 @@ class Tracker:
         if self._solved is None:
             for camera in self._cameras:
                 camera.measurements.forget()
-        self.published = []
         if rejection is not Rejection.NOT_FINITE:  # the stamp can be used
             if self._solved is not None and observation.stamp - self._newest > self.config.lost_after:
                 self._status = Status.LOST
@@ -705,10 +714,15 @@ def _reprojection_px(placed: list[tuple[Measurement, CameraPose]], pose: BodyPos
     return errors[0] if len(errors) == 1 else math.sqrt(sum(error * error for error in errors) / len(errors))
 
 
-def _with_seen_landmarks(frame: FrameData, measured: Sequence[Measurement | None]) -> FrameData:
-    """The frame without landmarks that were extrapolated and not seen. measured: by camera, None without an image."""
+def _with_seen_landmarks(
+    frame: FrameData, measured: Sequence[Measurement | None], predicted: Iterable[bool] = repeat(False)
+) -> FrameData:
+    """The frame without landmarks that were extrapolated and not seen.
+
+    measured: by camera, None without an image. predicted: whether the points predicted for a camera without one stay.
+    """
     views = [
-        replace(view, weights=np.where(one.visible, view.weights, 0.0) if one is not None else 0.0 * view.weights)
-        for view, one in zip(frame.views, measured)
+        replace(view, weights=(one.visible if one is not None else stay) * view.weights)
+        for view, one, stay in zip(frame.views, measured, predicted)
     ]
     return replace(views[0], others=tuple(views[1:]))

@@ -40,6 +40,7 @@ class FailureModel:
         relative to the hips; NaN for a frame without the network's pose.
         """
         self._prior.add(stamp, math.log(max(prior_cost, SMALLEST)))
+        self._network.forget_before(stamp)
         if math.isfinite(network_distance):
             self._network.add(stamp, network_distance)
         distances, costs = self._network.values, self._prior.values

@@ -102,7 +102,8 @@ class DoubtMonitor:
     def _of_pose(self, signs: Signs) -> list[Event]:
         if signs.camera not in self._jumps:
             self._jumps[signs.camera] = Change(JUMP_S, is_jump)
-        jumps = self._jumps[signs.camera].update(signs.stamp, float(signs.positions[0, 2])) is not None
+        distance = math.sqrt(signs.positions[0].dot(signs.positions[0]))
+        jumps = self._jumps[signs.camera].update(signs.stamp, distance) is not None
         lasting = self._run.update(signs.stamp, signs.reprojection)
         poor = lasting or is_costly(signs.cost, signs.prior_cost)
         return [Event.PELVIS_JUMP] * jumps + [Event.POOR_FIT] * poor

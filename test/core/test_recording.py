@@ -105,8 +105,9 @@ def test_images_of_several_cameras_that_are_milliseconds_apart_are_one_instant()
     side = CameraPose("side", np.eye(3), np.array([0.0, 0.0, 0.5]))
     pairs = [[one, replace(one, stamp=one.stamp + 0.004, camera=side)] for (one,) in instants(20)]
     states = dict(track_backward(Tracker(SMOOTHED), reversed(pairs)))
-    latest = {max(one.stamp for one in pair) for pair in pairs}
-    assert states and set(states) <= latest
+    assert states and set(states) <= {one.stamp for pair in pairs for one in pair}
+    for early, late in ([one.stamp for one in pair] for pair in pairs):
+        assert (early in states) is (late in states) and states.get(early) is states.get(late)
     assert len(track_recording(SMOOTHED, pairs)) == len(pairs)
 
 

@@ -117,6 +117,7 @@ def test_the_model_keeps_the_largest_distance_for_a_second():
     model = FailureModel()
     first = [model.update(frame / 10, 6.0, 0.5 if frame == 3 else 0.05) for frame in range(20)]
     assert first[3] == max(first) and first[12] > MARKED > first[15]
+    assert model.update(2.5, 6.0, math.nan) < MARKED and math.isnan(model.update(3.1, 6.0, math.nan))
 
 
 def signs(frame, **other):

@@ -30,7 +30,7 @@ def surface_depths(skeleton: Skeleton, pose: BodyPose, points: np.ndarray) -> np
         skull = pose.positions[head] + pose.orientations[head] @ (np.array(HEAD[0]) * scale)
         starts, ends = np.concatenate([starts, [skull]]), np.concatenate([ends, [skull]])
         radii = np.append(radii, HEAD[1] * scale)
-    return np.asarray(_entry_depths(points / points[:, 2:], starts, ends, radii).min(axis=1))
+    return np.asarray(_entry_depths(points / points[:, 2:], starts, ends, radii).min(axis=1, initial=np.inf))
 
 
 def _entry_depths(rays: np.ndarray, starts: np.ndarray, ends: np.ndarray, radii: np.ndarray) -> np.ndarray:

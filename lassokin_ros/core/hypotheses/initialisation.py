@@ -67,7 +67,7 @@ class Initialiser:
 
     def fit(self, frame: FrameData) -> Fit:
         """The best fit of all starts. At least two landmarks must be visible."""
-        upright = int(np.argmax(START_ROTATIONS[:, :, 1].dot(frame.camera.rotation @ frame.up)))
+        upright = int(np.argmax(START_ROTATIONS[:, :, 1].dot(frame.seeing.camera.rotation @ frame.up)))
         fit = self._fitted(self._starts(range(SIDES), [upright], frame), frame, FAR)
         if fit.cost > POOR_FIT * frame.point_count:
             others = [number for number in range(len(START_ROTATIONS)) if number != upright]
@@ -84,12 +84,13 @@ class Initialiser:
 
     def iterate(self, states: BodyState, frame: FrameData, factors: Iterable[float]) -> BodyState:
         """A Gauss-Newton step from S states, (S, n, 3, 3) and (S, 3), for each factor on the noise."""
+        camera = frame.seeing.camera
         for factor in factors:
             about = self._frame_model.evaluate(states)
             rows = self._frame_model.linearise(about, frame.with_larger_noise(factor), capped_weights)
             states = states.retract(*self._step(rows))
-            missing = np.maximum(LEAST_DEPTH - frame.camera.into_camera(states.translation)[:, 2], 0.0)
-            states.translation[...] += missing[:, None] * frame.camera.rotation[2]
+            missing = np.maximum(LEAST_DEPTH - camera.into_camera(states.translation)[:, 2], 0.0)
+            states.translation[...] += missing[:, None] * camera.rotation[2]
         return states
 
     def best(self, states: BodyState, frame: FrameData) -> Fit:
@@ -104,7 +105,7 @@ class Initialiser:
         turn = exponential(np.stack([0 * yaw, yaw, 0 * yaw], axis=-1))
         roots = (START_ROTATIONS[orientations][:, None] @ turn).reshape(-1, 3, 3)
         rotations = np.repeat(self.mean_pose[None], len(roots), axis=0)
-        rotations[:, 0] = frame.camera.rotation.T @ roots
+        rotations[:, 0] = frame.seeing.camera.rotation.T @ roots
         return self.with_translation(rotations, frame)
 
     def with_translation(self, rotations: np.ndarray, frame: FrameData) -> BodyState:
@@ -119,7 +120,7 @@ class Initialiser:
             seen = view.camera.into_camera(at_origin)[..., None]
             right.append(-(to_rays @ seen).reshape(len(rotations), -1))
         translation = np.concatenate(right, axis=1) @ np.linalg.pinv(np.concatenate(rows)).T
-        camera = frame.camera
+        camera = frame.seeing.camera
         into = camera.into_camera(translation)
         behind = into[:, 2] < 0.5
         into[behind] *= np.where(into[behind, 2:] < 0, -1, 1)

@@ -100,6 +100,12 @@ class FrameData:
         return sum(int(np.count_nonzero(view.weights)) for view in self.views)
 
     @property
+    def count(self) -> int:
+        """Number of image points and measured depths with weight, of all cameras."""
+        depths = (view.depth_weights for view in self.views if view.depth_weights is not None)
+        return self.point_count + sum(int(np.count_nonzero(weights)) for weights in depths)
+
+    @property
     def seeing(self) -> FrameData:
         """The first view with any point that has weight; this one if there is none."""
         return next((view for view in self.views if np.count_nonzero(view.weights)), self)

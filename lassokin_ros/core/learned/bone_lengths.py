@@ -108,12 +108,13 @@ class Calibration:
         self.stature_deviation = STATURE_DEVIATION
 
     def resize(self, ratio: float) -> None:
-        """Use a given body that is taller by a factor. The log-lengths stay, and the kept frames move away from the
-        camera, so that their images stay. The network's depths in them are those of the taller body.
+        """Use a given body that is taller by a factor. The log-lengths stay. Kept frames of one camera move away from
+        it, so that their images stay. The network's depths in them are those of the taller body.
         """
         self.proportions.use(self.proportions.given.scaled(ratio))
         for frame in self._frames:
-            frame.state = BodyState(frame.state.rotations, ratio * frame.state.translation)
+            if frame.data.seen_by == 1:
+                frame.state = frame.state.scaled_about(frame.data.seeing.camera.centre, ratio)
             frame.data = frame.data.for_size(ratio)
 
     @property

@@ -133,6 +133,10 @@ class Extrinsics:
             self._given[pose.name] = used
         return self.corrected(used)
 
+    def given(self, pose: CameraPose) -> CameraPose:
+        """Return the pose of a camera, as `received` has returned it, without its correction."""
+        return self._given.get(pose.name, pose)
+
     def _replaces_found(self, pose: CameraPose) -> bool:
         """Whether a camera with a found pose has another one that is given."""
         found = self.found.get(pose.name, pose)
@@ -201,9 +205,10 @@ class Extrinsics:
         if stamp < self._newest + PERIOD_S:
             return
         self._newest, first = stamp, self._anchor_of(frame)
-        if first is None or not self._given.keys() >= {view.camera.name for view in frame.views}:
-            return  # the camera whose pose is right, or another one, has not been seen
-        anchor, others = self._given[first.camera.name], [view for view in frame.views if view is not first]
+        if first is None or first.camera.name not in self._given:
+            return  # the camera whose pose is right has not been seen
+        others = [view for view in frame.views if view is not first and view.camera.name in self._given]
+        anchor = self._given[first.camera.name]
         seen = {view.camera.name: _pair(first, view, self._given[view.camera.name], anchor) for view in others}
         self.frame_count += any(seen.values())
         due = self.frame_count % (SOLVED_EVERY if self._used else CHECKED_EVERY) == 0

@@ -79,13 +79,11 @@ class Learned:
         increment: Increment,
         solved: BodyState,
     ) -> bool:
-        """Use a tracked frame for all but lengths and height. Returns True if the prior's mean has changed.
+        """Use a tracked frame for all but lengths and size. Returns True if the prior's mean has changed.
 
         seen: gives the frame with the landmarks that were seen. start, solved: before and after the `increment`.
         """
         stamp, problem, rows = measurement.stamp, increment.problem, increment.rows
-        if self.height is None:
-            self.size_check.update(measurement)
         if measurement.repeated:
             return False
         if not initialised:

@@ -102,6 +102,7 @@ class TrackedPerson:
         self.seen_by: dict[str, int] = {}
         """Stamps in ns of the images with the person of the last accepted frame, by camera."""
         self._origin_ns: int | None = None
+        self._instant_ns = 0
         self._last: tuple[Moment, np.ndarray] | None = None  # and the positions of its joints
         # Results held back by smoothing_lag: stamp in ns, stamp in s of the tracker, function that makes the result.
         self._waiting: deque[tuple[int, float, Callable[..., FrameResult]]] = deque()
@@ -124,12 +125,7 @@ class TrackedPerson:
 
     def use_backward(self, frames: Mapping[int, Backward]) -> None:
         """Publish poses between the track and one backward in time. frames: of the latter, by stamp, ns."""
-
-        def at(stamp: float) -> Backward | None:
-            assert self._origin_ns is not None
-            return frames.get(self._origin_ns + round(1e9 * stamp))
-
-        self.tracker.backward = at
+        self.tracker.backward = lambda _: frames.get(self._instant_ns)  # also if the latest image shows nobody
 
     def track(self, sights: Sequence[Sight], frame_id: str, person: str = "", **identity: Any) -> list[FrameResult]:
         """Track the detections of this person in the images of one instant, one of each camera.
@@ -143,6 +139,7 @@ class TrackedPerson:
         stamp_ns = max(sight.stamp_ns for sight in sights)
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
+        self._instant_ns = stamp_ns
         frozen = [self._frozen_s(sight) for sight in sights]
         observations = [self._observation(sight, bool(old)) for sight, old in zip(sights, frozen)]
         frame = partial(
@@ -176,9 +173,10 @@ class TrackedPerson:
         self.seen_by = {sight.camera.name: sight.stamp_ns for sight in sights}
         tracker, velocity = self.tracker, self._velocity.copy()
         made = partial(frame, velocity=velocity, measure=tracker.uncertainty, observe=tracker.observed)
+        points, confident = first.seen.points, first.seen.confidence >= tracker.config.min_confidence
         signs = partial(
             signs_of,
-            points=first.seen.points,
+            points=np.where(confident[:, None], points, np.nan) if others else points,  # `visible` is of all cameras
             focal=first.lens.focal,
             height=tracker.skeleton.height,
             camera=camera,

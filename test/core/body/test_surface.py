@@ -1,5 +1,7 @@
 """The body's surface as a depth camera sees it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -58,3 +60,8 @@ def test_from_the_side_the_far_hip_is_hidden_and_the_near_one_is_not():
 def test_a_line_of_sight_beside_the_body_meets_nothing():
     front = pose(0.0)
     assert surface_depths(SKELETON, front, np.array([[2.0, 0.0, 3.0]])) == np.inf
+
+
+def test_a_body_whose_joints_have_other_names_has_no_surface():
+    front, names = pose(0.0), tuple(f"joint_{number}" for number in range(SKELETON.joint_count))
+    assert (surface_depths(replace(SKELETON, joint_names=names), front, front.landmarks) == np.inf).all()
