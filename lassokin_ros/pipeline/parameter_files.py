@@ -27,9 +27,10 @@ def offline_settings(
 ) -> tuple[TrackerConfig, NodeSettings]:
     """Return the settings from parameter files and assignments "name:=value". Later values override earlier ones.
 
-    defaults: values by name that replace those of the settings' fields. node: see `file_parameters`. Raises
-    ConfigurationError for an unreadable or malformed file, an unknown parameter, and a value of the wrong type or out of
-    range.
+    defaults: values by name that replace those of the settings' fields. node: see `file_parameters`.
+
+    Raises ConfigurationError for an unreadable or malformed file, an unknown parameter, and a value of the wrong type
+    or out of range.
     """
     values: dict[str, Any] = dict(defaults or {})
     for file in files:
