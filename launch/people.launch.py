@@ -12,11 +12,11 @@ from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, Opaq
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 
 TRACKER = Path(__file__).resolve().parent / "tracker.launch.py"
-ARGUMENTS = {"max_people": ("4", "people followed at once")}
+ARGUMENTS = {"max_people": ("4", "people followed at once, whatever params says")}
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Arguments: max_people, and those of tracker.launch.py."""
+    """Arguments: max_people, and those of tracker.launch.py. They replace the values of params."""
     arguments = [
         DeclareLaunchArgument(name, default_value=default, description=text)
         for name, (default, text) in ARGUMENTS.items()

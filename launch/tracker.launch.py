@@ -18,7 +18,7 @@ from lassokin_ros.common.missing_package import missing_package
 
 try:
     from lassokin_ros.pipeline.outputs.description.urdf_from_parameters import urdf_from_settings
-    from lassokin_ros.pipeline.parameter_files import offline_settings
+    from lassokin_ros.pipeline.parameter_files import file_parameters, offline_settings
     from lassokin_ros.pipeline.settings import ALL, OFF
 except ImportError as error:
     raise RuntimeError(missing_package(error)) from None
@@ -48,7 +48,7 @@ ARGUMENTS = {
     "bag": ("", "recording to play, with its own clock"),
     "rviz": ("false", "start RViz"),
     "frames": ("true", "TF of the limbs: of one person by a robot_state_publisher, of several by the tracker"),
-    "use_sim_time": ("", "take the time from /clock; empty: if a recording is played"),
+    "use_sim_time": ("", "take the time from /clock; empty: if a recording is played, or the parameter file says so"),
     "namespace": ("", "namespace of the nodes"),
     "log_level": ("info", "debug, info, warn, error or fatal"),
     **{name: ("", text) for name, text in PARAMETERS.items()},
@@ -74,7 +74,6 @@ def _start(context: LaunchContext) -> list:
     """Check every argument, then return what is started."""
     configurations = context.launch_configurations
     given = {name: str(configurations[name]).strip() for name in ARGUMENTS}
-    simulated = _boolean("use_sim_time", given["use_sim_time"]) if given["use_sim_time"] else bool(given["bag"])
     show_rviz, frames = _boolean("rviz", given["rviz"]), _boolean("frames", given["frames"])
     if given["log_level"].lower() not in LOG_LEVELS:
         raise RuntimeError(f"log_level:={given['log_level']}; expected one of: {', '.join(LOG_LEVELS)}")
@@ -83,7 +82,9 @@ def _start(context: LaunchContext) -> list:
     assignments = [f"{name}:={given[name]}" for name in names]
     if given["frame"]:
         names, assignments = [*names, "base_frame"], [*assignments, f"base_frame:={given['frame']}"]
-    tracker, settings = offline_settings([params], assignments)  # raises for a bad value, before anything starts
+    node = f"{given['namespace'].strip('/')}/{NODE}".lstrip("/")
+    # raises for a bad value, before anything starts
+    tracker, settings = offline_settings([params], assignments, node=node)
     values = {**vars(tracker), **vars(settings)}
     overrides = {name: list(values[name]) if name == "cameras" else values[name] for name in names}
     if frames and settings.several_people and settings.publish_tf == OFF:
@@ -92,11 +93,12 @@ def _start(context: LaunchContext) -> list:
     if frames:
         overrides["state_publisher"] = STATE_PUBLISHER
     common: dict[str, Any] = {"namespace": given["namespace"]} if given["namespace"] else {}
-    sim_time = {"use_sim_time": simulated}
+    clock = given["use_sim_time"] or ("true" if given["bag"] else "")
+    chosen = {"use_sim_time": _boolean("use_sim_time", clock)} if clock else {}
+    sim_time = chosen or {"use_sim_time": file_parameters(params, node).get("use_sim_time", False)}
     warnings = [*_misspelt(configurations), *_unread(given, settings.camera_names)]
-    actions = [*warnings, _tracker(given, params, [sim_time, overrides], common)]
+    actions = [*warnings, _tracker(given, params, [chosen, overrides], common)]
     if frames:
-        node = f"{given['namespace'].strip('/')}/{NODE}".lstrip("/")
         actions.append(_state_publisher(urdf_from_settings(tracker, settings, node), sim_time, common))
     if show_rviz:
         of_camera = "lassokin_people.rviz" if settings.several_people else "lassokin.rviz"

@@ -14,13 +14,13 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 
 TRACKER = Path(__file__).resolve().parent / "tracker.launch.py"
 ARGUMENTS = {
-    "cameras": ("[left, right]", "names of the cameras, the beginning of their topics"),
-    "fixed_frame": ("map", "frame with z up in which the skeleton is kept and published"),
+    "cameras": ("[left, right]", "names of the cameras, the beginning of their topics, whatever params says"),
+    "fixed_frame": ("map", "frame with z up in which the skeleton is kept and published, whatever params says"),
 }
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Arguments: cameras, fixed_frame, and those of tracker.launch.py."""
+    """Arguments: cameras, fixed_frame, and those of tracker.launch.py. They replace the values of params."""
     arguments = [
         DeclareLaunchArgument(name, default_value=default, description=text)
         for name, (default, text) in ARGUMENTS.items()

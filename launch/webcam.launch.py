@@ -21,11 +21,13 @@ DRIVERS = {
     "v4l2_camera": ("v4l2_camera_node", "camera_frame_id"),
     "usb_cam": ("usb_cam_node_exe", "frame_id"),
 }
-"""Executable of each camera driver, and its parameter for the frame. The first that is installed is used."""
+"""Executable of each camera driver, and its parameter for the frame. The first one with a calibration is used."""
 OWN = "opencv"
 """The node `camera` of this package."""
 CALIBRATIONS = Path.home() / ".ros" / "camera_info"
 """Where camera_calibration stores its result, and the drivers find it."""
+DEVICES = Path("/sys/class/video4linux")
+"""Where the kernel tells the cameras' names."""
 FRAME = "camera_optical_frame"
 TRUE = ("true", "1", "yes", "on")
 """Values of use_sim_time; tracker.launch.py refuses those that are neither true nor false."""
@@ -36,7 +38,7 @@ ARGUMENTS = {
     ),
     "driver": (
         "",
-        f"{', '.join(DRIVERS)} or {OWN}; empty: a driver that is installed if the camera is calibrated, else {OWN}",
+        f"{', '.join(DRIVERS)} or {OWN}; empty: an installed driver that has a calibration of the camera, else {OWN}",
     ),
     "fov": ("", "field of view along the longer side of the image, degrees (by OpenCV)"),
     "calibration": ("", "calibration file of ROS (ost.yaml)"),
@@ -58,8 +60,11 @@ def generate_launch_description() -> LaunchDescription:
 def _start(context: LaunchContext) -> list:
     given = {name: str(context.launch_configurations[name]).strip() for name in ARGUMENTS}
     detector = given["detector"]
-    defaults = {"landmarks": "coco17"} if detector.endswith(".onnx") else {"params": "mediapipe"}
-    defaults["frame"] = FRAME
+    defaults = {"landmarks": "coco17"}
+    if not detector.endswith(".onnx"):
+        defaults = {"landmarks": "mediapipe33", "params": "mediapipe"}
+    frame = str(context.launch_configurations.get("frame", "")).strip() or FRAME
+    defaults["frame"] = frame
     settings = {name: value for name, value in defaults.items() if name not in context.launch_configurations}
     tracker = IncludeLaunchDescription(PythonLaunchDescriptionSource(str(TRACKER)), launch_arguments=settings.items())
     namespace, clock = (
@@ -74,13 +79,13 @@ def _start(context: LaunchContext) -> list:
         parameters=[{"detector": detector}, *sim_time],
         **common,
     )
-    return [_camera(given, sim_time, common), node, tracker]
+    return [_camera(given, frame, sim_time, common), node, tracker]
 
 
-def _camera(given: dict[str, str], sim_time: list[dict], common: dict[str, Any]) -> Node:
+def _camera(given: dict[str, str], frame: str, sim_time: list[dict], common: dict[str, Any]) -> Node:
     driver = given["driver"] or _driver(given)
     if driver == OWN:
-        parameters = {"source": given["source"], "frame_id": FRAME}
+        parameters = {"source": given["source"], "frame_id": frame}
         parameters.update({"fov": float(given["fov"])} if given["fov"] else {})
         parameters.update({"calibration": given["calibration"]} if given["calibration"] else {})
         return Node(
@@ -90,8 +95,8 @@ def _camera(given: dict[str, str], sim_time: list[dict], common: dict[str, Any])
         raise RuntimeError(f"driver:={driver}; expected one of: {', '.join([*DRIVERS, OWN])}")
     if not given["source"].isdecimal() or given["fov"]:
         raise RuntimeError(f"driver:={driver} takes the number of a webcam as source, and no fov; use driver:={OWN}")
-    executable, frame = DRIVERS[driver]
-    parameters = {"video_device": f"/dev/video{given['source']}", frame: FRAME}
+    executable, frame_parameter = DRIVERS[driver]
+    parameters = {"video_device": f"/dev/video{given['source']}", frame_parameter: frame}
     if given["calibration"]:
         parameters["camera_info_url"] = Path(given["calibration"]).resolve().as_uri()
     return Node(package=driver, executable=executable, name="camera", parameters=[parameters, *sim_time], **common)
@@ -99,10 +104,18 @@ def _camera(given: dict[str, str], sim_time: list[dict], common: dict[str, Any])
 
 def _driver(given: dict[str, str]) -> str:
     """Return the driver to use. Without a calibration only the node `camera` publishes a usable camera_info."""
-    calibrated = given["calibration"] or any(CALIBRATIONS.glob("*.yaml"))
-    if not given["source"].isdecimal() or given["fov"] or not calibrated:
+    if not given["source"].isdecimal() or given["fov"]:
         return OWN
-    return next(filter(_is_installed, DRIVERS), OWN)
+    calibrated = [driver for driver in DRIVERS if given["calibration"] or _is_calibrated(driver, given["source"])]
+    return next(filter(_is_installed, calibrated), OWN)
+
+
+def _is_calibrated(driver: str, number: str) -> bool:
+    """Whether the driver finds a calibration: v4l2_camera by the camera's name, usb_cam by a fixed one."""
+    name, device = "default_cam", DEVICES / f"video{number}" / "name"
+    if driver == "v4l2_camera":
+        name = device.read_text(encoding="utf-8").strip().lower().replace(" ", "_") if device.is_file() else ""
+    return (CALIBRATIONS / f"{name}.yaml").is_file()
 
 
 def _is_installed(package: str) -> bool:

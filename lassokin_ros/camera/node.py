@@ -19,7 +19,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.video.camera import assumed_fov_warning, choose_camera
+from lassokin_ros.video.camera import assumed_fov_warning, choose_camera, from_file
 from lassokin_ros.video.sources import Source, SourceError, open_source
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.inputs import camera_info, rgb_image
@@ -89,7 +89,11 @@ class CameraNode(Node):
         scale = min(self._longest_side / max(source.size), 1.0)
         self._size = round(source.size[0] * scale), round(source.size[1] * scale)
         content = round(source.content[0] * scale), round(source.content[1] * scale)
-        self._camera = choose_camera(self._calibration, self._fov, self._size, content)
+        if self._calibration is None:
+            self._camera = choose_camera(None, self._fov, self._size, content)
+        else:  # without a size it is for the source's images
+            calibration = from_file(self._calibration, source.size)
+            self._camera = calibration.scaled_to(self._size, str(self._calibration))
         return source
 
     def _run(self, source: Source) -> None:

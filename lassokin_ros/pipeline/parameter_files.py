@@ -20,16 +20,21 @@ IGNORED = ("use_sim_time", "qos_overrides", "start_type_description_service")
 
 
 def offline_settings(
-    files: Sequence[Path], assignments: Sequence[str], defaults: Mapping[str, Any] | None = None
+    files: Sequence[Path],
+    assignments: Sequence[str],
+    defaults: Mapping[str, Any] | None = None,
+    node: str = NODE_NAME,
 ) -> tuple[TrackerConfig, NodeSettings]:
     """Return the settings from parameter files and assignments "name:=value". Later values override earlier ones.
 
-    defaults: values by name that replace those of the settings' fields. Raises ConfigurationError for an unreadable or
-    malformed file, an unknown parameter, and a value of the wrong type or out of range.
+    defaults: values by name that replace those of the settings' fields. node: see `file_parameters`.
+
+    Raises ConfigurationError for an unreadable or malformed file, an unknown parameter, and a value of the wrong type
+    or out of range.
     """
     values: dict[str, Any] = dict(defaults or {})
     for file in files:
-        values.update(_from_file(file))
+        values.update(file_parameters(file, node))
     for assignment in assignments:
         name, separator, text = assignment.partition(":=")
         if not separator or not name:
@@ -38,8 +43,12 @@ def offline_settings(
     return _applied(TrackerConfig(), values).checked(), _applied(NodeSettings(), values).checked()
 
 
-def _from_file(file: Path) -> dict[str, Any]:
-    """Return the parameters of this node from a ROS parameter file: under `/**` or a name ending in `tracker`."""
+def file_parameters(file: Path, node: str = NODE_NAME) -> dict[str, Any]:
+    """Return the parameters of this node from a ROS parameter file: under `/**` or a name ending in `tracker`.
+
+    node: name with the namespace, such as left/tracker; it chooses if the file has several trackers. Raises
+    ConfigurationError.
+    """
     data = load_mapping(read_text(file, ConfigurationError), str(file), ConfigurationError)
     mine = [key for key in data if str(key) == "/**" or str(key).split("/")[-1] == NODE_NAME]
     if not mine:
@@ -47,6 +56,15 @@ def _from_file(file: Path) -> dict[str, Any]:
             f"{file} has parameters for {', '.join(map(str, data)) or 'no node'}; expected '{NODE_NAME}' or '/**' at "
             "the top level, and ros__parameters below it"
         )
+    named = [key for key in mine if "*" not in str(key)]
+    if len(named) > 1:
+        others = [key for key in named if str(key).strip("/") != node.strip("/")]
+        if others == named:
+            raise ConfigurationError(
+                f"{file} has parameters for several trackers: {', '.join(named)}; expected those of one, or of "
+                f"'{node}'; remove the others from a copy of the file, or launch the tracker in the namespace of one"
+            )
+        mine = [key for key in mine if key not in others]
     values: dict[str, Any] = {}
     for key in mine:
         parameters = data[key].get("ros__parameters") if isinstance(data[key], Mapping) else None

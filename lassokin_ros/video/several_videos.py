@@ -37,7 +37,7 @@ from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.found_cameras import calibration_toml, found_poses, where_in_words
 from lassokin_ros.video.people import PersonError, people_in
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
-from lassokin_ros.video.track import HEIGHT_ASSUMED, Tracked, height_given, lens_of, stop_flag
+from lassokin_ros.video.track import HEIGHT_ASSUMED, NO_TOPICS, RAW_IMAGES, Tracked, height_given, lens_of, stop_flag
 from lassokin_ros.video.track_outputs import TrackOutputs
 from msg_adapters.backends import RosbagsBackend
 
@@ -65,7 +65,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     names = f"cameras:={json.dumps([camera.name for camera in cameras])}"  # quoted: `no` is a truth value in YAML
     unplaced = options.cameras is None
     learn = ["extrinsics:=learn"] if unplaced else []
-    chosen = [f"landmarks:={detector.landmarks}", names, *learn, *options.p, *height]
+    chosen = [f"landmarks:={detector.landmarks}", names, RAW_IMAGES, *learn, *options.p, *height, *NO_TOPICS]
     tracker_config, node_config = offline_settings(options.params_file, chosen, {} if options.causal else WHOLE_FILE)
     _check(options, node_config, [camera.name for camera in cameras])
     if unplaced and tracker_config.height == 0:

@@ -58,6 +58,10 @@ HEIGHT_ASSUMED = (
 )
 CAMERA, KEYPOINTS = "camera_info", "keypoints"
 """Names of the messages in the first pass."""
+NO_TOPICS = ("depth:=''", f"keypoints_type:={NodeSettings().keypoints_type}")
+"""Assignments that replace the topics of a robot's parameter file: the keypoints are those of `Detections`."""
+RAW_IMAGES = "rectified:=false"
+"""The same for its images."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +110,9 @@ def _settings(options: argparse.Namespace, source: Source, detector: Detector) -
         who = settings_for(options.person or (NEAREST if live else LARGEST), live)
     elif options.person is not None:
         raise PersonError(f"--person {options.person}: {options.detector} finds one person; expected YOLO-pose or RTMO")
-    tracker, node = offline_settings(options.params_file, [layout, *who, *options.p, *height], defaults)
+    tracker, node = offline_settings(
+        options.params_file, [layout, RAW_IMAGES, *who, *options.p, *height, *NO_TOPICS], defaults
+    )
     if node.camera_names != ("",):
         raise CameraError(f"cameras is {', '.join(node.camera_names)}; expected no setting: one video has one camera")
     if node.floor:

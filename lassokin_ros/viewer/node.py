@@ -46,6 +46,8 @@ class ViewerNode(Node):
         super().__init__(node_name, **options)
         description = ParameterDescriptor(description="name of the tracker's node", read_only=True)
         self._tracker = str(self.declare_parameter("tracker", "tracker", description).value)
+        description = ParameterDescriptor(description="the tracker's parameter of this name", read_only=True)
+        self._rectified = bool(self.declare_parameter("rectified", False, description).value)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._keypoints = PointCloud2Adapter()
         self._camera: tuple[Any, ...] = ()
@@ -101,12 +103,12 @@ class ViewerNode(Node):
                 self._warning.log("internal_error", f"not shown: {type(error).__name__}: {error}")
 
     def _on_camera(self, message: CameraInfo) -> None:
-        camera = decode_camera_info(message)
+        camera = decode_camera_info(message, self._rectified)
         self._frames.add(message.header.frame_id.lstrip("/"))  # as the tracker's outputs have it
         key = (camera.K.tobytes(), camera.D.tobytes(), camera.model, camera.width, camera.height)
         if key == self._camera:
             return
-        self._lens = Lens.from_intrinsics(camera)
+        self._lens = Lens.from_intrinsics(camera, self._rectified)
         if camera.width > 0 and camera.height > 0:
             self._scene.set_camera(camera.K, (camera.width, camera.height))
         for person in self._people.values():

@@ -133,6 +133,19 @@ def file_source(monkeypatch):
     monkeypatch.setattr(camera_module, "open_source", lambda name: source)
 
 
+@pytest.mark.parametrize("has_size", [True, False])
+def test_the_calibration_of_the_source_is_scaled_with_its_images(ros, log, monkeypatch, tmp_path, has_size):
+    """A file of OpenCV may have no size; it is for the images of the source, not for the smaller published ones."""
+    source = Source("walk.avi", SIZE, SIZE, FPS, 3, iter(()), live=False)
+    monkeypatch.setattr(camera_module, "open_source", lambda name: source)
+    lines = CALIBRATION.replace("_width: 8", "_width: 160").replace("_height: 8", "_height: 120").strip().splitlines()
+    file = tmp_path / "camera.yaml"
+    file.write_text("\n".join(lines if has_size else lines[2:]), encoding="utf-8")
+    node = camera(*ros, "/scaled", calibration=str(file), longest_side=SIDE)
+    assert node._camera.size == (80, 60)
+    assert np.allclose(node._camera.K, [[4.5, 0, 2], [0, 4.5, 2], [0, 0, 1]])
+
+
 def test_a_later_subscriber_receives_the_last_camera_info(ros, log, file_source):
     camera(*ros, "/late", fov=70.0)
     _, infos = subscribe(*ros, "/late")

@@ -49,6 +49,7 @@ def test_the_urdf_follows_from_settings():
 
 
 FOLLOWER = {"state_publisher": "human_state_publisher"}
+CLOCK = {"use_sim_time": True}
 
 
 class Recorded(SimpleNamespace):
@@ -97,7 +98,7 @@ def test_launch_starts_the_default_nodes(launch_file):
     assert set(started) == {"lassokin_ros", "robot_state_publisher"}
     tracker, frames = started["lassokin_ros"], started["robot_state_publisher"]
     assert (tracker.executable, tracker.name) == ("tracker", "tracker")
-    assert tracker.parameters == [str(CONFIG / "tracker.yaml"), {"use_sim_time": False}, FOLLOWER]
+    assert tracker.parameters == [str(CONFIG / "tracker.yaml"), FOLLOWER]
     assert tracker.remappings == [("keypoints", "keypoints"), ("camera_info", "camera_info")]
     assert frames.name == FOLLOWER["state_publisher"]
     assert frames.parameters[0]["publish_frequency"] >= 60
@@ -128,30 +129,50 @@ def test_launch_sets_parameters_and_the_namespace(launch_file):
     mount = {"camera_mount_frame": "base_footprint"}
     started = start(launch_file, **given, **mount)
     tracker, frames = started["lassokin_ros"], started["robot_state_publisher"]
-    assert tracker.parameters[2] == {"height": 1.9, "camera_pitch": 0.3, "landmarks": "body25", **mount, **FOLLOWER}
+    assert tracker.parameters[1] == {"height": 1.9, "camera_pitch": 0.3, "landmarks": "body25", **mount, **FOLLOWER}
     assert tracker.namespace == frames.namespace == "/left"
     assert tracker.arguments == ["--ros-args", "--log-level", "warn"]
     assert frames.parameters[0]["robot_description"].args[0] == own_urdf(height=1.9, node="left/tracker")
+
+
+@pytest.mark.parametrize(
+    "given, chosen", [({}, []), ({"use_sim_time": "no"}, [{"use_sim_time": False}]), ({"bag": "walk"}, [CLOCK])]
+)
+def test_the_clock_of_the_parameter_file_is_that_of_all_nodes(launch_file, given, chosen):
+    started = start(launch_file, params="rosbag", rviz="1", **given)
+    assert started["lassokin_ros"].parameters == [str(CONFIG / "rosbag.yaml"), *chosen, FOLLOWER]
+    for package in ("robot_state_publisher", "rviz2"):
+        assert started[package].parameters[-1] == (chosen or [CLOCK])[0]
+    assert start(launch_file, rviz="1")["rviz2"].parameters == [{"use_sim_time": False}]
+
+
+def test_a_file_for_two_trackers_is_read_for_the_one_in_the_namespace(launch_file, tmp_path):
+    file = tmp_path / "two.yaml"
+    file.write_text("/a/tracker:\n  ros__parameters: {height: 1.6}\n/b/tracker:\n  ros__parameters: {height: 1.9}\n")
+    frames = start(launch_file, params=str(file), namespace="/a")["robot_state_publisher"]
+    assert frames.parameters[0]["robot_description"].args[0] == own_urdf(height=1.6, node="a/tracker")
+    with pytest.raises(ConfigurationError, match="several trackers"):
+        start(launch_file, params=str(file))
 
 
 def test_launch_sets_the_depth_images(launch_file):
     given = {"params": "realsense", "depth": "/depth_to_rgb/image_raw", "depth_registered": "true"}
     tracker = start(launch_file, **given)["lassokin_ros"]
     expected = {"depth": "/depth_to_rgb/image_raw", "depth_registered": True, **FOLLOWER}
-    assert tracker.parameters == [str(CONFIG / "realsense.yaml"), {"use_sim_time": False}, expected]
+    assert tracker.parameters == [str(CONFIG / "realsense.yaml"), expected]
 
 
 def test_launch_of_several_people_starts_no_state_publisher(launch_file, tmp_path):
     """The tracker publishes TF of the limbs itself, unless a parameter file chooses otherwise."""
     started = start(launch_file, max_people="3")
     assert set(started) == {"lassokin_ros"}
-    assert started["lassokin_ros"].parameters[2] == {"max_people": 3, "publish_tf": "all"}
-    assert start(launch_file, max_people="3", frames="no")["lassokin_ros"].parameters[2] == {"max_people": 3}
+    assert started["lassokin_ros"].parameters[1] == {"max_people": 3, "publish_tf": "all"}
+    assert start(launch_file, max_people="3", frames="no")["lassokin_ros"].parameters[1] == {"max_people": 3}
     file = tmp_path / "mine.yaml"
     for people, chosen, set_here in ((3, "root", []), (1, "all", []), (1, "root", [FOLLOWER]), (1, "off", [FOLLOWER])):
         file.write_text(f"/**:\n  ros__parameters:\n    max_people: {people}\n    publish_tf: {chosen}\n")
         started = start(launch_file, params=str(file))
-        assert started["lassokin_ros"].parameters[2:] == set_here and ("robot_state_publisher" in started) == bool(
+        assert started["lassokin_ros"].parameters[1:] == set_here and ("robot_state_publisher" in started) == bool(
             set_here
         )
 
@@ -206,7 +227,7 @@ def test_rviz_of_several_people_has_the_topics_of_everybody(launch_file):
 def test_launch_sets_several_cameras_and_their_fixed_frame(launch_file):
     started = start(launch_file, cameras="[left, right]", fixed_frame="odom", rviz="1")
     expected = {"cameras": ["left", "right"], "fixed_frame": "odom", **FOLLOWER}
-    assert started["lassokin_ros"].parameters[2] == expected
+    assert started["lassokin_ros"].parameters[1] == expected
     assert started["robot_state_publisher"].parameters[0]["robot_description"].args[0] == own_urdf("odom")
     _, shown, *frame = started["rviz2"].arguments
     assert frame == ["-f", "odom"]

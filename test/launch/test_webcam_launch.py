@@ -52,6 +52,7 @@ def webcam(monkeypatch, tmp_path):
         monkeypatch.setitem(sys.modules, name, module)
     module = load("webcam")
     monkeypatch.setattr(module, "CALIBRATIONS", tmp_path)
+    monkeypatch.setattr(module, "DEVICES", tmp_path / "devices")
     return module, installed
 
 
@@ -96,12 +97,37 @@ def test_a_driver_is_used_if_there_is_a_calibration(webcam, tmp_path):
     installed.add("v4l2_camera")
     camera = start(module, calibration="/c/ost.yaml")[0]
     assert (camera.package, camera.parameters[0]["camera_info_url"]) == ("v4l2_camera", "file:///c/ost.yaml")
+    assert start(module, source="2")[0].package == "usb_cam"
     assert start(module, source="walk.mp4")[0].package == start(module, driver="opencv")[0].package == "lassokin_ros"
 
 
-def test_the_tracker_gets_the_detectors_layout(webcam):
-    tracker_launch = load("tracker")
-    for given, layout in [({}, "mediapipe33"), ({"detector": "rtmpose.onnx"}, "coco17"), ({"landmarks": "h36m17"}, "")]:
+def test_a_calibration_of_another_camera_is_none(webcam, tmp_path):
+    module, installed = webcam
+    installed.update(module.DRIVERS)
+    device = tmp_path / "devices" / "video2"
+    device.mkdir(parents=True)
+    (device / "name").write_text("HD Webcam: HD 16.1\n")
+    (tmp_path / "other_webcam.yaml").touch()
+    assert start(module, source="2")[0].package == "lassokin_ros"
+    (tmp_path / "hd_webcam:_hd_16.1.yaml").touch()
+    assert start(module, source="2")[0].package == "v4l2_camera"
+    assert start(module, source="0")[0].package == "lassokin_ros"
+
+
+def test_the_given_frame_is_that_of_camera_and_tracker(webcam):
+    for driver, name in (("opencv", "frame_id"), ("v4l2_camera", "camera_frame_id"), ("usb_cam", "frame_id")):
+        camera, _, arguments = start(webcam[0], driver=driver, frame="my_cam")
+        assert camera.parameters[0][name] == arguments["frame"] == "my_cam"
+
+
+def test_the_tracker_gets_the_detectors_layout(webcam, tmp_path):
+    """It replaces that of a parameter file, such as a copy of config/tracker.yaml."""
+    tracker_launch, onnx, file = load("tracker"), {"detector": "rtmpose.onnx"}, tmp_path / "mine.yaml"
+    file.write_text("/**:\n  ros__parameters: {camera_pitch: 0.1}\n")
+    cases = [({"landmarks": "h36m17"}, "h36m17")]
+    for params in ({}, {"params": str(file)}, {"params": "tracker"}, {"params": "mediapipe"}):
+        cases += [(params, "mediapipe33"), ({**params, **onnx}, "coco17")]
+    for given, layout in cases:
         _, _, arguments = start(webcam[0], height="1.6", **given)
         # tracker.launch.py warns of misspelt names and starts the tracker.
         *declared, function = tracker_launch.generate_launch_description().args[0]
@@ -110,7 +136,7 @@ def test_the_tracker_gets_the_detectors_layout(webcam):
         node = next(action for action in actions if action.package == "lassokin_ros")
         assignments = [f"{name}:={value}" for name, value in node.parameters[-1].items()]
         settings, node_settings = offline_settings([Path(node.parameters[0])], assignments)
-        assert (settings.landmarks, settings.height) == (layout or "h36m17", 1.6)
+        assert (settings.landmarks, settings.height) == (layout, 1.6)
         assert node_settings.base_frame == "camera_optical_frame"
 
 

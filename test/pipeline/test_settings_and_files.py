@@ -135,6 +135,20 @@ def test_bad_parameter_files_are_refused(tmp_path, content, text):
     assert text in str(error.value) and str(file) in str(error.value)
 
 
+def test_of_several_trackers_in_a_file_the_named_one_is_used(tmp_path):
+    file = tmp_path / "two.yaml"
+    file.write_text(
+        "/**:\n  ros__parameters: {noise_px: 4.0}\n"
+        "/left/tracker:\n  ros__parameters: {camera_pitch: 0.2, height: 1.6}\n"
+        "/right/tracker:\n  ros__parameters: {camera_pitch: 0.9}\n"
+    )
+    for node, pitch, height in (("/left/tracker", 0.2, 1.6), ("right/tracker", 0.9, TrackerConfig().height)):
+        tracker, _ = offline_settings([file], [], node=node)
+        assert (tracker.camera_pitch, tracker.height, tracker.noise_px) == (pitch, height, 4.0)
+    with pytest.raises(ConfigurationError, match="several trackers: /left/tracker, /right/tracker; expected those of"):
+        offline_settings([file], [])
+
+
 @pytest.mark.parametrize("name", ["use_sim_time", "qos_overrides./x.depth", "start_type_description_service"])
 def test_parameters_of_every_node_have_no_effect(name):
     assert offline_settings([], [f"{name}:=true"]) == (TrackerConfig(), NodeSettings())

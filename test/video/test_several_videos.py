@@ -30,6 +30,11 @@ cv2 = pytest.importorskip("cv2")
 FRAMES = 180
 EYES = [eye("left", 0), eye("right", 90)]
 TRUTH = truth_at(np.arange(FRAMES) / 30)
+ROBOT = """
+/**:
+  ros__parameters: {keypoints_type: zed_msgs/msg/ObjectsStamped, depth: depth, cameras: [front], rectified: true}
+"""
+"""A parameter file with topics that videos do not have."""
 
 
 class Knowing:
@@ -90,9 +95,10 @@ def test_the_videos_are_tracked_backward_too(rig, monkeypatch):
     assert list(frames) == [None] and len(frames[None]) == FRAMES
 
 
-def test_two_videos_give_one_motion_in_the_frame_of_the_calibration(rig, capsys):
+def test_two_videos_give_one_motion_in_the_frame_of_the_calibration(rig, capsys, tmp_path):
     command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--export", "walk.npz"]
-    assert main([*command, "-p", "fixed_frame:=world"]) == 0
+    (tmp_path / "robot.yaml").write_text(ROBOT, encoding="utf-8")
+    assert main([*command, "--params-file", "robot.yaml", "-p", "fixed_frame:=world"]) == 0
     said = capsys.readouterr().out
     assert "left (left), right (right)" in said and "360 in, " in said
     assert len(rig) == 2 and all(detector.closed for detector in rig)

@@ -7,6 +7,7 @@ import re
 import resource
 import signal
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,6 +23,8 @@ from lassokin_ros.video.output_video import OutputVideo
 from lassokin_ros.video.sources import Image, Source, open_source
 
 cv2 = pytest.importorskip("cv2")
+
+CONFIG = Path(__file__).resolve().parents[2] / "config"
 
 STANDING = np.array(
     [[0, -80], [4, -84], [-4, -84], [9, -82], [-9, -82], [20, -60], [-20, -60], [26, -30], [-26, -30], [28, 0],
@@ -332,6 +335,24 @@ def test_the_users_settings_replace_those_for_files(long_video, tmp_path, monkey
         files = ["--export", str(tmp_path / f"{name}.npz")]
         assert main([str(long_video), "--fov", "60", *files, *options]) == 0
     assert np.array_equal(positions(tmp_path / "whole.npz")[1], positions(tmp_path / "causal.npz")[1])
+
+
+@pytest.mark.parametrize("file", sorted(CONFIG.glob("*.yaml")), ids=lambda file: file.stem)
+def test_a_parameter_file_of_a_robot_is_used_without_its_topics(images, monkeypatch, capsys, file):
+    """The keypoints are this program's own, and there are no depth images."""
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+    assert main([str(images), "--fov", "60", "--params-file", str(file), "--height", "1.75"]) == 0
+    assert re.search("6 in, [46] tracked", capsys.readouterr().out)  # 4 of them if the file is for several people
+
+
+def test_the_images_of_a_video_are_raw_unless_the_command_says_otherwise(images, monkeypatch):
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+    seen = []
+    monkeypatch.setattr(track_module, "OfflineTracker", lambda tracker, node, *_, **__: seen.append(node) or 1 / 0)
+    for given in ([], ["-p", "rectified:=true"]):
+        with pytest.raises(ZeroDivisionError):
+            main([str(images), "--height", "1.75", "--params-file", str(CONFIG / "zed.yaml"), *given])
+    assert [node.rectified for node in seen] == [False, True]
 
 
 def test_findings_of_a_video_give_no_advice_about_ros(long_video, tmp_path, monkeypatch, capsys):

@@ -13,6 +13,7 @@ from geometry_msgs.msg import Point, Pose, PoseArray  # noqa: E402
 from live import BACKEND, NO_HANDLERS, NodeProcess, Peer, stamp_of  # noqa: E402
 from messages import HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 from sensor_msgs.msg import Image, PointCloud2  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
@@ -145,6 +146,20 @@ def test_a_leading_slash_in_a_frame_id_makes_no_other_frame(viewer):
     for log, message in ((node._on_camera, camera_info(BACKEND, frame_id="/lens")), (node._on_keypoints, keypoints)):
         log(message)
     assert [node._is_of_camera(name) for name in ("lens", "/lens", "eye", "map")] == [True, True, True, False]
+
+
+def test_the_skeleton_of_a_rectified_image_is_drawn_with_its_lens(tmp_path):
+    context = rclpy.Context()
+    rclpy.init(context=context, signal_handler_options=NO_HANDLERS)
+    rectified = Parameter("rectified", value=True)
+    node = ViewerNode(tmp_path / "walk.rrd", False, context=context, parameter_overrides=[rectified])
+    raw = camera_info(BACKEND, distortion_model="plumb_bob", d=[0.1, 0.0, 0.0, 0.0, 0.0])
+    raw.p = raw.p * 0.9
+    node._on_camera(raw)
+    lens = node._people[""].lens
+    assert np.allclose(lens.K[:2], 0.9 * raw.k.reshape(3, 3)[:2]) and not lens.model
+    node.destroy_node()
+    context.try_shutdown()
 
 
 def test_topics_of_people_are_added_and_removed(viewer):
