@@ -238,6 +238,12 @@ class Tracker:
         """Copy the vertical from trackers of other people in the same images, if one has learned it."""
         self.learned.vertical.adopt(other.learned.vertical for other in others)
 
+    def adopt_cameras(self, other: Tracker) -> None:
+        """Begin with the poses that another tracker has learned of the same cameras, if this one learns them, too."""
+        own, known = self.learned.extrinsics, other.learned.extrinsics
+        if own is not None and known is not None and self.config.extrinsics == LEARN:
+            own.adopt(known)
+
     def move_camera(self, roll: float, pitch: float) -> None:
         """Use a measured mount of the camera, rad, from the next frame on; see `camera_roll` and `camera_pitch`.
 

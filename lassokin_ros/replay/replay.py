@@ -75,6 +75,8 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
             inputs, messages = _inputs(first, cameras, others), messages_of(cameras, bag, read)
             known = learn_person(messages, inputs, first, tracker_config, Path(folder))
         tracker = OfflineTracker(known.config, node_config, bag.types, serialised=True, poses=poses)
+        if options.two_pass:
+            tracker.pipeline.tracker.adopt_cameras(first.pipeline.tracker)
         tracker.pipeline.use_backward({None: known.backward})
         report = _report(options, tracker, given)
         exports = _exports(options, tracker)

@@ -103,6 +103,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
                     tracker_config = replace(tracker_config, extrinsics=CHECK)
                 second = make(tracker_config, poses=poses)
             second.pipeline.use_backward({None: known.backward})
+            second.pipeline.tracker.adopt_cameras(first.pipeline.tracker)
         else:
             second = make(tracker_config, poses=poses)
         outputs.follow(second)

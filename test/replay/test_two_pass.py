@@ -8,6 +8,7 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags reads the recordings")
 
+from camera_rig import eye, keypoints, truth_at  # noqa: E402
 from messages import FOCAL, HEIGHT, WIDTH, camera_info, cloud, rosbags_backend, with_depths  # noqa: E402
 from recordings import RATE, START_NS, contents, read, write_messages, write_recording  # noqa: E402
 from sequences import CONFIG, observations  # noqa: E402
@@ -231,6 +232,30 @@ def test_the_track_backward_has_the_places_learned_forward_and_leaves_them(monke
     places = [[one.camera.translation.tolist() for one in instant] for instant in used]
     assert places == 2 * [[[0.0, 0.0, 0.0], [0.1, 0.0, 3.0]]]
     assert extrinsics.found == {"right": found} and extrinsics.corrections
+
+
+def test_the_last_pass_begins_with_the_places_learned_before(tmp_path, monkeypatch):
+    """Nobody tells where the right camera is."""
+    times, backend, random, sent = np.arange(112) / 20, rosbags_backend(), np.random.default_rng(0), []
+    eyes, landmarks = [eye("left", 0), eye("right", 90)], truth_at(times).landmarks
+    for camera in eyes:
+        info = camera_info(backend, frame_id=camera.frame)
+        sent.append((f"/{camera.name}/camera_info", info.__msgtype__, START_NS, info))
+    for now, body in zip(times, landmarks):
+        for camera in eyes:
+            seen = keypoints(backend, camera, START_NS, now, body, random)
+            sent.append((f"/{camera.name}/keypoints", seen.__msgtype__, START_NS + round(1e9 * now), seen))
+    bag, tracked, track = write_messages(tmp_path / "two", sent), [], Tracker.track
+
+    def noted(tracker, seen):
+        tracked.append((tracker, track(tracker, seen)))
+        return tracked[-1][1]
+
+    monkeypatch.setattr(Tracker, "track", noted)
+    settings = ["-p", "cameras:=[left, right]", "-p", "extrinsics:=learn"]
+    assert main([str(bag), "-o", str(tmp_path / "out"), "--two-pass", *settings]) == 0
+    last = [estimate.cameras for tracker, estimate in tracked if tracker is tracked[-1][0]]
+    assert 2 in last[:4] and last.count(2) > len(times) - 4
 
 
 class FullDisk:

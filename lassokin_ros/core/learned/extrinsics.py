@@ -113,6 +113,11 @@ class Extrinsics:
         self.wrong: dict[str, str] = {}
         """What is wrong with the pose of a camera, in words, by name; empty if it fits."""
 
+    def adopt(self, other: Extrinsics) -> None:
+        """Begin with what was learned about the same cameras."""
+        self.found, self.corrections, self._solutions = {**other.found}, {**other.corrections}, {**other._solutions}
+        self._frames = {name: frames.copy() for name, frames in other._frames.items()}
+
     def corrected(self, pose: CameraPose) -> CameraPose:
         """Return a given pose with the correction of its camera; for an unknown pose, the found one with it, if any.
 
