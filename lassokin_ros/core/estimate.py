@@ -29,8 +29,8 @@ class Estimate:
     of its lower limit, see `failure_probability`. repeated: s since the keypoints last changed.
     visible: (l,) bool, keypoints that were detected in this frame and have a weight. measurements: number of keypoints
     and measured depths with a weight. depth_measured: True if measured depths were used; depth_covers: of half of the
-    used keypoints of a camera or more. length_deviation: (p,) standard deviation of the log-lengths. cameras: number of
-    cameras whose rows have weight. centre: (3,) m, of the first of them, in the skeleton's frame. joint_depths: what
+    used keypoints of a camera or more. length_deviation: (p,) standard deviation of the log-lengths. cameras: see
+    `FrameData.seen_by`. centre: (3,) m, of the first of them, in the skeleton's frame. joint_depths: what
     the depth network estimates from its keypoints. contacts: (n,) bool, ankles of feet that stand still. prior_cost: of
     the pose prior for `solved`, with weight 1. network_distance: m, mean distance of the depth network's joints from
     those of `solved`, relative to the hips; NaN without the network.

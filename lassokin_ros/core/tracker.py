@@ -481,7 +481,8 @@ class Tracker:
         self, tracked: EvaluatedState, measurement: Measurement, frame: FrameData
     ) -> tuple[EvaluatedState, bool]:
         """The tracked state, or a newly fitted one if the cost stays high and that one explains the frame better."""
-        count = frame.seen_by * self.kinematics.landmark_count + frame.count - frame.point_count
+        views = sum(bool(np.count_nonzero(view.weights)) for view in frame.views)
+        count = views * self.kinematics.landmark_count + frame.count - frame.point_count
         if measurement.repeated or not self._reinitialisation.due(measurement.stamp, self._cost, count):
             return tracked, False
         fit = self._initialiser.fit(frame)

@@ -97,6 +97,19 @@ def test_the_depth_of_any_camera_measures_the_size(depth_on):
     assert too_large.learned.size_check.wrong
 
 
+@pytest.mark.parametrize("metres, degrees, cameras", [(0.0, 0, 1), (0.06, 0, 1), (0.06, 180, 1), (0.45, 0, 2)])
+def test_a_camera_beside_another_one_does_not_observe_the_distance(metres, degrees, cameras):
+    """The stated height is 9 % too large, and so is the distance; its stated deviation is that of one camera."""
+    roll = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+    near = CameraPose("b", roll, roll @ [-metres, 0.0, 0.0])
+    scene, tracker = Scene(1.0), Tracker(replace(CONFIG, height=1.9))
+    for index in range(len(scene.times)):
+        estimate = tracker.track([scene.seen(index, CameraPose("a")), scene.seen(index, near)])
+    assert estimate.cameras == cameras
+    stated = np.sqrt(tracker.uncertainty(estimate).absolute.joints[0, 2, 2])
+    assert (stated > 0.15) == (cameras == 1) and scene.off(index, estimate) < 2.5 * stated
+
+
 @pytest.mark.parametrize("turn", [0.0, 0.5])
 def test_learned_poses_do_not_hide_that_a_camera_turns(turn):
     steps = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import field, replace
 from functools import cached_property
@@ -16,6 +17,11 @@ WITHOUT_DEPTH = 4.0
 """Factor on the noise from which measured depth is not used, see `FrameData.with_larger_noise`."""
 LEVEL_CAMERA_UP = np.array([0.0, -1.0, 0.0])
 """(3,) the vertical in the optical frame of a level camera."""
+
+
+NEARBY, NARROW = 0.5, np.radians(5.0)
+"""m, rad: distance of two cameras, and angle between their rays to the person, below which they observe depth and size
+no better than one: 6 cm apart at 3.6 m, the root was 0.34 m off where 0.05 were stated."""
 
 
 @record
@@ -91,8 +97,12 @@ class FrameData:
 
     @cached_property
     def seen_by(self) -> int:
-        """Number of cameras whose rows have weight."""
-        return sum(bool(np.count_nonzero(view.weights)) for view in self.views)
+        """Number of cameras whose rows have weight, without those beside one that is counted, see `NARROW`."""
+        counted: list[FrameData] = []
+        for view in self.views:
+            if np.count_nonzero(view.weights) and not any(_beside(view, other) for other in counted):
+                counted.append(view)
+        return len(counted)
 
     @property
     def point_count(self) -> int:
@@ -128,3 +138,14 @@ class FrameData:
             depth_weights = depth_weights / factor if factor < WITHOUT_DEPTH else np.zeros_like(depth_weights)
         others = tuple(view.with_larger_noise(factor) for view in self.others)
         return replace(self, weights=self.weights / factor, depth_weights=depth_weights, others=others)
+
+
+def _beside(one: FrameData, other: FrameData) -> bool:
+    """Whether two cameras see the person from nearly the same place."""
+    if math.dist(one.camera.centre, other.camera.centre) > NEARBY:
+        return False
+    both = (one.weights > 0) & (other.weights > 0)
+    if not both.any():
+        return True
+    a, b = (np.append(view.points[both].mean(axis=0), 1.0) @ view.camera.rotation for view in (one, other))
+    return bool(a @ b > math.cos(NARROW) * math.sqrt((a @ a) * (b @ b)))
