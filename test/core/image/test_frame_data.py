@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lassokin_ros.core.image.frame_data import LEVEL_CAMERA_UP, WITHOUT_DEPTH, FrameData, JointDepths
+from lassokin_ros.core.observation import CameraPose
 
 POINTS, WEIGHTS = np.arange(8.0).reshape(4, 2), np.array([100.0, 200.0, 0.0, 400.0])
 DEPTH, DEPTH_WEIGHTS = np.full(4, 3.0), np.array([50.0, 0.0, 20.0, 10.0])
@@ -49,5 +50,5 @@ def test_depth_covers_a_frame_if_half_of_the_landmarks_have_one(measured, covers
 
 @pytest.mark.parametrize(("weight", "observed"), [(0.0, False), (1.0, True)])
 def test_several_cameras_that_see_the_person_observe_depth(weight, observed):
-    other = replace(frame(), weights=np.full(4, weight))
+    other = replace(frame(), weights=np.full(4, weight), camera=CameraPose("side", translation=np.array([2.0, 0, 0])))
     assert frame(others=(other,)).observes_depth is observed
