@@ -29,11 +29,12 @@ class Estimate:
     of its lower limit, see `failure_probability`. repeated: s since the keypoints last changed.
     visible: (l,) bool, keypoints that were detected in this frame and have a weight. measurements: number of keypoints
     and measured depths with a weight. depth_measured: True if measured depths were used; depth_covers: of half of the
-    used keypoints of a camera or more. length_deviation: (p,) standard deviation of the log-lengths. cameras: see
-    `FrameData.seen_by`. centre: (3,) m, of the first of them, in the skeleton's frame. joint_depths: what
-    the depth network estimates from its keypoints. contacts: (n,) bool, ankles of feet that stand still. prior_cost: of
-    the pose prior for `solved`, with weight 1. network_distance: m, mean distance of the depth network's joints from
-    those of `solved`, relative to the hips; NaN without the network.
+    used keypoints of a camera or more. length_deviation: (p,) standard deviation of the log-lengths. size_deviation:
+    that of the logarithm of a measured height, 0 for a given one. cameras: see `FrameData.seen_by`. centre: (3,) m, of
+    the first of them, in the skeleton's frame. joint_depths: what the depth network estimates from its keypoints.
+    contacts: (n,) bool, ankles of feet that stand still. prior_cost: of the pose prior for `solved`, with weight 1.
+    network_distance: m, mean distance of the depth network's joints from those of `solved`, relative to the hips; NaN
+    without the network.
     """
 
     stamp: float
@@ -58,6 +59,7 @@ class Estimate:
     depth_measured: bool = False
     depth_covers: bool = False
     length_deviation: np.ndarray | float = 0.0
+    size_deviation: float = 0.0
     joint_depths: JointDepths | None = None
     cameras: int = 1
     centre: np.ndarray = field(default_factory=lambda: np.zeros(3))

@@ -571,6 +571,7 @@ class Tracker:
             depth_measured=any(view.depth_weights is not None for view in frame.views),
             depth_covers=frame.depth_covers,
             length_deviation=self.learned.lengths.deviation,
+            size_deviation=0.0 if (height := self.learned.height) is None else height.deviation / height.height,
             joint_depths=frame.seeing.joint_depths,
             cameras=frame.seen_by,
             centre=frame.seeing.camera.centre,

@@ -110,6 +110,18 @@ def test_a_camera_beside_another_one_does_not_observe_the_distance(metres, degre
     assert (stated > 0.15) == (cameras == 1) and scene.off(index, estimate) < 2.5 * stated
 
 
+def test_the_distance_of_a_person_of_unknown_height_is_as_uncertain_as_that_height():
+    """1.7 m is assumed, children included, until something measures it."""
+    scene, stated = Scene(0.2), []
+    for height in (1.7, 0.0):
+        tracker = Tracker(replace(CONFIG, height=height))
+        estimate = tracker.track(scene.seen(0, CameraPose("a")))
+        stated.append(np.sqrt(tracker.uncertainty(estimate).absolute.joints[0, 2, 2]) / MIDDLE[2])
+    assert (
+        0.04 < stated[0] < 0.06 and stated[1] == pytest.approx(estimate.size_deviation, abs=0.02) and stated[1] > 0.12
+    )
+
+
 @pytest.mark.parametrize("turn", [0.0, 0.5])
 def test_learned_poses_do_not_hide_that_a_camera_turns(turn):
     steps = []

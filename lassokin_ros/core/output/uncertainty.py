@@ -72,8 +72,9 @@ HIDDEN_LEG = 0.25
 down. The prior was learned from people who stand and walk: without it, 44 instead of 70 % of the hidden knees and
 ankles of people who sit are within one deviation."""
 SCALE_DEVIATION = 0.045
-"""Standard deviation of the body's size, as a fraction of it: height, shoes, proportions. One camera without measured
-depth does not observe the scale, so such an error moves the whole body along its line of sight by the same fraction."""
+"""Standard deviation of the body's size if its height is given, as a fraction of it: height, shoes, proportions. One
+camera without measured depth does not observe the scale, so such an error moves the whole body along its line of sight
+by the same fraction."""
 PLACE_DEVIATION = 0.02
 """m, per axis: standard deviation of the position of the landmarks in the body, and of a detector's lasting errors.
 Both constants were fitted to recorded motions with only the height given: the error of the pelvis is 193 mm along the
@@ -154,7 +155,7 @@ class JointUncertainty:
         place = own.factor[0] ** 2 * Y.dot(Y.T)
         place.reshape(-1)[::4] += PLACE_DEVIATION**2
         if not (estimate.depth_measured or estimate.cameras > 1):
-            sight = SCALE_DEVIATION * (pose.positions[0] - estimate.centre)
+            sight = max(SCALE_DEVIATION, estimate.size_deviation) * (pose.positions[0] - estimate.centre)
             place += sight[:, None] * sight
         joints += place
         pelvis[:3, :3] = joints[0]
