@@ -51,14 +51,11 @@ def folders(options: argparse.Namespace) -> list[Path]:
 
 def all_exist(options: argparse.Namespace) -> bool:
     """Return True if all files that the options request exist beside the output of a recording."""
-    _, node_config = offline_settings(options.params_file, options.p)
-    several = node_config.several_people
-    there = [page_exists(options)]
-    if options.save_skeleton is not None:
-        there.append(_exists(options.save_skeleton, options.save_skeleton.suffix, several))
+    there = [page_exists(options), _skeleton_exists(options)]
     if options.export:
         from lassokin_ros.replay.exports.exports import PERSONS, target_of
 
+        several = _several(options)
         for target in map(target_of, options.export):
             there.append(_exists(target.path(options.output), target.suffix, several and target.suffix in PERSONS))
     return all(there)
@@ -69,17 +66,42 @@ def page_exists(options: argparse.Namespace) -> bool:
     return options.report is None or options.report.exists()
 
 
+def kept_page(options: argparse.Namespace) -> str:
+    """Return the words for a page that exists and is kept, without the images of --image-topic; empty without them."""
+    if options.force or options.image_topic is None or options.report is None or not options.report.exists():
+        return ""
+    return ": the page exists and is kept, with the images it has; add --force for those of --image-topic"
+
+
 def replacement_options(options: argparse.Namespace) -> argparse.Namespace:
-    """Return the options to redo a recording in place of its old output, including the old output's exports."""
+    """Return the options to redo a recording in place of its old output, including the old output's exports.
+
+    Without --force, files outside the output that exist are kept: only the missing ones are requested.
+    """
     from lassokin_ros.replay.exports.exports import INSIDE, PERSONS, TABLES
 
     options = copy.copy(options)
+    if not options.force and page_exists(options):
+        options.report = options.image_topic = None
+    if not options.force and _skeleton_exists(options):
+        options.save_skeleton = None
     options.force, options.export = True, list(options.export)
     for file in sorted(options.output.glob(f"{INSIDE}*")):
         suffix = max((s for s in (*TABLES, *PERSONS) if file.name.endswith(s)), key=len, default="")
         if suffix and Path(suffix) not in options.export:
             options.export.append(Path(suffix))
     return options
+
+
+def _skeleton_exists(options: argparse.Namespace) -> bool:
+    """Return True if the saved skeleton exists, or that of any of several people, or none is requested."""
+    file = options.save_skeleton
+    return file is None or _exists(file, file.suffix, _several(options))
+
+
+def _several(options: argparse.Namespace) -> bool:
+    _, node_config = offline_settings(options.params_file, options.p)
+    return node_config.several_people
 
 
 def _exists(file: Path, suffix: str, each: bool) -> bool:

@@ -55,13 +55,14 @@ def run_task(task: Task) -> Result:
         if done is not None:
             return done
         remove_leftovers(options.output)
+        kept = ""
         if options.output.exists():  # same settings, but a newly requested export or report is missing
-            options = output_files.replacement_options(options)
+            options, kept = output_files.replacement_options(options), output_files.kept_page(options)
         replayed = replay(options, io.StringIO())
     except LassokinError as error:
         # Another worker that was presumed dead may have finished the task.
         return _done_before(task, quiet=True) or Result(task.name, f"failed: {error}")
-    return Result(task.name, TRACKED, replayed.figures, replayed.frame_ms)
+    return Result(task.name, TRACKED + kept, replayed.figures, replayed.frame_ms)
 
 
 def _done_before(task: Task, quiet: bool = False) -> Result | None:
@@ -77,7 +78,8 @@ def _done_before(task: Task, quiet: bool = False) -> Result | None:
     if record is not None and record.origin == origin_of(options):
         nobody = record.figures.frames_out == 0  # nothing to export or to save, but a page that says so
         done = output_files.page_exists(options) if nobody else output_files.all_exist(options)
-        return Result(task.name, DONE_BEFORE, record.figures) if done else None
+        outcome = DONE_BEFORE + output_files.kept_page(options)
+        return Result(task.name, outcome, record.figures) if done else None
     if quiet:
         return None
     raise ArchiveError(f"'{options.output}' exists, from another input, version or settings; add --force to replace it")

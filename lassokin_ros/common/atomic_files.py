@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import BinaryIO
 
 from lassokin_ros.core.errors import LassokinError
@@ -24,6 +25,10 @@ def refuse_existing(path: Path, replace: bool, error: type[LassokinError]) -> No
         raise error(f"'{path}' exists already; choose another name or add --force")
     if not place:
         raise error(f"there is no folder '{path.parent}' for '{path.name}'")
+    try:
+        TemporaryFile(dir=path.parent).close()  # root has permissions also where nothing can be created
+    except OSError as problem:
+        raise error(f"'{path}' cannot be written: {problem.strerror}") from None
 
 
 def files_of_people(folder: Path, stem: str, suffix: str) -> list[Path]:

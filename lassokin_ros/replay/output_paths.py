@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from lassokin_ros.common.atomic_files import refuse_existing
 from lassokin_ros.common.distinct_paths import Named, real_path, refuse_shared
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.pipeline.camera.calibration_file import split_camera
@@ -57,6 +58,13 @@ def check_output_paths(replays: Sequence[argparse.Namespace]) -> None:
     places = [place for options in replays for place in _places(options)]
     refuse_shared(settings_files(replays[0]), places, OutputError)
     _refuse_inside(places)
+
+
+def refuse_existing_files(options: argparse.Namespace) -> None:
+    """Raise OutputError if a page or an export cannot be written. Call it before the first of two passes."""
+    for what, path in _places(options):
+        if what in ("--report", "--export"):
+            refuse_existing(path, options.force, OutputError)
 
 
 def settings_files(options: argparse.Namespace) -> Iterator[Named]:

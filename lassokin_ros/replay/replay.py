@@ -30,7 +30,7 @@ from lassokin_ros.replay.camera_source import RecordedCamera, messages_of, poses
 from lassokin_ros.replay.exports.exports import Exports, is_inside_name
 from lassokin_ros.replay.motion import MotionRecorder
 from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME, OfflineTracker
-from lassokin_ros.replay.output_paths import OutputError, check_output_paths
+from lassokin_ros.replay.output_paths import OutputError, check_output_paths, refuse_existing_files
 from lassokin_ros.replay.passes.earlier_passes import Inputs, KnownPerson, check_two_passes, learn_person
 from lassokin_ros.replay.record import KEY, Figures, Record, origin_of
 from lassokin_ros.replay.recorded_images import recorded_images
@@ -60,6 +60,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     """
     options.output = options.output or Path(f"{recording_name(options.bag.resolve())}_tracked")
     check_output_paths([options])
+    refuse_existing_files(options)
     defaults = WHOLE_FILE if options.two_pass else {}
     tracker_config, node_config = offline_settings(options.params_file, options.p, defaults)
     _check_learning(options, tracker_config, node_config)

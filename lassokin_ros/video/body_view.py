@@ -40,7 +40,7 @@ def blended(colour: tuple[int, int, int], share: float) -> tuple[int, int, int]:
 
 
 class BodyView:
-    """Draws one person. The view moves with the pelvis; the floor's squares and the path stay in place."""
+    """Draws one person at a time. The view moves with the pelvis; the floor's squares and the path stay in place."""
 
     def __init__(self, cv2: Any, side_px: int, level: np.ndarray) -> None:
         """side_px: width and height. level: (3, 3) rotation from the camera frame to that of a level camera."""
@@ -52,12 +52,17 @@ class BodyView:
         self._level, self._axes = level, np.stack([right, down, np.cos(above) * ahead + [0, np.sin(above), 0]])
         self._trail: deque[tuple[float, np.ndarray]] = deque()
         self._feet: deque[tuple[float, float]] = deque()
+        self._person = ""
 
     def draw(self, seconds: float, frame: FrameResult | None) -> np.ndarray:
         """Return the view (side, side, 3), BGR. frame: accepted, or None if nobody is tracked."""
         image = np.full((self._px, self._px, 3), BACKGROUND, np.uint8)
         if frame is None or frame.estimate is None or frame.estimate.pose is None or frame.skeleton is None:
             return image
+        if frame.person != self._person:
+            self._person = frame.person
+            self._trail.clear()
+            self._feet.clear()
         joints = frame.estimate.pose.positions @ self._level.T
         floor = self._update_floor(seconds, joints, frame.skeleton)
         middle = np.array([joints[0, 0], floor, joints[0, 2]])

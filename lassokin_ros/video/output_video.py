@@ -66,6 +66,10 @@ class OutputVideo:
         self._view = BodyView(cv2, self._size[1], level)
         self._waiting: deque[_Waiting] = deque()
         self._wrong_until = -np.inf
+        self._held: np.ndarray | None = None
+        """The picture that is repeated until the time of the next one."""
+        self._person = ""
+        """The person in the view of the body."""
         self._part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
         self._encoder = open_encoder(self._part, self._even, fps)
         self._written = 0
@@ -81,8 +85,10 @@ class OutputVideo:
 
         Raises VideoError.
         """
-        shown = next((frame for frame in frames if frame.accepted), None)
-        doubts = [frame.doubt for frame in frames if frame.accepted]
+        accepted = [frame for frame in frames if frame.accepted]
+        shown = next((frame for frame in accepted if frame.person == self._person), next(iter(accepted), None))
+        self._person = self._person if shown is None else shown.person
+        doubts = [frame.doubt for frame in accepted]
         doubt = next((doubt for doubt in doubts if doubt.likely_wrong), None)
         state = (
             "nobody tracked" if shown is None else "tracked" if len(doubts) == 1 else f"{len(doubts)} people tracked"
@@ -102,8 +108,10 @@ class OutputVideo:
             wrong = waiting.doubt is not None or waiting.seconds <= self._wrong_until
             wrong = wrong or any(one.doubt is not None and one.doubt.has_sign for one in near)
             self._label(waiting, wrong)
+            held = waiting.picture if self._held is None else self._held
             while self._written < waiting.target:
-                self._write(waiting.picture)
+                self._write(waiting.picture if self._written == waiting.target - 1 else held)
+            self._held = waiting.picture
 
     def _write(self, picture: np.ndarray) -> None:
         try:

@@ -120,8 +120,14 @@ def _settings(options: argparse.Namespace, source: Source, detector: Detector) -
     for name in ("camera_mount_frame", "fixed_frame"):
         if getattr(node, name):
             _note(f"{name} is not used, since a video has no TF; set camera_pitch and camera_roll")
-    if tracker.height == 0 and not tracker.camera_height:
-        raise CameraError("height is 0, and one video without camera_height does not show the size; give --height")
+    if tracker.height == 0 and not (tracker.camera_height and tracker.tilt_deviation):
+        raise CameraError(
+            "height is 0, but one video shows the size only by the floor, with camera_height and tilt_deviation above "
+            "0; expected both, or --height"
+        )
+    if not detector.several and node.several_people:
+        _note(f"max_people and rep155 are not used, since {options.detector} finds one person")
+        node = replace(node, max_people=1, rep155=False)
     return tracker, replace(node, fixed_frame="")
 
 
@@ -137,7 +143,7 @@ class Run:
         self._info = camera.message(backend, FIRST_STAMP_NS, OPTICAL_FRAME)
         self.detections = Detections(source, detector, backend, keep=not source.live)
         self._several = detector.several
-        self._who = ""
+        self._who = self._passes = ""
         self._started = time.monotonic()
 
     @property
@@ -170,8 +176,9 @@ class Run:
             messages = partial(self.detections.of_people, people, node.several_people)
         bodies: dict[int, Skeleton] = {}
         backward: dict[int | None, Mapping[int, Backward]] = {}
+        learned = tracker.calibrate and tracker.height > 0
         with TemporaryDirectory(prefix="lassokin_") as folder:
-            if tracker.calibrate and tracker.height > 0:
+            if learned:
                 if node.several_people:
                     for number, seen in people:
                         known = self._learn_alone(number, seen, configs, Path(folder))
@@ -182,6 +189,7 @@ class Run:
                     tracker, backward[None] = known.config, known.backward
             second = OfflineTracker(tracker, node, self._types, only_track=True, bodies=bodies)
         second.pipeline.use_backward(backward)
+        self._passes = _passes_in_words(learned, any(backward.values()), tracker.smoothing_lag > 0)
         self._outputs.follow(second)
         self._track_again(second, messages(), options)
         return second
@@ -249,11 +257,17 @@ class Run:
         }
         if self._who:
             lines["people"] = self._who
-        if not _is_live(options, self._source):
-            lines["passes"] = "lengths, backward, forward; smoothed (--causal tracks as a camera's images)"
+        if self._passes:
+            lines["passes"] = f"{self._passes} (--causal tracks as a camera's images)"
         lines["written"] = ", ".join(map(str, written)) or "nothing"
         facts = [f"{name:<15} {text}" for name, text in lines.items()]
         return "\n".join([self._source.name, *facts, *self._outputs.doubts])
+
+
+def _passes_in_words(learned: bool, backward: bool, smoothed: bool) -> str:
+    """Return the passes over a file that were made. learned: that for the lengths, which the backward one needs."""
+    made = ", ".join(["lengths"] * learned + ["backward"] * backward + ["forward"]) + "; smoothed" * smoothed
+    return made if learned else f"{made}; those for the lengths and backward need calibrate and a height"
 
 
 def _who_in_words(people: Sequence[Seen], chosen: Sequence[int], width: int) -> str:

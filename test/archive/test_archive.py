@@ -119,6 +119,26 @@ def test_exports_and_reports_are_written_per_recording(archive, one_by_one, tmp_
     assert kept < set(contents(tmp_path / "out" / "walk_tracked"))
 
 
+def test_files_outside_the_output_are_replaced_with_force_alone(tmp_path, capsys):
+    (tmp_path / "in").mkdir()
+    write_recording(tmp_path / "in" / "walk", 60)
+    page, skeleton = tmp_path / "pages" / "walk.html", tmp_path / "lengths" / "walk.yaml"
+    arguments = [tmp_path / "in", "--output", tmp_path / "out", "--jobs", 1, "-p", "calibrate:=true"]
+    arguments += ["--report", page.parent, "--save-skeleton", skeleton.parent]
+    assert replayed(capsys, *arguments)[0] == 0
+    page.write_text("own words")
+    skeleton.write_text("own lengths")
+    code, said = replayed(capsys, *arguments, "--export", ".csv")
+    assert code == 0 and outcomes(said) == {"walk": "tracked"}
+    assert (tmp_path / "out" / "walk_tracked" / "motion.csv").exists()
+    assert page.read_text() == "own words" and skeleton.read_text() == "own lengths"
+    page.unlink()
+    assert replayed(capsys, *arguments)[0] == 0
+    assert page.read_text().startswith("<!") and skeleton.read_text() == "own lengths"
+    assert replayed(capsys, *arguments, "--force")[0] == 0
+    assert skeleton.read_text().startswith("# Calibrated")
+
+
 def test_the_page_of_another_recording_does_not_count_as_finished(tmp_path, capsys):
     """The names look as if one recording were a person of the other one. A dot in a name does not hide a file."""
     several = ["-p", "max_people:=2", "--save-skeleton", tmp_path / "lengths"]

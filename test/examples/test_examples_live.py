@@ -161,6 +161,9 @@ def test_a_raised_hand_is_logged_once(robot, axes):
         robot.spin_until(lambda: any("raised" in line for line in lines), "the line", lambda: send(raised))
         for _ in range(3):
             send(raised)
+        for _ in range(3):
+            send(hanging)
+            send(raised, seen=False)
         robot.spin_until(lambda: tracker.wait_for_all_acked(), "the acknowledgement")
     reader.join(DEADLINE_S)
     assert sum("left hand raised" in line for line in lines) == 1

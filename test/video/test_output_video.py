@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.doubt.doubt import Doubt
 from lassokin_ros.video.body_view import BACKGROUND, COLOURS, BodyView
 from lassokin_ros.video.encoder import VideoError, open_encoder
 from lassokin_ros.video.output_video import OutputVideo
@@ -67,7 +68,10 @@ def test_a_name_that_crashes_the_encoders_is_refused(tmp_path):
 class Frame:
     """What BodyView reads of a FrameResult: a standing person."""
 
-    def __init__(self, depth=3.0, observed=True, deviation=0.02):
+    accepted, images = True, ()
+
+    def __init__(self, depth=3.0, observed=True, deviation=0.02, person=""):
+        self.person, self.doubt = person, Doubt()
         self.skeleton = skeleton = Skeleton.load("anthropometric", 1.75)
         pose = type("Pose", (), {"positions": skeleton.rest_positions * (1, -1, -1) + (0, 0, depth)})
         self.estimate = type("Estimate", (), {"pose": pose})
@@ -104,6 +108,36 @@ def test_the_path_stays_on_the_floor_while_the_view_follows():
     assert abs(len(coloured(later, COLOURS["left"])) - len(coloured(first, COLOURS["left"]))) < 60
     trail = (150, 140, 130)
     assert len(coloured(later, trail)) > 20 > len(coloured(first, trail))
+
+
+def test_the_path_is_that_of_one_person():
+    body = view()
+    body.draw(0.0, Frame(depth=3.0, person="p1"))
+    fresh = view().draw(0.1, Frame(depth=4.0, person="p2"))
+    assert (body.draw(0.1, Frame(depth=4.0, person="p2")) == fresh).all()
+
+
+def test_the_same_person_is_shown_while_there(tmp_path, monkeypatch):
+    shown = []
+    output = OutputVideo(tmp_path / "out.mp4", {"": SIZE}, 10.0, False, np.eye(3))
+    monkeypatch.setattr(BodyView, "draw", lambda self, seconds, frame: shown.append(frame) or self.picture)
+    monkeypatch.setattr(BodyView, "picture", np.zeros((SIZE[1], SIZE[1], 3), np.uint8), raising=False)
+    image = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    for number, people in enumerate(["p1 p2", "p2", "p1 p2", "", "p1 p2", "p1"]):
+        output.add(number / 10, {"": image}, [Frame(person=person) for person in people.split()])
+    output.discard()
+    assert [frame and frame.person for frame in shown] == ["p1", "p2", "p2", None, "p2", "p1"]
+
+
+def test_an_image_is_held_until_the_time_of_the_next_one(tmp_path, monkeypatch):
+    written = []
+    output = OutputVideo(tmp_path / "out.mp4", {"": SIZE}, 10.0, False, np.eye(3))
+    monkeypatch.setattr(output._encoder, "write", lambda picture: written.append(int(picture[20, 20, 0])))
+    for number, seconds in enumerate([0.0, 0.1, 0.14, 0.2, 0.8, 0.9]):
+        output.add(seconds, {"": np.full((SIZE[1], SIZE[0], 3), 10 * number, np.uint8)}, [])
+    output._write_until(np.inf)
+    output.discard()
+    assert written == [0, 10, 30, 30, 30, 30, 30, 30, 40, 50]
 
 
 def test_nobody_is_an_empty_view():

@@ -87,7 +87,8 @@ def test_unusable_input_is_one_line_and_writes_nothing(images, tmp_path, monkeyp
         ([broken, "--report", tmp_path / "r.html", "--video", tmp_path / "v.mp4"], "has no video stream"),
         (["97"], "camera 97 cannot be opened"),
         ([images, "--fov", "0.5"], "expected 1 to 170 degrees"),
-        ([images, "--height", "0"], "does not show the size; give --height"),
+        ([images, "--height", "0"], "with camera_height and tilt_deviation above 0; expected both, or --height"),
+        ([images, "--height", "0", "-p", "camera_height:=1.3"], "camera_height and tilt_deviation above 0; expected"),
         ([images, "--camera-info", none], "none"),
         ([images, "--video", tmp_path / "out.txt"], "ends in .mp4 or .avi"),
         ([images, "--report", none / "r.html"], "no folder"),
@@ -303,6 +304,21 @@ def test_a_file_is_smoothed_with_later_frames_and_detected_once(long_video, tmp_
     assert [open_source(str(tmp_path / f"{name}.mp4")).count for name in ("whole", "causal")] == [120, 120]
 
 
+@pytest.mark.parametrize(
+    "setting, passes",
+    [
+        ("max_people:=2", "lengths, backward, forward; smoothed (--causal"),
+        ("calibrate:=false", "forward; smoothed; those for the lengths and backward need calibrate and a height (--"),
+    ],
+)
+def test_the_summary_names_the_passes_that_are_made(setting, passes, long_video, monkeypatch, capsys):
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Walking())
+    assert main([str(long_video), "--fov", "60", "-p", setting]) == 0
+    said = capsys.readouterr()
+    assert f"passes          {passes}" in said.out
+    assert ("max_people and rep155 are not used, since mediapipe finds one person" in said.err) == ("2" in setting)
+
+
 def test_frames_before_an_absence_are_shown_as_tracked(long_video, tmp_path, monkeypatch):
     """A rejected frame is known at once, and tracked ones after the lag: the video and the page have them in order."""
 
@@ -387,7 +403,8 @@ def test_files_of_an_earlier_run_do_not_stay_if_nobody_is_tracked(images, tmp_pa
 
 def test_a_height_that_the_floor_measures_is_in_the_summary(images, monkeypatch, capsys):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
-    assert main([str(images), "--height", "0", "-p", "camera_height:=1.2", "-p", "camera_pitch:=0.1"]) == 0
+    floor = ["-p", "camera_height:=1.2", "-p", "camera_pitch:=0.1"]
+    assert main([str(images), "--height", "0", *floor, "-p", "tilt_deviation:=0.02"]) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("height")]
     assert re.match(r"height +\d\.\d\d m, (measured|a mean of people)", line)
 

@@ -83,6 +83,15 @@ def test_a_file_that_is_there_is_kept_and_nothing_is_detected_in_vain(detected, 
     assert Path("motion.csv").read_text(encoding="utf-8") == "mine" and not Path("o.mp4").exists()
 
 
+@pytest.mark.skipif(not Path("/sys").is_dir(), reason="nobody, not even root, can create a file in /sys of Linux")
+@pytest.mark.parametrize("option", ["--export /sys/x.csv", "--report /sys/x.html", "--video /sys/x.mp4"])
+def test_a_place_without_room_for_a_file_is_refused_before_the_detector(detected, option, capsys):
+    for force in ([], ["--force"]):
+        assert main(["walk.avi", "--export", ".npz", *option.split(), "--height", "1.7", "--fov", "60", *force]) == 2
+        name = option.split()[1]
+        assert capsys.readouterr().err.startswith(f"lassokin track: '{name}' cannot be written: ") and not detected
+
+
 def test_an_export_by_its_suffix_has_one_name(detected):
     assert main(["walk.avi", "--height", "1.7", "--fov", "60", "--export", ".csv", "--export", "motion.csv"]) == 0
     assert Path("motion.csv").is_file()
