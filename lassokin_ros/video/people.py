@@ -42,7 +42,8 @@ class Seen:
 
     def words(self, width: int) -> str:
         """Return when, how large and where the person is. width: of the images, px."""
-        middle = float(np.nanmedian(self.detected[0].pixels[:, 0])) / width
+        first = self.detected[0]
+        middle = float(np.nanmedian(first.pixels[first.confidence > 0, 0])) / width
         place = "left" if middle < 1 / 3 else "right" if middle > 2 / 3 else "in the middle"
         span = f"{self.seconds[0]:.1f} to {self.seconds[-1]:.1f} s"
         return f"{span}, {np.median(self.sizes):.0f} px in size, at first {place}"

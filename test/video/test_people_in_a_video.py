@@ -170,6 +170,13 @@ def test_the_nearest_person_may_be_seen_shortly():
         choose("3", people, 4)
 
 
+def test_missing_points_do_not_say_where_a_person_is():
+    one = person(250, 1.2)
+    one.pixels[:12], one.confidence[:12] = 0.0, 0.0
+    (found,) = people_in([(i / 10, [one]) for i in range(20)])
+    assert found.words(320).endswith("at first right")
+
+
 def test_two_people_who_cross_keep_their_numbers():
     """Simulated scenes: the share of a person's images that are those of one of the people, over ten scenes."""
     right = total = 0
