@@ -268,6 +268,8 @@ class Tracker:
         """
         for camera in self._cameras:
             camera.move_frame(rotation, translation)
+        if self.learned.extrinsics is not None:
+            self.learned.extrinsics.move_frame(CameraPose("", rotation, translation))
         if self._solved is None:
             return
         state = self._solved.state

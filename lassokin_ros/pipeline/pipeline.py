@@ -515,22 +515,14 @@ class Pipeline:
         """
         if self.places is None:
             return images, images[0].frame_id
-        fault, order = None, list(self.cameras)
         placed: list[PeopleImage] = []
-        unplaced: list[PeopleImage] = []
-        for image in sorted(images, key=lambda image: order.index(image.camera.name)):
-            name = image.camera.name
+        missing: list[tuple[PeopleImage, AdapterError]] = []
+        for image in images:
             try:
-                placed.append(replace(image, camera=self.places.pose(name, image.frame_id, image.stamp_ns)))
+                pose = self.places.pose(image.camera.name, image.frame_id, image.stamp_ns)
+                placed.append(replace(image, camera=pose))
             except AdapterError as error:
-                if self._sets is not None and self.tracker.config.extrinsics == LEARN and self.places.newest:
-                    pose = self.places.adopt(name, self._found_pose(name))
-                    (placed if pose.known else unplaced).append(replace(image, camera=pose))
-                    continue
-                fault = error
-                self.counts[f"no transform of {name}" if name else "no transform"] += 1
-        if fault is not None and not placed:
-            raise fault
+                missing.append((image, error))
         stamp_ns = stamp_of_set(images)
         others = self.places.others([image.camera.name for image in images], stamp_ns)
         moved = self.jumps.update(stamp_ns, [*(image.camera for image in placed), *others])
@@ -540,7 +532,27 @@ class Pipeline:
                 tracked.move_frame(moved, stamp_ns)
         if moved is not None:
             self.counts[JUMPS] += 1
-        return placed + unplaced, self.places.base
+        return self._with_found(placed, missing), self.places.base
+
+    def _with_found(
+        self, placed: Sequence[PeopleImage], missing: Sequence[tuple[PeopleImage, AdapterError]]
+    ) -> list[PeopleImage]:
+        """Return images with a pose by TF and those whose pose was found from the person, in the order of the cameras.
+
+        Those whose pose is to be found come last. Others are left out; raises AdapterError if no image remains.
+        """
+        assert self.places is not None
+        finds = self._sets is not None and self.tracker.config.extrinsics == LEARN and bool(self.places.newest)
+        found, order = list(placed), list(self.cameras)
+        for image, error in missing:
+            name = image.camera.name
+            if finds:
+                found.append(replace(image, camera=self.places.adopt(name, self._found_pose(name))))
+            else:
+                self.counts[f"no transform of {name}" if name else "no transform"] += 1
+        if not found:
+            raise missing[0][1]
+        return sorted(found, key=lambda image: (not image.camera.known, order.index(image.camera.name)))
 
     def _found_pose(self, name: str) -> CameraPose:
         """Return the pose of a camera that was found from a person; one that is not known if there is none yet."""

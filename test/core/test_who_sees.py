@@ -155,6 +155,23 @@ def test_a_camera_is_found_although_the_first_one_sees_nobody():
     assert "c" in tracker.learned.extrinsics.found
 
 
+def test_a_camera_that_was_found_stays_where_it_is_when_the_frame_jumps():
+    turn, shift = Rotation.from_euler("y", 0.5).as_matrix(), np.array([2.0, 0.0, -1.0])
+    scene, tracker = Scene(7.0), Tracker(replace(CONFIG, extrinsics="learn"), up=UP)
+    jump, moved, off = 6 * len(scene.times) // 7, CameraPose("", turn, shift), []
+    for index in range(len(scene.times)):
+        if index == jump:
+            assert "c" in tracker.learned.extrinsics.found
+            tracker.move_frame(turn, shift)
+        given = A.after(moved.inverse) if index >= jump else A
+        unplaced = scene.seen(index, C, given=CameraPose("c", known=False))
+        estimate = tracker.track([scene.seen(index, A, given=given), unplaced])
+        assert estimate.accepted
+        place = estimate.pose.positions[0] if index < jump else moved.inverse.into_camera(estimate.pose.positions[0])
+        off.append(np.linalg.norm(place - scene.truth.positions[index, 0]))
+    assert np.mean(off[jump:]) < np.mean(off[jump - 10 : jump]) + 0.02 and estimate.cameras == 2
+
+
 def test_frozen_keypoints_of_several_cameras_are_no_new_person():
     scene, tracker, begun = Scene(2.5), Tracker(replace(CONFIG, lost_after=1.0)), 0
     for index, seconds in enumerate(scene.times):

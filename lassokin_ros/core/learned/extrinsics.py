@@ -118,6 +118,12 @@ class Extrinsics:
         self.found, self.corrections, self._solutions = {**other.found}, {**other.corrections}, {**other._solutions}
         self._frames = {name: frames.copy() for name, frames in other._frames.items()}
 
+    def move_frame(self, moved: CameraPose) -> None:
+        """Keep found cameras where they are, although the frame has moved: x is at `moved.into_camera(x)` now."""
+        for name, pose in self.found.items():
+            self.found[name] = self._given[name] = pose.after(moved.inverse)
+        self._finders.clear()
+
     def corrected(self, pose: CameraPose) -> CameraPose:
         """Return a given pose with the correction of its camera; for an unknown pose, the found one with it, if any.
 
