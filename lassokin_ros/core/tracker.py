@@ -218,8 +218,10 @@ class Tracker:
     @property
     def floor(self) -> np.ndarray | None:
         """See `FrameData.floor`. The learned vertical is not used: it is off by 5 degrees in the median."""
-        below = self.config.camera_height or None if self.floor_below is None else self.floor_below
-        return None if below is None else np.append(self.learned.vertical.mount, below)
+        up, below = self.learned.vertical.mount, self.floor_below
+        if below is None and self.config.camera_height:
+            below = self.config.camera_height - float(up @ self._cameras[0].pose.centre)
+        return None if below is None else np.append(up, below)
 
     @property
     def layout(self) -> Layout:

@@ -172,6 +172,13 @@ def test_a_camera_that_was_found_stays_where_it_is_when_the_frame_jumps():
     assert np.mean(off[jump:]) < np.mean(off[jump - 10 : jump]) + 0.02 and estimate.cameras == 2
 
 
+@pytest.mark.parametrize("height", [0.0, 7.0])
+def test_the_floor_is_below_the_first_camera_wherever_that_is_in_the_frame(height):
+    scene, tracker = Scene(0.1), Tracker(replace(CONFIG, camera_height=1.1), up=UP)
+    tracker.track(scene.seen(0, CameraPose("a"), given=CameraPose("a", np.eye(3), -height * UP)))
+    assert np.allclose(tracker.floor, [*UP, 1.1 - height])
+
+
 def test_frozen_keypoints_of_several_cameras_are_no_new_person():
     scene, tracker, begun = Scene(2.5), Tracker(replace(CONFIG, lost_after=1.0)), 0
     for index, seconds in enumerate(scene.times):
