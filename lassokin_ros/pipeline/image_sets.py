@@ -14,6 +14,9 @@ from lassokin_ros.pipeline.people.people_tracker import PeopleImage
 
 LATE = "late: only tracks updated"
 """Key of the count of images that came after a later one of another camera was used."""
+LONGEST_LATE_NS = 1_000_000_000
+"""ns: images of one of several cameras are later than those of the others by less than this; otherwise stamps have
+jumped back."""
 SAME_INSTANT_NS = 5_000_000
 """ns: images with stamps within this time share one lasso."""
 MOST_PERIODS = 3

@@ -35,9 +35,8 @@ from lassokin_ros.pipeline.camera_images import CameraImages
 from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
-from lassokin_ros.pipeline.image_sets import LATE, ImageSets, stamp_of_set
+from lassokin_ros.pipeline.image_sets import LATE, LONGEST_LATE_NS, ImageSets, stamp_of_set
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
-from lassokin_ros.pipeline.outputs.people_messages import LONGEST_LATE_NS
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.matching import is_trackable

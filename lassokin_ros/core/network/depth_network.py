@@ -354,9 +354,10 @@ class History:
 
     def carry(self, rotation: np.ndarray, shift: np.ndarray) -> None:
         """Continue in the image of the camera after it has moved; see `projection.carried`. shift: (canonical, 3)."""
-        stamps = self._stamps[: self._count]
-        recent = slice(stamps.searchsorted(stamps[-1:] - TIMES[-1] - LONGEST_GAP).sum(), self._count)
-        self._points[recent] = carried(self._points[recent], rotation, shift)
+        if self._count:
+            stamps = self._stamps[: self._count]
+            recent = slice(stamps.searchsorted(stamps[-1] - TIMES[-1] - LONGEST_GAP), self._count)
+            self._points[recent] = carried(self._points[recent], rotation, shift)
 
     def sampled(self) -> tuple[np.ndarray, np.ndarray]:
         """(points (times, canonical, 2), seen (times, canonical)) at `TIMES` before the newest frame."""

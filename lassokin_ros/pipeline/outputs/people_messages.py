@@ -11,13 +11,12 @@ import numpy as np
 from lassokin_ros.core.body.rotations import to_quaternion
 from lassokin_ros.core.observation import HERE, CameraPose
 from lassokin_ros.pipeline.frame_result import BODY_FROM_ROOT, FrameResult
+from lassokin_ros.pipeline.image_sets import LONGEST_LATE_NS
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.people import PersonReport, people_builder
 
 Image = tuple[int, str]
 """Stamp in ns and frame_id of an image."""
-LONGEST_LATE_NS = 1_000_000_000
-"""ns: images of one of several cameras are later than those of the others by less than this."""
 SINGLE_PERSON = "p1"
 """Id in the message if one person is followed."""
 
@@ -61,10 +60,12 @@ class PeopleMessages:
                 self._moved[frame.person] = moved if frame.stamp_ns < jump_ns else HERE
         if ids is not None and len(self._newest) > 0:
             self._newest = {person: frame for person, frame in self._newest.items() if person in ids}
+            self._moved = {person: moved for person, moved in self._moved.items() if person in ids}
 
     def forget(self) -> None:
         """Forget all people."""
         self._newest.clear()
+        self._moved.clear()
 
     def build(
         self, image: Image, lost_after: float, forget_after: float, untracked: int = 0, locked: str | None = None

@@ -114,6 +114,10 @@ def test_who_is_not_seen_when_the_frame_jumps_is_moved_with_it(people):
     places = [one.position for one in people.build((4 * SECOND, "a"), 9.0, 9.0)[2]]
     once, twice = turn @ [1, 2, 3] + shift, turn @ (turn @ [1, 2, 3] + shift) + shift
     assert np.allclose(places, [once, twice, twice])
+    people.update([], ["p2"], again)
+    assert list(people._moved) == ["p2"]
+    people.forget()
+    assert not people._moved
 
 
 def small():
