@@ -6,6 +6,7 @@ The motion is a function of time; the detections also depend on a seed. Both are
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -119,8 +120,12 @@ def _on_the_ground(skeleton: Skeleton, rotations: np.ndarray, t: np.ndarray) -> 
 
 
 def _pose(skeleton: Skeleton, rotations: np.ndarray) -> BodyPose:
-    kinematics = Kinematics(skeleton, Layout.load("smpl24", skeleton))
-    return kinematics.pose(BodyState(rotations, np.zeros(rotations.shape[:1] + (3,))))
+    return _kinematics(skeleton).pose(BodyState(rotations, np.zeros(rotations.shape[:1] + (3,))))
+
+
+@lru_cache
+def _kinematics(skeleton: Skeleton) -> Kinematics:
+    return Kinematics(skeleton, Layout.load("smpl24", skeleton))
 
 
 def exact_pixels(kinematics: Kinematics, states: BodyState, camera: Camera = WEBCAM) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Cameras around a person who moves in a fixed frame with z up, for rclpy's and rosbags' message objects alike."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from messages import FOCAL, HEIGHT, WIDTH, cloud
@@ -69,11 +70,21 @@ def in_map(pose: BodyPose) -> BodyPose:
 
 def truth_at(times, still=False, shift=(0.0, 0.0, 0.0), height=1.75) -> BodyPose:
     """The synthetic motion in the map at times (f,) s; still: its first pose."""
-    skeleton = Skeleton.load("anthropometric", height)
-    kinematics = Kinematics(skeleton, Layout.load("coco17", skeleton))
     times = np.asarray(times, dtype=float)
-    pose = in_map(kinematics.pose(motion(skeleton, 0 * times if still else times)))
+    pose = _truth(tuple(0 * times if still else times), height)
     return BodyPose(pose.orientations, pose.positions + shift, pose.landmarks + shift)
+
+
+@lru_cache(maxsize=1000)  # tests ask for the same times again and again
+def _truth(times, height) -> BodyPose:
+    skeleton, kinematics = _body(height)
+    return in_map(kinematics.pose(motion(skeleton, np.array(times))))
+
+
+@lru_cache
+def _body(height):
+    skeleton = Skeleton.load("anthropometric", height)
+    return skeleton, Kinematics(skeleton, Layout.load("coco17", skeleton))
 
 
 def pixels(camera: Eye, seconds, landmarks, random, noise_px=1.0):
