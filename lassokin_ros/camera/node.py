@@ -104,7 +104,8 @@ class CameraNode(Node):
             while not self._ended.is_set():
                 try:
                     self._publish_all(source)
-                    self.get_logger().info(f"{source.name} has ended")
+                    if not self._ended.is_set():  # else the node ends, not the source
+                        self.get_logger().info(f"{source.name} has ended")
                     return
                 except SourceError as error:
                     if self._ended.is_set() or not source.live:

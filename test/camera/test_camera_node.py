@@ -195,6 +195,19 @@ def test_a_disconnected_camera_is_reported_once_and_opened_again(ros, log, monke
     assert opened[:4] == ["0"] * 4
 
 
+def test_a_node_that_is_stopped_does_not_say_that_its_camera_has_ended(ros, log, monkeypatch):
+    def images():
+        while True:
+            yield SourceImage(0.0, np.zeros((8, 8, 3), np.uint8))
+
+    source = Source("camera 0", (8, 8), (8, 8), 30.0, 0, images(), live=True)
+    monkeypatch.setattr(camera_module, "open_source", lambda name: source)
+    node = camera(*ros, "/stopped", fov=70.0)
+    node.destroy_node()
+    assert not node._thread.is_alive()
+    assert len(log.lines["info"]) == 1 and "publishes the images of camera 0" in log.lines["info"][0]
+
+
 def test_another_camera_at_the_same_number_is_reported_and_not_used(ros, log, monkeypatch, tmp_path):
     """Its images have another aspect ratio than the calibration."""
     calibration = tmp_path / "camera.yaml"
