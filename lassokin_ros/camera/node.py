@@ -61,7 +61,9 @@ class CameraNode(Node):
         self._source_name, self._frame_id = str(given["source"]), given["frame_id"]
         self._fov = given["fov"] or None
         self._calibration = Path(given["calibration"]) if given["calibration"] else None
-        self._longest_side = max(int(given["longest_side"]), LEAST_SIDE)
+        self._longest_side = given["longest_side"]
+        if self._longest_side < LEAST_SIDE:
+            raise SourceError(f"longest_side is {self._longest_side} px; expected {LEAST_SIDE} px or more")
         self._backend = RclpyBackend()
         source = self._open()
         if self._fov is None and self._calibration is None:

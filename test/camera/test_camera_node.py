@@ -237,6 +237,7 @@ def test_another_camera_at_the_same_number_is_reported_and_not_used(ros, log, mo
     [
         (["source:=97"], "camera: camera 97 cannot be opened: it does not exist, or another program uses it"),
         (["source:=none.mp4"], "camera: there is no file or folder 'none.mp4'"),
+        (["longest_side:=0"], "camera: longest_side is 0 px; expected 64 px or more"),
     ],
 )
 def test_an_unusable_source_is_one_line_and_exit_code_2(parameters, words):
