@@ -91,6 +91,8 @@ class CameraNode(Node):
         scale = min(self._longest_side / max(source.size), 1.0)
         self._size = round(source.size[0] * scale), round(source.size[1] * scale)
         content = round(source.content[0] * scale), round(source.content[1] * scale)
+        if self._calibration is not None and self._fov is not None:
+            raise CameraError("calibration has the lens; expected no fov beside it")
         if self._calibration is None:
             self._camera = choose_camera(None, self._fov, self._size, content)
         else:  # without a size it is for the source's images

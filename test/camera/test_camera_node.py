@@ -18,6 +18,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 
 from lassokin_ros.camera import node as camera_module  # noqa: E402
+from lassokin_ros.core.errors import CameraError  # noqa: E402
 from lassokin_ros.video.sources import Image as SourceImage  # noqa: E402
 from lassokin_ros.video.sources import Source, SourceError  # noqa: E402
 from msg_adapters.image import decode_image  # noqa: E402
@@ -144,6 +145,11 @@ def test_the_calibration_of_the_source_is_scaled_with_its_images(ros, log, monke
     node = camera(*ros, "/scaled", calibration=str(file), longest_side=SIDE)
     assert node._camera.size == (80, 60)
     assert np.allclose(node._camera.K, [[4.5, 0, 2], [0, 4.5, 2], [0, 0, 1]])
+
+
+def test_a_field_of_view_beside_a_calibration_is_refused(ros, file_source):
+    with pytest.raises(CameraError, match="calibration has the lens; expected no fov beside it"):
+        camera(*ros, "/both", calibration="ost.yaml", fov=70.0)
 
 
 def test_a_later_subscriber_receives_the_last_camera_info(ros, log, file_source):
