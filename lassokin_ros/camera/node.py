@@ -5,6 +5,7 @@ It is for machines without a camera driver of ROS. A driver gives better stamps 
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from pathlib import Path
@@ -58,9 +59,10 @@ class CameraNode(Node):
         """options: of rclpy's Node. Raises SourceError or CameraError."""
         super().__init__(node_name, **options)
         given = {name: self._declare(name) for name in PARAMETERS}
-        self._source_name, self._frame_id = str(given["source"]), given["frame_id"]
+        # The shell does not expand the ~ of `source:=~/walk.mp4`.
+        self._source_name, self._frame_id = os.path.expanduser(str(given["source"])), given["frame_id"]
         self._fov = given["fov"] or None
-        self._calibration = Path(given["calibration"]) if given["calibration"] else None
+        self._calibration = Path(os.path.expanduser(given["calibration"])) if given["calibration"] else None
         self._longest_side = given["longest_side"]
         if self._longest_side < LEAST_SIDE:
             raise SourceError(f"longest_side is {self._longest_side} px; expected {LEAST_SIDE} px or more")

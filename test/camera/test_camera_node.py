@@ -152,6 +152,16 @@ def test_a_field_of_view_beside_a_calibration_is_refused(ros, file_source):
         camera(*ros, "/both", calibration="ost.yaml", fov=70.0)
 
 
+def test_the_home_folder_may_be_written_as_a_tilde(ros, log, file_source, monkeypatch, tmp_path):
+    """The shell does not expand it in `source:=~/walk.mp4`."""
+    opened, source = [], camera_module.open_source("")
+    monkeypatch.setattr(camera_module, "open_source", lambda name: opened.append(name) or source)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "ost.yaml").write_text(CALIBRATION, encoding="utf-8")
+    assert camera(*ros, "/home", source="~/walk.mp4", calibration="~/ost.yaml")._camera.K[0, 0] == 9.0
+    assert opened == [str(tmp_path / "walk.mp4")]
+
+
 def test_a_later_subscriber_receives_the_last_camera_info(ros, log, file_source):
     camera(*ros, "/late", fov=70.0)
     _, infos = subscribe(*ros, "/late")

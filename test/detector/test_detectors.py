@@ -65,6 +65,14 @@ def test_unknown_detector_is_refused():
         make_detector("openpose")
 
 
+def test_the_home_folder_of_a_model_may_be_written_as_a_tilde(monkeypatch):
+    """The shell does not expand it in `detector:=~/none.onnx`."""
+    pytest.importorskip("onnxruntime")
+    monkeypatch.setenv("HOME", "/home/robot")
+    with pytest.raises(DetectorError, match="there is no file '/home/robot/none.onnx'"):
+        make_detector("~/none.onnx")
+
+
 def test_mediapipe_without_weights_is_refused(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "mediapipe", SimpleNamespace())
     monkeypatch.setattr("importlib.metadata.version", lambda _: "1.2.3")
