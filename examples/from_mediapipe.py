@@ -9,6 +9,7 @@ import numpy as np
 from lassokin_ros import Lens, Observation, Tracker, TrackerConfig
 
 video, height = cv2.VideoCapture(sys.argv[1]), float(sys.argv[2])
+video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)  # a phone's video is turned, which OpenCV 4.11 does not do by default
 size = np.array([video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)])
 focal = size.max() / 2 / np.tan(np.radians(60) / 2)  # px, for a field of view of 60 degrees along the longer side
 lens = Lens(np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]]))

@@ -170,7 +170,9 @@ class PeopleWatch:
         self._frame = frame
         self._people: PointCloud2 | None = None
         self._state = LOST
-        self._heard = False  # since the last look at silence
+        self._heard = self._sure = False  # since the last look at silence: ~/people, and one with `is_certain`
+        self._outputs: dict[str, bool] = {}  # topic of `subscribe`: whether it was received since then
+        self._missed: set[str] = set()  # topics that were not received before the last look, though `_sure`
         self._certain: deque[int] = deque(maxlen=DEPTH)  # ns, stamps of images
         self._waiting: deque[tuple[Callable[[Any], None], Any]] = deque(maxlen=DEPTH)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -187,11 +189,23 @@ class PeopleWatch:
                 throttle_duration_sec=LOG_PERIOD_S,
             )
         if is_certain(points(message)):
+            self._sure = True
             self._certain.append(Time.from_msg(message.header.stamp).nanoseconds)
         self._deliver()
 
     def _warn_of_silence(self) -> None:
-        """Log a warning if ~/people, which is repeated several times per second, has not come for LOG_PERIOD_S."""
+        """Log a warning if ~/people, which is repeated several times per second, has not come for LOG_PERIOD_S.
+
+        Of an output, if it has not come in two such periods in each of which somebody was tracked.
+        """
+        missed = {topic for topic, heard in self._outputs.items() if self._sure and not heard}
+        for topic in sorted(missed & self._missed):
+            name = self._node.resolve_topic_name(topic)
+            self._node.get_logger().warning(
+                f"somebody is tracked, but nothing was received on {name}: with max_people above 1 the tracker "
+                "publishes it for the locked person alone; set its parameter lock, or call ~/lock"
+            )
+        self._missed, self._sure, self._outputs = missed, False, dict.fromkeys(self._outputs, False)
         if not self._heard:
             topic = self._node.resolve_topic_name(f"{self._tracker}/people")
             self._node.get_logger().warning(
@@ -204,14 +218,17 @@ class PeopleWatch:
         """Call back with the messages of ~/skeleton or ~/limbs that are fresh and whose person is certain.
 
         output: "skeleton" or "limbs". The person is certain if ~/people of the same image says so, see `is_certain`;
-        either message may come first.
+        either message may come first. With `max_people` above 1 they are those of the locked person, see ~/lock.
         """
+        topic = f"{self._tracker}/{output}"
+        self._outputs[topic] = False
 
         def on_message(message: Any) -> None:
+            self._outputs[topic] = True
             self._waiting.append((callback, message))
             self._deliver()
 
-        self._node.create_subscription(PointCloud2, f"{self._tracker}/{output}", on_message, DEPTH)
+        self._node.create_subscription(PointCloud2, topic, on_message, DEPTH)
 
     def _deliver(self) -> None:
         """Call back with the waiting messages of certain images. The others are pushed out by newer ones."""

@@ -17,6 +17,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from lassokin_ros.common.missing_package import missing_package
 
 try:
+    from lassokin_ros.core.yaml_files import user_path
     from lassokin_ros.pipeline.outputs.description.urdf_from_parameters import urdf_from_settings
     from lassokin_ros.pipeline.parameter_files import file_parameters, offline_settings
     from lassokin_ros.pipeline.settings import ALL, OFF
@@ -77,7 +78,7 @@ def _start(context: LaunchContext) -> list:
     show_rviz, frames = _boolean("rviz", given["rviz"]), _boolean("frames", given["frames"])
     if given["log_level"].lower() not in LOG_LEVELS:
         raise RuntimeError(f"log_level:={given['log_level']}; expected one of: {', '.join(LOG_LEVELS)}")
-    params = Path(given["params"]) if Path(given["params"]).suffix else CONFIG / f"{given['params']}.yaml"
+    params = user_path(given["params"]) if Path(given["params"]).suffix else CONFIG / f"{given['params']}.yaml"
     names = [name for name in PARAMETERS if given[name]]
     assignments = [f"{name}:={given[name]}" for name in names]
     if given["frame"]:
@@ -187,4 +188,5 @@ def _rviz(config: Path, camera: str, frame: str, sim_time: dict, common: Mapping
 
 
 def _bag(bag: str) -> list:
-    return [ExecuteProcess(cmd=["ros2", "bag", "play", bag, "--clock"], output="screen")] if bag else []
+    play = ["ros2", "bag", "play", str(user_path(bag)), "--clock"]
+    return [ExecuteProcess(cmd=play, output="screen")] if bag else []

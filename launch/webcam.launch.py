@@ -98,7 +98,7 @@ def _camera(given: dict[str, str], frame: str, sim_time: list[dict], common: dic
     executable, frame_parameter = DRIVERS[driver]
     parameters = {"video_device": f"/dev/video{given['source']}", frame_parameter: frame}
     if given["calibration"]:
-        parameters["camera_info_url"] = Path(given["calibration"]).resolve().as_uri()
+        parameters["camera_info_url"] = Path(given["calibration"]).expanduser().resolve().as_uri()
     return Node(package=driver, executable=executable, name="camera", parameters=[parameters, *sim_time], **common)
 
 

@@ -20,6 +20,8 @@ HEADER_BYTES = 12
 PNG, RVL = "png", "rvl"
 MOST_PIXELS = 2**24
 """Largest number of pixels. A few bytes can encode a huge image."""
+MOST_DIGITS = 9
+"""Digits, of 3 bits each, of the largest number in RVL: a count of MOST_PIXELS zeros."""
 PNG_START = b"\x89PNG\r\n\x1a\n"
 
 
@@ -137,7 +139,7 @@ def _rvl_numbers(packed: bytes) -> np.ndarray:
     last = np.flatnonzero(digits < 8)
     first = np.append(0, last + 1)[:-1]
     lengths = last - first + 1
-    if len(last) == 0 or lengths.max() > 7:
+    if len(last) == 0 or lengths.max() > MOST_DIGITS:
         raise _damaged("has no valid numbers")
     place = np.arange(last[-1] + 1) - np.repeat(first, lengths)
     return np.add.reduceat((digits[: last[-1] + 1] & 7) << (3 * place), first)

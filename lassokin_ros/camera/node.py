@@ -5,6 +5,7 @@ It is for machines without a camera driver of ROS. A driver gives better stamps 
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from pathlib import Path
@@ -58,10 +59,13 @@ class CameraNode(Node):
         """options: of rclpy's Node. Raises SourceError or CameraError."""
         super().__init__(node_name, **options)
         given = {name: self._declare(name) for name in PARAMETERS}
-        self._source_name, self._frame_id = str(given["source"]), given["frame_id"]
+        # The shell does not expand the ~ of `source:=~/walk.mp4`.
+        self._source_name, self._frame_id = os.path.expanduser(str(given["source"])), given["frame_id"]
         self._fov = given["fov"] or None
-        self._calibration = Path(given["calibration"]) if given["calibration"] else None
-        self._longest_side = max(int(given["longest_side"]), LEAST_SIDE)
+        self._calibration = Path(os.path.expanduser(given["calibration"])) if given["calibration"] else None
+        self._longest_side = given["longest_side"]
+        if self._longest_side < LEAST_SIDE:
+            raise SourceError(f"longest_side is {self._longest_side} px; expected {LEAST_SIDE} px or more")
         self._backend = RclpyBackend()
         source = self._open()
         if self._fov is None and self._calibration is None:
@@ -89,6 +93,8 @@ class CameraNode(Node):
         scale = min(self._longest_side / max(source.size), 1.0)
         self._size = round(source.size[0] * scale), round(source.size[1] * scale)
         content = round(source.content[0] * scale), round(source.content[1] * scale)
+        if self._calibration is not None and self._fov is not None:
+            raise CameraError("calibration has the lens; expected no fov beside it")
         if self._calibration is None:
             self._camera = choose_camera(None, self._fov, self._size, content)
         else:  # without a size it is for the source's images
@@ -104,7 +110,8 @@ class CameraNode(Node):
             while not self._ended.is_set():
                 try:
                     self._publish_all(source)
-                    self.get_logger().info(f"{source.name} has ended")
+                    if not self._ended.is_set():  # else the node ends, not the source
+                        self.get_logger().info(f"{source.name} has ended")
                     return
                 except SourceError as error:
                     if self._ended.is_set() or not source.live:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.yaml_files import user_path
 
 
 class DetectorError(LassokinError):
@@ -52,5 +52,5 @@ def make_detector(name: str) -> Detector:
     if name.endswith(".onnx"):
         from lassokin_ros.detector.onnx_pose import OnnxPose
 
-        return OnnxPose(Path(name))
+        return OnnxPose(user_path(name))
     raise DetectorError(f"detector '{name}'; expected mediapipe, or the path of a .onnx file")

@@ -41,6 +41,7 @@ class DetectorNode(Node):
         self._since = time.monotonic()
         self._busy_s = 0.0
         self._reported = 0
+        self._refused = ""  # why the last image since the last report was dropped
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._keypoints = self.create_publisher(PointCloud2, "keypoints", QoSProfile(depth=5))
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=5))
@@ -74,6 +75,7 @@ class DetectorNode(Node):
 
     def _reject(self, reason: str, text: str) -> None:
         self._counts[f"rejected: {reason}"] += 1
+        self._refused = text
         self._warning.log(reason, text)
 
     def _publish_diagnostics(self) -> None:
@@ -86,7 +88,8 @@ class DetectorNode(Node):
         values.update({name: str(count) for name, count in sorted(self._counts.items())})
         level = DiagnosticStatus.OK if new else DiagnosticStatus.WARN
         name = self.get_fully_qualified_name().lstrip("/")
-        text = "detecting" if new else "no image in the last second; is image_raw published?"
+        nothing = self._refused or "no image in the last second; is image_raw published?"
+        text, self._refused = "detecting" if new else nothing, ""
         pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
         status = DiagnosticStatus(level=level, name=f"{name}: keypoints", message=text, hardware_id="", values=pairs)
         message = DiagnosticArray(status=[status])

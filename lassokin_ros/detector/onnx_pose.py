@@ -46,10 +46,12 @@ class OnnxPose:
         self._kind, count = found
         self.landmarks, self.several = LAYOUTS[count], self._kind.several
         self._region = WHOLE
+        self._shape: tuple[int, ...] = ()  # of the image for which the region is
 
     def detect(self, image: np.ndarray, seconds: float) -> list[Detected]:
         """See Detector.detect."""
-        region = self._region
+        region = self._region if image.shape == self._shape else WHOLE
+        self._shape = image.shape
         boxed, scale, shift = letterbox(image[region], self._size, self._kind.border)
         people = self._kind.decode(self._run(self._kind.prepare(boxed)), self._size).astype(float)
         people[..., :2] = (people[..., :2] - shift) / scale + [part.start or 0 for part in region[::-1]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import re
 import threading
@@ -32,6 +33,8 @@ SPREAD = (0.2, 0.4, 0.6, 0.8)
 STREAMS = ("rtsp", "rtsps", "rtmp", "http", "https", "udp", "tcp")
 """Schemes of addresses that OpenCV's FFmpeg opens."""
 OPEN_TIMEOUT_MS, READ_TIMEOUT_MS = 10_000, 10_000
+LAST_READ_S = 1.0
+"""s: how long the end of a stream waits for the image that is being read. A stalled read ends with the process."""
 DEVICES = Path("/dev")
 
 
@@ -248,7 +251,11 @@ def _without_password(address: str) -> str:
 
 
 def _newest_images(cv2: Any, capture: Any, name: str) -> Iterator[Image]:
-    """Yield the newest image of a stream. A thread reads all, since unread images would wait and grow old."""
+    """Yield the newest image of a stream. A thread reads all, since unread images would wait and grow old.
+
+    The thread ends before the interpreter does, also if this generator is never closed: a call of OpenCV that returns
+    afterwards would abort the process.
+    """
     arrived, ended = threading.Condition(), threading.Event()
     newest: list[tuple[float, np.ndarray]] = []
 
@@ -263,7 +270,14 @@ def _newest_images(cv2: Any, capture: Any, name: str) -> Iterator[Image]:
                 arrived.notify()
         capture.release()
 
-    threading.Thread(target=read, daemon=True).start()
+    thread = threading.Thread(target=read, daemon=True)
+
+    def stop() -> None:
+        ended.set()
+        thread.join(LAST_READ_S)
+
+    thread.start()
+    atexit.register(stop)
     began = None
     try:
         while True:
@@ -275,7 +289,8 @@ def _newest_images(cv2: Any, capture: Any, name: str) -> Iterator[Image]:
             began = moment if began is None else began
             yield Image(moment - began, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
     finally:
-        ended.set()
+        stop()
+        atexit.unregister(stop)
 
 
 def _webcam(number: int, name: str) -> Source:

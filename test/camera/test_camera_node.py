@@ -18,6 +18,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 
 from lassokin_ros.camera import node as camera_module  # noqa: E402
+from lassokin_ros.core.errors import CameraError  # noqa: E402
 from lassokin_ros.video.sources import Image as SourceImage  # noqa: E402
 from lassokin_ros.video.sources import Source, SourceError  # noqa: E402
 from msg_adapters.image import decode_image  # noqa: E402
@@ -146,6 +147,21 @@ def test_the_calibration_of_the_source_is_scaled_with_its_images(ros, log, monke
     assert np.allclose(node._camera.K, [[4.5, 0, 2], [0, 4.5, 2], [0, 0, 1]])
 
 
+def test_a_field_of_view_beside_a_calibration_is_refused(ros, file_source):
+    with pytest.raises(CameraError, match="calibration has the lens; expected no fov beside it"):
+        camera(*ros, "/both", calibration="ost.yaml", fov=70.0)
+
+
+def test_the_home_folder_may_be_written_as_a_tilde(ros, log, file_source, monkeypatch, tmp_path):
+    """The shell does not expand it in `source:=~/walk.mp4`."""
+    opened, source = [], camera_module.open_source("")
+    monkeypatch.setattr(camera_module, "open_source", lambda name: opened.append(name) or source)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "ost.yaml").write_text(CALIBRATION, encoding="utf-8")
+    assert camera(*ros, "/home", source="~/walk.mp4", calibration="~/ost.yaml")._camera.K[0, 0] == 9.0
+    assert opened == [str(tmp_path / "walk.mp4")]
+
+
 def test_a_later_subscriber_receives_the_last_camera_info(ros, log, file_source):
     camera(*ros, "/late", fov=70.0)
     _, infos = subscribe(*ros, "/late")
@@ -195,6 +211,19 @@ def test_a_disconnected_camera_is_reported_once_and_opened_again(ros, log, monke
     assert opened[:4] == ["0"] * 4
 
 
+def test_a_node_that_is_stopped_does_not_say_that_its_camera_has_ended(ros, log, monkeypatch):
+    def images():
+        while True:
+            yield SourceImage(0.0, np.zeros((8, 8, 3), np.uint8))
+
+    source = Source("camera 0", (8, 8), (8, 8), 30.0, 0, images(), live=True)
+    monkeypatch.setattr(camera_module, "open_source", lambda name: source)
+    node = camera(*ros, "/stopped", fov=70.0)
+    node.destroy_node()
+    assert not node._thread.is_alive()
+    assert len(log.lines["info"]) == 1 and "publishes the images of camera 0" in log.lines["info"][0]
+
+
 def test_another_camera_at_the_same_number_is_reported_and_not_used(ros, log, monkeypatch, tmp_path):
     """Its images have another aspect ratio than the calibration."""
     calibration = tmp_path / "camera.yaml"
@@ -224,6 +253,7 @@ def test_another_camera_at_the_same_number_is_reported_and_not_used(ros, log, mo
     [
         (["source:=97"], "camera: camera 97 cannot be opened: it does not exist, or another program uses it"),
         (["source:=none.mp4"], "camera: there is no file or folder 'none.mp4'"),
+        (["longest_side:=0"], "camera: longest_side is 0 px; expected 64 px or more"),
     ],
 )
 def test_an_unusable_source_is_one_line_and_exit_code_2(parameters, words):

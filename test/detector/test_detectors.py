@@ -65,11 +65,39 @@ def test_unknown_detector_is_refused():
         make_detector("openpose")
 
 
+def test_the_home_folder_of_a_model_may_be_written_as_a_tilde(monkeypatch):
+    """The shell does not expand it in `detector:=~/none.onnx`."""
+    pytest.importorskip("onnxruntime")
+    monkeypatch.setenv("HOME", "/home/robot")
+    with pytest.raises(DetectorError, match="there is no file '/home/robot/none.onnx'"):
+        make_detector("~/none.onnx")
+
+
 def test_mediapipe_without_weights_is_refused(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "mediapipe", SimpleNamespace())
     monkeypatch.setattr("importlib.metadata.version", lambda _: "1.2.3")
     with pytest.raises(DetectorError, match="mediapipe 1.2.3 does not contain the weights.*pip install"):
         make_detector("mediapipe")
+
+
+def test_images_that_are_all_refused_are_not_reported_as_missing(monkeypatch):
+    rclpy = pytest.importorskip("rclpy")
+    from live import NO_HANDLERS
+    from sensor_msgs.msg import Image
+
+    from lassokin_ros.detector import node as module
+
+    detector = SimpleNamespace(landmarks="coco17", several=False, detect=None, close=lambda: None)
+    monkeypatch.setattr(module, "make_detector", lambda name: detector)
+    rclpy.init(context=(context := rclpy.Context()), signal_handler_options=NO_HANDLERS)
+    node, said = module.DetectorNode(context=context), []
+    node._diagnostics = SimpleNamespace(publish=lambda message: said.append(message.status[0].message))
+    node._on_image(Image(encoding="mono16", height=4, width=6, step=12, data=bytes(48)))
+    node._publish_diagnostics()
+    node._publish_diagnostics()
+    node.destroy_node()
+    context.shutdown()
+    assert "encoding is 'mono16'" in said[0] and "no image in the last second" in said[1]
 
 
 def test_people_of_an_image_have_numbers_that_do_not_last():

@@ -134,10 +134,19 @@ def test_a_models_points_are_pixels_of_the_image(name, onnx, image, tmp_path):
 @pytest.mark.parametrize("name", ["MoveNet Lightning, int32", "RTMPose, COCO"])
 def test_points_of_a_cropped_region_are_pixels_of_the_image(name, onnx, image, tmp_path):
     detector = make_detector(MODELS[name][0](onnx, tmp_path / "pose.onnx"))
+    detector.detect(image, 0.0)
     detector._region = (slice(90, 230), slice(330, 460))
     assert np.abs(detector.detect(image, 0.0)[0].pixels - SPOT).max() < 15
     detector._region = (slice(300, 400), slice(0, 100))  # without the red square
     assert np.abs(detector.detect(image, 0.0)[0].pixels - SPOT).max() > 100
+
+
+def test_the_region_of_an_image_of_another_size_is_not_used(onnx, image, tmp_path):
+    """The region may be outside of a smaller image."""
+    detector = make_detector(rtmpose(onnx, tmp_path / "pose.onnx"))
+    detector.detect(np.zeros((720, 1280, 3), np.uint8), 0.0)
+    detector._region = (slice(0, 650), slice(902, 1246))
+    assert np.abs(detector.detect(image, 0.03)[0].pixels - SPOT).max() < 17
 
 
 def test_yolo_without_a_person_gives_no_points(onnx, image, tmp_path):

@@ -2,12 +2,16 @@
 
 import os
 import re
+import runpy
+import struct
 import subprocess
 import sys
 from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from lassokin_ros.core.estimate import Estimate
@@ -35,10 +39,37 @@ def test_every_field_of_the_uncertainty_is_in_the_table():
     assert named_in("The uncertainty of an estimate") == sorted(computed + stored)
 
 
-def test_the_example_is_that_of_the_page_and_has_twelve_lines():
+def test_the_example_is_that_of_the_page_and_is_short():
     code = EXAMPLE.read_text(encoding="utf-8").partition("TrackerConfig\n\n")[2]
     assert re.sub("^", "    ", code.rstrip(), flags=re.MULTILINE) in PAGE
-    assert len(code.splitlines()) == 12
+    assert len(code.splitlines()) == 13
+
+
+def test_the_example_turns_the_video_of_a_phone(tmp_path, monkeypatch):
+    """By the file's metadata, also with OpenCV 4.11, which does not do it by default."""
+    cv2, shapes = pytest.importorskip("cv2"), []
+    real = cv2.VideoCapture
+
+    def unturned(name):
+        capture = real(name)
+        capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+        return capture
+
+    file = tmp_path / "phone.mp4"
+    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"mp4v"), 25.0, (160, 96))
+    writer.write(np.zeros((96, 160, 3), np.uint8))
+    writer.release()
+    data = bytearray(file.read_bytes())
+    place = data.index(b"tkhd") + 44  # the track's transformation, ISO 14496-12
+    data[place : place + 36] = struct.pack(">9i", 0, 1 << 16, 0, -(1 << 16), 0, 0, 96 << 16, 0, 1 << 30)
+    file.write_bytes(data)
+    pose = SimpleNamespace(process=lambda image: shapes.append(image.shape) or SimpleNamespace(pose_landmarks=None))
+    solutions = SimpleNamespace(pose=SimpleNamespace(Pose=lambda: pose))
+    monkeypatch.setitem(sys.modules, "mediapipe", SimpleNamespace(solutions=solutions))
+    monkeypatch.setattr(cv2, "VideoCapture", unturned)
+    monkeypatch.setattr(sys, "argv", [str(EXAMPLE), str(file), "1.7"])
+    runpy.run_path(str(EXAMPLE))
+    assert shapes == [(160, 96, 3)]
 
 
 def test_the_example_runs():

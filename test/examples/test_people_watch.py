@@ -209,6 +209,26 @@ def test_silence_is_logged_with_the_name_of_the_topic(node):
     assert len(node.log) == 3
 
 
+def test_an_output_that_does_not_come_while_somebody_is_tracked_is_logged(node):
+    """With max_people above 1 it is that of the locked person."""
+    PeopleWatch(node).subscribe("skeleton", [].append)
+    (check,) = node.timers
+    for reports, received, logged in [
+        ([report()], False, 0),  # discovery may take a moment
+        ([report()], True, 0),
+        ([report()], False, 0),
+        ([report(doubtful=True)], False, 0),
+        ([report()], False, 0),
+        ([report(), report(place=(1.0, 0.0, 3.0))], False, 1),
+    ]:
+        node.calls["tracker/people"](people(NOW_S, *reports))
+        if received:
+            node.calls["tracker/skeleton"](cloud(NOW_S))
+        check()
+        assert len(node.log) == logged
+    assert "nothing was received on /robot/tracker/skeleton" in node.log[0] and "~/lock" in node.log[0]
+
+
 def test_the_locked_person_alone_is_followed(node):
     watch, near, far = PeopleWatch(node), (0.0, 0.0, 2.0), (0.0, 0.0, 4.0)
 

@@ -124,6 +124,15 @@ def test_launch_passes_its_arguments(launch_file, tmp_path):
     assert by_name.parameters == [str(CONFIG / "webcam_yolo.yaml"), {"use_sim_time": False}]
 
 
+def test_the_home_folder_may_be_written_as_a_tilde(launch_file, monkeypatch, tmp_path):
+    """The shell does not expand it in `params:=~/mine.yaml`."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "mine.yaml").write_text("/**:\n  ros__parameters:\n    height: 1.6\n")
+    started = start(launch_file, params="~/mine.yaml", bag="~/walk")
+    assert started["lassokin_ros"].parameters[0] == str(tmp_path / "mine.yaml")
+    assert started["bag"].cmd[3] == str(tmp_path / "walk")
+
+
 def test_launch_sets_parameters_and_the_namespace(launch_file):
     given = {"height": "1.9", "camera_pitch": "0.3", "landmarks": "body25", "namespace": "/left", "log_level": "WARN"}
     mount = {"camera_mount_frame": "base_footprint"}

@@ -101,6 +101,13 @@ def test_a_driver_is_used_if_there_is_a_calibration(webcam, tmp_path):
     assert start(module, source="walk.mp4")[0].package == start(module, driver="opencv")[0].package == "lassokin_ros"
 
 
+def test_the_home_folder_of_a_calibration_may_be_written_as_a_tilde(webcam, monkeypatch):
+    """The shell does not expand it in `calibration:=~/ost.yaml`."""
+    monkeypatch.setenv("HOME", "/home/robot")
+    camera = start(webcam[0], driver="usb_cam", calibration="~/ost.yaml")[0]
+    assert camera.parameters[0]["camera_info_url"] == "file:///home/robot/ost.yaml"
+
+
 def test_a_calibration_of_another_camera_is_none(webcam, tmp_path):
     module, installed = webcam
     installed.update(module.DRIVERS)

@@ -31,6 +31,14 @@ def test_every_codec_and_encoding_gives_metres(encoding, codec):
     assert np.allclose(image.metres(ROWS, COLUMNS), DEPTH, atol=tolerance, equal_nan=True)
 
 
+def test_millions_of_pixels_without_a_measurement_in_a_row_are_one_number():
+    """As in the 4096 x 3072 px of an Azure Kinect's depth in its colour image."""
+    depth = np.full((1024, 2 * 1024 + 1), np.nan)
+    depth[-1, -1] = 1.5
+    image = decode_compressed_depth(compressed_message(BACKEND, 7, depth, codec="rvl")).unpacked()
+    assert np.count_nonzero(image.values) == 1 and image.values[-1, -1] == 1500
+
+
 def changed(data, start, replacement):
     return np.concatenate([data[:start], np.frombuffer(replacement, np.uint8), data[start + len(replacement) :]])
 

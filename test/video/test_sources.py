@@ -2,6 +2,8 @@
 
 import os
 import struct
+import subprocess
+import sys
 import threading
 import time
 from fractions import Fraction
@@ -343,6 +345,28 @@ def test_a_stream_gives_the_newest_image_and_its_end_is_one_line(serve):
             greys.append(int(image.rgb[0, 0, 0]))
             time.sleep(0.05)  # slower than the stream: images in between are left out
     assert stamps == sorted(stamps) and greys == sorted(greys) and len(greys) < 30
+
+
+@pytest.mark.parametrize("last", ["", "images.close()"])
+def test_the_thread_of_a_stream_ends_before_the_interpreter(last):
+    """A call of OpenCV that returns while the interpreter ends would abort the process."""
+    script = f"""
+import numpy as np
+from time import sleep
+from types import SimpleNamespace
+from lassokin_ros.video.sources import _newest_images
+def read():
+    sleep(0.05)
+    return True, np.zeros((4, 4, 3), np.uint8)
+capture = SimpleNamespace(read=read, release=lambda: print("released", flush=True))
+cv2 = SimpleNamespace(cvtColor=lambda image, code: image, COLOR_BGR2RGB=0)
+images = _newest_images(cv2, capture, "stream")
+next(images)
+{last}
+print("end", flush=True)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert sorted(done.stdout.split()) == ["end", "released"] and not done.stderr
 
 
 def test_an_address_without_a_camera_is_one_line():
