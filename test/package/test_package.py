@@ -75,19 +75,20 @@ def test_packages_import_only_what_they_may(folder, forbidden):
             assert not any(module == name or module.startswith(name + ".") for name in forbidden), f"{path}: {module}"
 
 
-def test_tracking_one_person_imports_no_optional_modules():
-    """Saves memory and start-up time: images need OpenCV, only several people SciPy's optimisers."""
+def test_tracking_imports_no_optional_modules():
+    """Saves memory and start-up time: images need OpenCV."""
     code = """if True:
         import sys
         from lassokin_ros.core.config import TrackerConfig
         from lassokin_ros.pipeline.settings import NodeSettings
         from lassokin_ros.pipeline.pipeline import Pipeline
         Pipeline(TrackerConfig(), NodeSettings())
+        Pipeline(TrackerConfig(), NodeSettings(max_people=3))
         print(*sys.modules)
     """
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
     assert "proxsuite" in loaded.split()
-    assert not {"scipy.optimize", "cv2", "matplotlib", "rosbags", "pandas"} & set(loaded.split())
+    assert not {"scipy.optimize", "scipy.linalg", "cv2", "matplotlib", "rosbags", "pandas"} & set(loaded.split())
 
 
 def test_make_installs_extras_that_exist():

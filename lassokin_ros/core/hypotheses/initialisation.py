@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy.linalg import lapack
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.rotations import exponential
@@ -20,6 +19,7 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import capped_weights
 from lassokin_ros.core.lasso.problem import WEAKEST
 from lassokin_ros.core.record import record
+from lassokin_ros.core.scipy_functions import lapack
 
 START_ROTATIONS = np.array([
     [[1, 0, 0], [0, -1, 0], [0, 0, -1]],

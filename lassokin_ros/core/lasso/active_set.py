@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg import lapack
 
 from lassokin_ros.core.kernel import kernel
+from lassokin_ros.core.scipy_functions import lapack
 
 NEGLIGIBLE = 0.2
 """Share of the guess's mean penalty below which a degree of freedom is set to 0. The predicted support has about 8

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 import proxsuite
-from scipy.linalg import lapack
 
 from lassokin_ros.core.errors import SolverError
 from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.lasso.problem import Reduced
 from lassokin_ros.core.record import record
+from lassokin_ros.core.scipy_functions import lapack
 
 _proxqp = proxsuite.proxqp
 _SOLVED = _proxqp.QPSolverOutput.PROXQP_SOLVED

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from typing import Callable
 
 import numpy as np
-from scipy.linalg import lapack
 
 from lassokin_ros.core.lasso.problem import Lasso
+from lassokin_ros.core.scipy_functions import lapack
 
 DEPENDENT = 1e-6
 """Ratio of the smallest to the largest diagonal entry of the Cholesky factor below which columns are dependent."""

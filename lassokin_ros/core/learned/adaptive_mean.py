@@ -17,12 +17,12 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.linalg import lapack
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.evidence.pose_prior import PosePrior
 from lassokin_ros.core.lasso.problem import Lasso
+from lassokin_ros.core.scipy_functions import lapack
 
 SHARE = 0.3
 """Share of the prior's covariance that is constant for a person: half of it differs between clips of motion capture,

@@ -16,10 +16,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg import lapack
 
 from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
+from lassokin_ros.core.scipy_functions import lapack
 
 INITIAL = 0.004
 """Initial standard deviation / height."""

@@ -22,7 +22,6 @@ import math
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import lapack
 
 from lassokin_ros.core.body.kinematics import BodyPose, twists
 from lassokin_ros.core.body.proportions import Proportions
@@ -41,6 +40,7 @@ from lassokin_ros.core.learned.model_error import LEAST_ERROR
 from lassokin_ros.core.output.failure_probability import failure_probability
 from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.record import record
+from lassokin_ros.core.scipy_functions import lapack
 
 FACTOR = 1.6
 """Factor on the posterior's standard deviation s, at the usual disagreement of the pose with the depth network."""

@@ -1,17 +1,17 @@
-"""Optimal assignment of detections to people, with SciPy's solver.
-
-This is a separate module because SciPy's optimisers take 12 MB and 70 ms to load and one person does not need them.
-"""
+"""Optimal assignment of detections to people, with scipy's solver."""
 
 from __future__ import annotations
 
 from typing import Sequence
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+
+from lassokin_ros.core.scipy_functions import compiled_module
+
+linear_sum_assignment = compiled_module("optimize", "_lsap", "optimize").linear_sum_assignment
 
 
-def assign(costs: np.ndarray, limits: Sequence[float]) -> list[tuple[int, int]]:
+def assign(costs: np.ndarray, limits: Sequence[float] | np.ndarray) -> list[tuple[int, int]]:
     """Return the (row, column) pairs of least total cost.
 
     costs: (rows, columns); limits: per row, the largest cost of a pair.

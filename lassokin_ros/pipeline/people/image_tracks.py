@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lassokin_ros.pipeline.people.assignment import assign
 from lassokin_ros.pipeline.people.choice import GUESS_AFTER_S
 from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, match_radius
 from lassokin_ros.pipeline.people.tracked_person import Detection
@@ -142,7 +143,7 @@ class ImageTracks:
         points = [t.predicted(stamp_ns) if place is None else place for t, place in zip(tracks, places)]
         costs = pair_costs(np.stack(points), detections)
         limits = np.array([_reach(track, stamp_ns, track is followed) for track in tracks])
-        pairs = dict(_pairs(costs, limits))
+        pairs = dict(assign(costs, limits))
         row = next((i for i, track in enumerate(tracks) if track is followed), None)
         if row is not None and row in pairs:
             column = pairs[row]
@@ -174,17 +175,6 @@ def _reach(track: ImageTrack, stamp_ns: int, followed: bool) -> float:
     """Return the largest cost of a detection that belongs to a track."""
     radius = match_radius(track.unseen_s(stamp_ns))
     return min(radius, FARTHEST_FOLLOWED) if followed else radius
-
-
-def _pairs(costs: np.ndarray, limits: np.ndarray) -> list[tuple[int, int]]:
-    """Return the pairs of least total cost. SciPy's solver is loaded for two or more on both sides only."""
-    if min(costs.shape) > 1:
-        from lassokin_ros.pipeline.people.assignment import assign
-
-        return assign(costs, limits.tolist())
-    allowed = np.where(costs <= limits[:, None], costs, np.inf)
-    row, column = divmod(int(np.argmin(allowed)), costs.shape[1])
-    return [(row, column)] if np.isfinite(allowed[row, column]) else []
 
 
 def pair_costs(predicted: np.ndarray, detections: Sequence[Detection]) -> np.ndarray:

@@ -218,8 +218,8 @@ def test_proxqp_needs_no_qpsolvers(monkeypatch):
 def test_a_tracker_with_proxqp_loads_no_other_solver():
     code = "import sys; from lassokin_ros import Tracker, TrackerConfig; Tracker(TrackerConfig()); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
-    assert {"proxsuite", "scipy.linalg"} <= set(done.stdout.split())
-    assert not {"qpsolvers", "scipy.spatial"} & set(done.stdout.split())
+    assert "proxsuite" in done.stdout.split()
+    assert not {"qpsolvers", "scipy.spatial", "scipy.linalg"} & set(done.stdout.split())
 
 
 @pytest.mark.parametrize("z", [None, np.array([1.0, np.nan, 0, 0])])
