@@ -1,5 +1,8 @@
 """`track --person`: who is who in a file's images, and whose motion is written."""
 
+import json
+import re
+
 import numpy as np
 import pytest
 from two_people import RATE, scene
@@ -127,6 +130,24 @@ def test_each_person_is_tracked_backward_too(monkeypatch, two, long_video, tmp_p
         assert len(frames[number]) >= len(seconds) > 50, person
         roots = np.array([one.state.translation[0] for one in frames[number].values()])
         assert abs(np.median(roots) - np.median(x)) < 0.3, person
+
+
+def test_the_times_of_the_page_are_those_of_the_video_also_while_nobody_is_in_view(
+    monkeypatch,
+    long_video,  # noqa: F811
+    tmp_path,
+):
+    class Late(Two):
+        def detect(self, image, seconds):
+            return super().detect(image, seconds) if 1.0 <= seconds < 3.0 else []
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Late())
+    page = tmp_path / "page.html"
+    assert main([str(long_video), "--fov", "60", "--person", "all", "--report", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text).group(1))
+    assert abs(data["duration"] - 119 / 30) < 0.01 and "<td>120 in 4.0 s, 30.0 Hz</td>" in text
+    assert all(person["time"][0] > 0.99 for person in data["people"]) and len(data["people"]) == 2
 
 
 def test_the_page_says_who_is_tracked(two, long_video, tmp_path):  # noqa: F811

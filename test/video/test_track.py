@@ -344,6 +344,23 @@ def test_frames_before_an_absence_are_shown_as_tracked(long_video, tmp_path, mon
     assert min(data["people"][0]["time"]) >= 0 and np.all(np.diff(data["people"][0]["time"]) > 0)
 
 
+def test_a_long_gap_between_the_images_is_as_long_on_the_page(tmp_path, monkeypatch):
+    """As in files that were joined, or of a camera that films motion only."""
+
+    class Twice(Walking):
+        def detect(self, image, seconds):
+            return super().detect(image, seconds % 20.0)
+
+    rgb, page = np.zeros((240, 320, 3), np.uint8), tmp_path / "page.html"
+    times = [begin + number / 30 for begin in (0, 20) for number in range(25)]
+    source = Source("joined.mkv", (320, 240), (320, 240), 30.0, 50, iter([Image(at, rgb) for at in times]))
+    monkeypatch.setattr(track_module, "open_source", lambda *_: source)
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Twice())
+    assert main(["joined.mkv", "--fov", "60", "--height", "1.8", "--report", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert "<p>20.8 s · " in text and '<li class="note">Nobody was in view from 0.8 to 20.0 s.</li>' in text
+
+
 def test_the_users_settings_replace_those_for_files(long_video, tmp_path, monkeypatch):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Walking())
     plain = ["-p", "smoothing:=0.02", "-p", "smoothing_lag:=0.0", "-p", "calibrate:=false"]
