@@ -58,13 +58,16 @@ class Poses:
 
     def pieces(self, known: np.ndarray) -> list[Poses]:
         """Return the parts without a gap in which all frames are known. known: (f,) bool."""
-        gap = np.diff(self.seconds) > LONGEST_GAP_S
-        ends = np.flatnonzero(np.concatenate([[True], gap | (known[1:] != known[:-1]), [True]]))
-        parts = [slice(a, b) for a, b in zip(ends, ends[1:]) if known[a]]
         return [
             replace(self, seconds=self.seconds[p], positions=self.positions[p], likely_wrong=self.likely_wrong[p])
-            for p in parts
+            for p in self.parts(known)
         ]
+
+    def parts(self, known: np.ndarray) -> list[slice]:
+        """Return the frames of each of these parts."""
+        gap = np.diff(self.seconds) > LONGEST_GAP_S
+        ends = np.flatnonzero(np.concatenate([[True], gap | (known[1:] != known[:-1]), [True]]))
+        return [slice(int(a), int(b)) for a, b in zip(ends, ends[1:]) if known[a]]
 
     def unseen(self) -> list[str]:
         """Return lines about what is not measured: legs that no keypoint shows, and gaps between frames."""

@@ -88,6 +88,17 @@ def test_no_stride_goes_over_a_gap(gap_s):
     assert abs(found.cadence - 108) < 2 and abs(found.speed - 1.3) < 0.02
 
 
+@pytest.mark.parametrize("gap_s, begin_s", [(0.5, 3.0), (0.8, 3.28), (2.0, 3.09)])
+def test_a_foot_that_swings_while_frames_are_missing_does_not_strike_there(gap_s, begin_s):
+    poses = walk(seconds=9.0)
+    seen = (poses.seconds < begin_s) | (poses.seconds > begin_s + gap_s)
+    found = measure_gait(Poses(poses.seconds[seen], NAMES, poses.positions[seen], poses.likely_wrong[seen]))
+    for strikes in found.strikes.values():
+        strides = strikes / (120 / 108)
+        assert np.abs((strides - strides[0] + 0.5) % 1 - 0.5).max() < 0.05
+    assert abs(found.cadence - 108) < 1
+
+
 def test_on_a_treadmill_the_stride_has_a_time_and_no_length():
     found = measure_gait(walk(speed=0.0, cadence=120.0))
     assert found.stride_m < 0.01 and abs(found.cadence - 120) < 2
