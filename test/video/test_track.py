@@ -358,7 +358,8 @@ def test_a_long_gap_between_the_images_is_as_long_on_the_page(tmp_path, monkeypa
     monkeypatch.setattr(track_module, "make_detector", lambda name: Twice())
     assert main(["joined.mkv", "--fov", "60", "--height", "1.8", "--report", str(page)]) == 0
     text = page.read_text(encoding="utf-8")
-    assert "<p>20.8 s · " in text and '<li class="note">Nobody was in view from 0.8 to 20.0 s.</li>' in text
+    note = '<li class="note">Nobody was tracked from 0.8 to 20.0 s: the file has no images there.</li>'
+    assert "<p>20.8 s · " in text and note in text
 
 
 def test_the_users_settings_replace_those_for_files(long_video, tmp_path, monkeypatch):
