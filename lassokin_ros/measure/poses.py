@@ -122,8 +122,14 @@ def read_poses(path: Path, person: str | None) -> Poses:
         raise MeasureError(f"--person {person}: '{path}' holds {', '.join(filter(None, people)) or 'one person'}")
     mine = data["person"] == (people[0] if person is None else person)
     seconds = (data["stamp_ns"][mine] - data["start_ns"]) * 1e-9
-    if len(seconds) < 3 or np.diff(seconds).min() <= 0:
-        raise MeasureError(f"'{path}' has {len(seconds)} frames in order; expected a recording of some seconds")
+    if len(seconds) < 3:
+        raise MeasureError(f"'{path}' has {len(seconds)} frames; expected a recording of some seconds")
+    if np.diff(seconds).min() <= 0:
+        back = int(np.argmin(np.diff(seconds))) + 1
+        raise MeasureError(
+            f"the stamps of '{path}' jump back at frame {back}, as in a looped recording; expected stamps that "
+            "increase: replay each part of the recording separately"
+        )
     positions = data["joint_positions"][mine] @ data["level"].T
     names, wrong = tuple(map(str, data["joint_names"])), data["likely_wrong"][mine]
     return Poses(seconds, names, positions, wrong, smoothing, data["joint_observed"][mine])

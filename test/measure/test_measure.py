@@ -247,12 +247,15 @@ def test_a_file_that_is_no_export_is_one_line(tmp_path, capsys):
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     np.save(tmp_path / "array.npy", np.zeros(3))
     short = saved(tmp_path / "short.npz", ("", walk(seconds=0.04)))
+    twice = np.concatenate([walk(seconds=2.0).seconds] * 2)
+    looped = saved(tmp_path / "looped.npz", ("", replace(walk(seconds=4.0), seconds=twice)))
     for file, text in (
         (tmp_path / "none.npz", "cannot be read"),
         (tmp_path / "text.npz", "is no .npz; expected one that --export wrote"),
         (tmp_path / "array.npy", "expected one that --export wrote"),
         (tmp_path / "other.npz", "has no stamp_ns, person"),
-        (short, "has 2 frames in order"),
+        (short, "has 2 frames; expected a recording of some seconds"),
+        (looped, "jump back at frame 100, as in a looped recording"),
     ):
         assert main(["gait", str(file)]) == 2
         said = capsys.readouterr().err
