@@ -164,6 +164,17 @@ def test_a_camera_follows_the_nearest_person(two, long_video, tmp_path, capsys):
     assert set(run(long_video, tmp_path, "--causal", "--person", "all")) == {"p1", "p2"}
 
 
+def test_the_page_counts_the_images_with_too_many_people(monkeypatch, long_video, tmp_path):  # noqa: F811
+    class Three(Two):
+        def detect(self, image, seconds):
+            return [person(x, 0.5) for x in (60 + 10 * seconds, 160, 260)]
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Three())
+    options = ["--causal", "--person", "all", "-p", "max_people:=2", "--report", str(tmp_path / "page.html")]
+    assert main([str(long_video), "--fov", "60", "--height", "1.8", *options]) == 0
+    assert "images contain more people than max_people 2" in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
 def test_a_person_that_cannot_be_chosen_is_one_line(long_video, tmp_path, monkeypatch, capsys):  # noqa: F811
     for detector, who, text in [
         (Standing(), "nearest", "finds one person"),

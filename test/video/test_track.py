@@ -403,6 +403,19 @@ def test_findings_of_a_video_give_no_advice_about_ros(long_video, tmp_path, monk
     assert "is taken to be" not in page.read_text(encoding="utf-8")
 
 
+def test_images_that_a_file_has_twice_are_no_slow_detector(long_video, tmp_path, monkeypatch):
+    class Repeated(Walking):
+        def detect(self, image, seconds):
+            return super().detect(image, np.floor(15 * seconds + 1e-3) / 15)
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Repeated())
+    page = tmp_path / "page.html"
+    assert main([str(long_video), "--fov", "60", "--height", "1.8", "--report", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert "of 120 images have the keypoints of the one before: the file has images twice" in text
+    assert "slower than the camera" not in text
+
+
 def test_files_of_an_earlier_run_do_not_stay_if_nobody_is_tracked(images, tmp_path, monkeypatch, capsys):
     class Nobody(Standing):
         def detect(self, image, seconds):

@@ -223,11 +223,10 @@ def _rate(facts: Facts) -> Iterator[Finding]:
 def _repeated(facts: Facts) -> Iterator[Finding]:
     repeated, received = facts.counts.get("duplicated", 0), facts.received
     if repeated > FEW * max(received, 1):
-        yield Finding(
-            NOTE,
-            f"{repeated} of {received} messages repeat the previous keypoints: the detector is slower than the camera, "
-            "or the image is frozen.",
-        )
+        what, why = "messages repeat the previous keypoints", "the detector is slower than the camera"
+        if facts.own_keypoints:
+            what, why = "images have the keypoints of the one before", "the file has images twice"
+        yield Finding(NOTE, f"{repeated} of {received} {what}: {why}, or the image is frozen.")
 
 
 def _reinitialised(facts: Facts) -> Iterator[Finding]:
@@ -265,7 +264,8 @@ def _upside_down(facts: Facts) -> Iterator[Finding]:
 def _people(facts: Facts) -> Iterator[Finding]:
     beyond = facts.counts.get("people beyond max_people", 0)
     if beyond:
-        yield Finding(NOTE, f"{beyond} messages contain more people than max_people {facts.node.max_people}.")
+        what = "images" if facts.own_keypoints else "messages"
+        yield Finding(NOTE, f"{beyond} {what} contain more people than max_people {facts.node.max_people}.")
 
 
 Rule = Callable[[Facts], Iterator[Finding]]
