@@ -416,6 +416,23 @@ def test_images_that_a_file_has_twice_are_no_slow_detector(long_video, tmp_path,
     assert "slower than the camera" not in text
 
 
+@pytest.mark.parametrize(
+    "view, gaps", [((0.5, 2.0), ""), ((9.0, 9.0), ""), ((0.0, 4.0), "1 short gap, 0.3 s in total")]
+)
+def test_only_between_two_poses_tracking_continues(view, gaps, long_video, tmp_path, monkeypatch):
+    class Absent(Walking):
+        def detect(self, image, seconds):
+            there = view[0] <= seconds < view[1] and not 1.0 <= seconds < 1.25 * bool(gaps)
+            return super().detect(image, 3.0 + seconds) if there else []
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Absent())
+    page = tmp_path / "page.html"
+    options = ["--height", "1.8", "-p", "lost_after:=5.0"]
+    assert main([str(long_video), "--fov", "60", *options, "--report", str(page)]) == 0
+    (text,) = re.findall(r'<ul id="findings">(.*?)</ul>', page.read_text(encoding="utf-8"), re.DOTALL)
+    assert ("tracking continued from the previous pose" in text) == bool(gaps) and gaps in text
+
+
 def test_files_of_an_earlier_run_do_not_stay_if_nobody_is_tracked(images, tmp_path, monkeypatch, capsys):
     class Nobody(Standing):
         def detect(self, image, seconds):
