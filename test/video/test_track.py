@@ -472,6 +472,18 @@ def test_only_files_that_exist_are_said_to_be_written(images, tmp_path, monkeypa
         assert names or line.endswith(" nothing")
 
 
+def test_few_images_of_some_seconds_each_are_no_damage(tmp_path, monkeypatch, capsys):
+    file = tmp_path / "hourly.avi"
+    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"MJPG"), 0.5, (320, 240))
+    for number in range(4):
+        writer.write(np.full((240, 320, 3), 40 * number, np.uint8))
+    writer.release()
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+    assert main([str(file), "--fov", "60", "--height", "1.8"]) == 0
+    said = capsys.readouterr()
+    assert "4 in, " in said.out and "may be damaged" not in said.err
+
+
 def test_an_estimated_number_of_images_is_no_damage(monkeypatch, capsys):
     """A Matroska file announces its duration, also that before the first image, times its nominal rate."""
     rgb = np.zeros((240, 320, 3), np.uint8)
