@@ -139,6 +139,17 @@ def test_each_squat_has_its_depth_and_angles():
     assert np.allclose([one.depth for one in found], sink, atol=0.005)
 
 
+def test_a_squat_that_is_held_is_one_squat():
+    t = np.arange(600) / RATE
+    bend = np.zeros(len(t))
+    for bottom in (3.0, 8.0):  # s; held for 2 s
+        away = np.clip(np.abs(t - bottom) - 1.0, 0, 1)
+        bend = np.maximum(bend, 90 * (0.5 + 0.5 * np.cos(np.pi * away)))
+    bends = np.stack([bend, bend], axis=1)
+    first, second = measure_squats(body(t, bends / 2, bends))
+    assert first.end < 5.1 and second.start > 5.9 and abs(first.end - first.start - 3.6) < 0.1
+
+
 def test_small_bends_are_no_squats_and_marked_frames_are_counted():
     with pytest.raises(MeasureError, match="no squat was found: the knees bend by less than 40 degrees"):
         measure_squats(squats((30.0, 25.0)))
