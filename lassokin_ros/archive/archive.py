@@ -20,6 +20,7 @@ from lassokin_ros.archive.tasks import DONE_BEFORE, TRACKED, ArchiveError, Resul
 from lassokin_ros.common.interruption import Interrupted
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_summary
+from lassokin_ros.core.yaml_files import user_path
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.replay.output_paths import check_output_paths
 from lassokin_ros.replay.record import origin_of, record_of
@@ -133,7 +134,7 @@ def _inside(folder: Path) -> list[tuple[Path, str]]:
 def _own_files(options: argparse.Namespace) -> list[str]:
     """Return assignments with the full paths of the files that settings name: a worker has another current folder."""
     tracker, _ = offline_settings(options.params_file, options.p)
-    files = {"skeleton": Path(tracker.skeleton), "landmarks": Path(tracker.landmarks)}
+    files = {"skeleton": user_path(tracker.skeleton), "landmarks": user_path(tracker.landmarks)}
     return [f"{name}:={json.dumps(str(file.absolute()))}" for name, file in files.items() if file.is_file()]
 
 

@@ -73,14 +73,27 @@ def measure_gait(poses: Poses) -> Gait:
 
 
 def _strikes(poses: Poses, side: str, shown: np.ndarray) -> np.ndarray:
-    """Return the frames in which a foot strikes. shown: (f,) bool, frames with keypoints of the leg."""
-    ankle, hips = poses.place(f"{side}_ankle"), poses.middle("hip")
-    ahead = smoothed(((ankle - hips) * _front(poses)).sum(axis=1), poses, SMOOTHING_S)
-    knee, hip = poses.place(f"{side}_knee"), poses.place(f"{side}_hip")
+    """Return the frames in which a foot strikes. shown: (f,) bool, frames with keypoints of the leg.
+
+    The frames before and after a gap are looked at apart: where they meet, a foot jumps, which is no strike.
+    """
+    ankle, hip, knee = (poses.place(f"{side}_{joint}") for joint in ("ankle", "hip", "knee"))
     leg = np.median(np.linalg.norm(ankle - knee, axis=1) + np.linalg.norm(knee - hip, axis=1))
-    apart = max(round(SHORTEST_STRIDE_S * poses.rate), 1)
-    strikes = find_peaks(ahead, prominence=LEAST_SWING * leg, distance=apart)[0]
+    everything = np.ones(len(poses.seconds), dtype=bool)
+    found = [
+        part.start + _peaks(piece, side, LEAST_SWING * leg)
+        for part, piece in zip(poses.parts(everything), poses.pieces(everything))
+        if len(piece.seconds) > 2
+    ]
+    strikes = np.concatenate([np.zeros(0, dtype=int), *found])
     return np.asarray(strikes[shown[strikes]])
+
+
+def _peaks(poses: Poses, side: str, swing: float) -> np.ndarray:
+    """Return the frames in which an ankle is farthest in front of the pelvis. swing: least way between two, m."""
+    ahead = ((poses.place(f"{side}_ankle") - poses.middle("hip")) * _front(poses)).sum(axis=1)
+    apart = max(round(SHORTEST_STRIDE_S * poses.rate), 1)
+    return np.asarray(find_peaks(smoothed(ahead, poses, SMOOTHING_S), prominence=swing, distance=apart)[0])
 
 
 def _front(poses: Poses) -> np.ndarray:

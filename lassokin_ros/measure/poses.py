@@ -58,13 +58,16 @@ class Poses:
 
     def pieces(self, known: np.ndarray) -> list[Poses]:
         """Return the parts without a gap in which all frames are known. known: (f,) bool."""
-        gap = np.diff(self.seconds) > LONGEST_GAP_S
-        ends = np.flatnonzero(np.concatenate([[True], gap | (known[1:] != known[:-1]), [True]]))
-        parts = [slice(a, b) for a, b in zip(ends, ends[1:]) if known[a]]
         return [
             replace(self, seconds=self.seconds[p], positions=self.positions[p], likely_wrong=self.likely_wrong[p])
-            for p in parts
+            for p in self.parts(known)
         ]
+
+    def parts(self, known: np.ndarray) -> list[slice]:
+        """Return the frames of each of these parts."""
+        gap = np.diff(self.seconds) > LONGEST_GAP_S
+        ends = np.flatnonzero(np.concatenate([[True], gap | (known[1:] != known[:-1]), [True]]))
+        return [slice(int(a), int(b)) for a, b in zip(ends, ends[1:]) if known[a]]
 
     def unseen(self) -> list[str]:
         """Return lines about what is not measured: legs that no keypoint shows, and gaps between frames."""
@@ -119,8 +122,14 @@ def read_poses(path: Path, person: str | None) -> Poses:
         raise MeasureError(f"--person {person}: '{path}' holds {', '.join(filter(None, people)) or 'one person'}")
     mine = data["person"] == (people[0] if person is None else person)
     seconds = (data["stamp_ns"][mine] - data["start_ns"]) * 1e-9
-    if len(seconds) < 3 or np.diff(seconds).min() <= 0:
-        raise MeasureError(f"'{path}' has {len(seconds)} frames in order; expected a recording of some seconds")
+    if len(seconds) < 3:
+        raise MeasureError(f"'{path}' has {len(seconds)} frames; expected a recording of some seconds")
+    if np.diff(seconds).min() <= 0:
+        back = int(np.argmin(np.diff(seconds))) + 1
+        raise MeasureError(
+            f"the stamps of '{path}' jump back at frame {back}, as in a looped recording; expected stamps that "
+            "increase: replay each part of the recording separately"
+        )
     positions = data["joint_positions"][mine] @ data["level"].T
     names, wrong = tuple(map(str, data["joint_names"])), data["likely_wrong"][mine]
     return Poses(seconds, names, positions, wrong, smoothing, data["joint_observed"][mine])

@@ -72,7 +72,11 @@ def _squats(poses: Poses) -> list[Squat]:
     bottoms, found = find_peaks(bend, prominence=LEAST_BEND)
     height = -poses.middle("hip")[:, 1]
     squats = []
+    last = -1
     for bottom, left, right in zip(bottoms, found["left_bases"], found["right_bases"]):
+        if last >= 0 and bend[last:bottom].min() > bend[bottom] - LEAST_BEND:
+            continue  # a bend that is held has several equal peaks, each with the prominence of the whole
+        last = bottom
         standing = bend.min() + MOVING * (bend[bottom] - bend.min())
         cut = (  # the person never stands there
             (bend[:bottom] > LEAST_BEND).all() or left == 0 and bend[0] > standing,

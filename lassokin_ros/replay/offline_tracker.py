@@ -29,7 +29,7 @@ from lassokin_ros.pipeline.outputs.status.warning_log import WarningLog
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.replay.analysis.frames_in_order import FramesInOrder, by_stamp
+from lassokin_ros.replay.analysis.frames_in_order import FramesInOrder, Timed, by_stamp
 from msg_adapters.backends import Backend, RosbagsBackend
 from msg_adapters.detectors.definitions import DEFINITIONS as OF_DETECTORS
 from msg_adapters.detectors.registry import full_type_name
@@ -78,7 +78,8 @@ class OfflineTracker:
         self.listeners: list[Callable[[Sequence[FrameResult], int, float], None]] = []
         """Functions called for every keypoint message with its frames, recording time in ns and tracking time in s.
 
-        The frames come in the order of their stamps. With `smoothing_lag` they come later than their messages."""
+        The frames come in the order of their stamps. With `smoothing_lag` they come later than their messages, with the
+        recording times of these."""
         self.first_rejection: tuple[str, str] | None = None
         """Key and sentence of the reason of the first rejection, also of a camera_info."""
         self.warnings = WarningLog()
@@ -101,7 +102,7 @@ class OfflineTracker:
         self._diagnostics: Diagnostics | None = None
         self._next_diagnostics_ns = 0
         self._held: deque[tuple[Any, int, str]] = deque()
-        self._in_order = FramesInOrder(tracker_config.smoothing_lag)
+        self._in_order = FramesInOrder(tracker_config.smoothing_lag, node_config.several_cameras)
         self.newest_ns = 0
         """Recording time of the newest message, ns."""
 
@@ -198,7 +199,7 @@ class OfflineTracker:
         frames = self.pipeline.flush()
         if frames:
             self._notify(frames, self.newest_ns, float("nan"))
-        self._tell(self._in_order.flush(), self.newest_ns, float("nan"))
+        self._tell(self._in_order.flush(), float("nan"))
         for frame in frames:
             yield from self._outputs(frame)
         if frames:
@@ -208,13 +209,14 @@ class OfflineTracker:
         if self.first_rejection is None:
             self.first_rejection = next(((f.rejection, f.detail) for f in frames if f.rejection is not None), None)
         if self.pipeline.tracker.config.smoothing_lag > 0:
-            messages = self._in_order.add(frames, self.pipeline.image)
+            messages = self._in_order.add(frames, self.pipeline.image, time_ns)
         else:
-            messages = by_stamp(frames) or [[]]  # nobody was in the image
-        self._tell(messages, time_ns, seconds)
+            messages = [(message, time_ns) for message in by_stamp(frames) or [[]]]  # nobody was in the image
+        self._tell(messages, seconds)
 
-    def _tell(self, messages: Sequence[Sequence[FrameResult]], time_ns: int, seconds: float) -> None:
-        for number, message in enumerate(messages, 1):
+    def _tell(self, messages: Sequence[Timed], seconds: float) -> None:
+        """Call the listeners for messages in their order. seconds: tracking time of the last one."""
+        for number, (message, time_ns) in enumerate(messages, 1):
             self.messages_tracked += any(frame.accepted for frame in message)
             for listener in self.listeners:
                 listener(message, time_ns, seconds if number == len(messages) else float("nan"))

@@ -16,7 +16,7 @@ from typing import Any
 from lassokin_ros.common.version import version
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.recording import WHOLE_FILE
-from lassokin_ros.core.yaml_files import load_mapping, read_text
+from lassokin_ros.core.yaml_files import load_mapping, read_text, user_path
 from lassokin_ros.pipeline.camera.calibration_file import split_camera
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.replay.sqlite_journal import journals_of
@@ -74,7 +74,7 @@ def origin_of(options: argparse.Namespace) -> Origin:
     configs = offline_settings(options.params_file, options.p, WHOLE_FILE if options.two_pass else {})
     settings: dict[str, Any] = {name: value for config in configs for name, value in asdict(config).items()}
     for name in ("skeleton", "landmarks"):
-        path = Path(settings[name])
+        path = user_path(settings[name])
         files = [path, *(file for file in [names_file(path)] if file.is_file())]
         settings[name] = _digest(files) if path.is_file() else settings[name]
     for name in ("keypoints_topic", "camera_info_topic", "storage"):

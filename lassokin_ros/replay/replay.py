@@ -205,7 +205,7 @@ def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | 
     names, config = pipeline.tracker.layout.names, pipeline.tracker.config
     recorder = MotionRecorder(names, config, lambda: pipeline.level, 0, pipeline.config.camera_names)
     tracker.listeners.append(recorder.add)
-    return Exports(options.export, recorder, pipeline.config.several_people, options.force)
+    return Exports(options.export, recorder, pipeline.tracker.skeleton, pipeline.config.several_people, options.force)
 
 
 def _figures(tracker: OfflineTracker) -> Figures:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from lassokin_ros.core.body.skeleton import AXIS_ORDERS, Skeleton
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.yaml_files import read_text
-from lassokin_ros.skeleton_readers.naming import in_our_names
+from lassokin_ros.skeleton_readers.naming import in_our_names, with_our_orders
 from lassokin_ros.skeleton_readers.rest_pose import in_metres, in_our_pose
 from lassokin_ros.skeleton_readers.rest_tree import LARGEST_OFFSET, MOST_JOINTS, RestTree, to_skeleton
 
@@ -23,18 +22,11 @@ def read(path: Path, height: float) -> Skeleton:
     other names keeps its tree, which must have our axes and pose.
     """
     source = str(path)
-    tree = _with_our_orders(parse_hierarchy(read_text(path, SkeletonError), source))
+    tree = with_our_orders(parse_hierarchy(read_text(path, SkeletonError), source))
     named = in_our_names(tree, source)
     if named is None:
         return to_skeleton(in_metres(tree, height, source), height, source, path.stem)
     return to_skeleton(in_our_pose(in_metres(named, height, source), source), height, source, path.stem)
-
-
-def _with_our_orders(tree: RestTree) -> RestTree:
-    """Return the tree with our orders of rotations at joints with our names; those of a file are the file format's."""
-    ours = Skeleton.load("anthropometric", 1.0)
-    known = dict(zip(ours.joint_names, ours.axes))
-    return replace(tree, axes=tuple(known.get(name.split(":")[-1], axes) for name, axes in zip(tree.names, tree.axes)))
 
 
 def parse_hierarchy(text: str, source: str) -> RestTree:

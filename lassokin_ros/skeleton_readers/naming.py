@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -70,6 +71,13 @@ def in_our_names(tree: RestTree, source: str) -> RestTree | None:
     if program == OWN_NAMES:
         return _with_more_joints(tree, found) or _in_our_tree(tree, found, own_orders=True)
     return _in_our_tree(tree, found, own_orders=False)
+
+
+def with_our_orders(tree: RestTree) -> RestTree:
+    """Return the tree with our orders of rotations at joints with our names; those of a file are the file format's."""
+    ours = Skeleton.load(OURS, 1.0)
+    known = dict(zip(ours.joint_names, ours.axes))
+    return replace(tree, axes=tuple(known.get(name.split(":")[-1], axes) for name, axes in zip(tree.names, tree.axes)))
 
 
 def names_file(path: Path) -> Path:

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.yaml_files import MAX_CHARACTERS, read_text
-from lassokin_ros.skeleton_readers.naming import ROOT_JOINTS, in_our_names
+from lassokin_ros.skeleton_readers.naming import ROOT_JOINTS, in_our_names, with_our_orders
 from lassokin_ros.skeleton_readers.rest_pose import in_our_pose
 from lassokin_ros.skeleton_readers.rest_tree import LARGEST_OFFSET, RestTree, to_skeleton
 
@@ -57,7 +57,7 @@ def parse(text: str, source: str, height: float, name: str = "robot") -> Skeleto
     name = robot.get("name") or name
     if set(ROOT_JOINTS) <= {joint.name for joint in joints}:
         return to_skeleton(_joints_of_our_urdf(joints, source), height, source, name)
-    named = in_our_names(_links(joints), source)
+    named = in_our_names(with_our_orders(_links(joints)), source)
     if named is None:
         raise SkeletonError(
             f"{source} has none of the known link names (see skeleton_readers/names.yaml); rename the links "

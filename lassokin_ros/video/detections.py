@@ -38,7 +38,7 @@ class Detections:
         """keep: whether the keypoints are kept in `found`."""
         self._source, self._detector, self._backend, self._keep = source, detector, backend, keep
         self.found: list[Found] = []
-        self._last = 0.0
+        self._last = self._step = 0.0  # s: time of the last image, and since the one before
         self.detect_seconds: list[float] = []
         self.fault = ""
         self.interrupted = False
@@ -85,7 +85,7 @@ class Detections:
         began = time.monotonic()
         found = self._detector.detect(image.rgb, image.seconds)
         self.detect_seconds.append(time.monotonic() - began)
-        self._last = image.seconds
+        self._step, self._last = image.seconds - self._last, image.seconds
         if self._keep:
             self.found.append((image.seconds, found))
         return found
@@ -96,7 +96,8 @@ class Detections:
     def _check_end(self) -> None:
         """Print a note if the file ended early. The number of images may be an estimate, and so may the duration."""
         read, source = len(self.detect_seconds), self._source
-        early = read < COMPLETE * source.count and source.begin + self._last < COMPLETE * source.seconds
+        end = source.begin + self._last + self._step  # the last image is shown as long as the one before
+        early = read < COMPLETE * source.count and end < COMPLETE * source.seconds
         if early and not self.fault and not self.interrupted:
             print_note(
                 f"{PROGRAM}: {source.name} announces {source.count} images, {read} could be read; it may be damaged, "

@@ -67,7 +67,9 @@ class TrackOutputs:
         config, topics = pipeline.tracker.config, pipeline.config.camera_names
         self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, topics)
         people = pipeline.config.several_people
-        self._exports = Exports(options.export, self._motion, people, options.force) if options.export else None
+        self._exports = None
+        if options.export:
+            self._exports = Exports(options.export, self._motion, self._given, people, options.force)
         self._video = self._view = None
         if options.video is not None:
             sizes = {name: size for name, (_, size) in cameras.items()}

@@ -19,7 +19,7 @@ from lassokin_ros.archive.tasks import ArchiveError  # noqa: E402
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.pipeline.parameter_files import offline_settings  # noqa: E402
 from lassokin_ros.replay.options import parser  # noqa: E402
-from lassokin_ros.replay.record import record_of  # noqa: E402
+from lassokin_ros.replay.record import origin_of, record_of  # noqa: E402
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="finds processes in /proc, which is Linux'")
 BAGS = {"day1/walk": 30, "day1/wave": 20, "squat.v2": 25}
@@ -193,6 +193,20 @@ def test_dots_are_part_of_the_name_of_a_folder(tmp_path, capsys, monkeypatch):
     file = next((tmp_path / "walk.1").glob("*.mcap")).rename(tmp_path / "one.1.mcap")
     assert replayed(capsys, file)[0] == 0
     assert {"walk.1_tracked", "walk.2_tracked", "one.1_tracked"} < set(os.listdir())
+
+
+def test_another_body_in_a_file_of_the_home_folder_is_another_setting(tmp_path, monkeypatch):
+    write_recording(tmp_path / "walk", frames=2)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    body = tmp_path / "body.yaml"
+    options = parser().parse_args([str(tmp_path / "walk"), "--scheduler", "x", "-p", "skeleton:=~/body.yaml"])
+    origins = []
+    for text in ("one", "other"):
+        body.write_text(text, encoding="utf-8")
+        (task,) = tasks_of(options)
+        options.bag = options.bags[0]
+        origins += [origin_of(task.options), origin_of(options)]
+    assert origins[0] == origins[1] != origins[2] == origins[3]
 
 
 def test_workers_get_the_full_paths_of_skeleton_and_landmarks(tmp_path, monkeypatch):

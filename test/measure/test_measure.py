@@ -88,6 +88,17 @@ def test_no_stride_goes_over_a_gap(gap_s):
     assert abs(found.cadence - 108) < 2 and abs(found.speed - 1.3) < 0.02
 
 
+@pytest.mark.parametrize("gap_s, begin_s", [(0.5, 3.0), (0.8, 3.28), (2.0, 3.09)])
+def test_a_foot_that_swings_while_frames_are_missing_does_not_strike_there(gap_s, begin_s):
+    poses = walk(seconds=9.0)
+    seen = (poses.seconds < begin_s) | (poses.seconds > begin_s + gap_s)
+    found = measure_gait(Poses(poses.seconds[seen], NAMES, poses.positions[seen], poses.likely_wrong[seen]))
+    for strikes in found.strikes.values():
+        strides = strikes / (120 / 108)
+        assert np.abs((strides - strides[0] + 0.5) % 1 - 0.5).max() < 0.05
+    assert abs(found.cadence - 108) < 1
+
+
 def test_on_a_treadmill_the_stride_has_a_time_and_no_length():
     found = measure_gait(walk(speed=0.0, cadence=120.0))
     assert found.stride_m < 0.01 and abs(found.cadence - 120) < 2
@@ -126,6 +137,17 @@ def test_each_squat_has_its_depth_and_angles():
     assert np.allclose([one.hips for one in found], [50 + 40, 30 + 24, 45 + 36], atol=2)  # against the trunk
     sink = (THIGH + SHANK) * (1 - np.cos(np.radians([50, 30, 45])))
     assert np.allclose([one.depth for one in found], sink, atol=0.005)
+
+
+def test_a_squat_that_is_held_is_one_squat():
+    t = np.arange(600) / RATE
+    bend = np.zeros(len(t))
+    for bottom in (3.0, 8.0):  # s; held for 2 s
+        away = np.clip(np.abs(t - bottom) - 1.0, 0, 1)
+        bend = np.maximum(bend, 90 * (0.5 + 0.5 * np.cos(np.pi * away)))
+    bends = np.stack([bend, bend], axis=1)
+    first, second = measure_squats(body(t, bends / 2, bends))
+    assert first.end < 5.1 and second.start > 5.9 and abs(first.end - first.start - 3.6) < 0.1
 
 
 def test_small_bends_are_no_squats_and_marked_frames_are_counted():
@@ -236,12 +258,15 @@ def test_a_file_that_is_no_export_is_one_line(tmp_path, capsys):
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     np.save(tmp_path / "array.npy", np.zeros(3))
     short = saved(tmp_path / "short.npz", ("", walk(seconds=0.04)))
+    twice = np.concatenate([walk(seconds=2.0).seconds] * 2)
+    looped = saved(tmp_path / "looped.npz", ("", replace(walk(seconds=4.0), seconds=twice)))
     for file, text in (
         (tmp_path / "none.npz", "cannot be read"),
         (tmp_path / "text.npz", "is no .npz; expected one that --export wrote"),
         (tmp_path / "array.npy", "expected one that --export wrote"),
         (tmp_path / "other.npz", "has no stamp_ns, person"),
-        (short, "has 2 frames in order"),
+        (short, "has 2 frames; expected a recording of some seconds"),
+        (looped, "jump back at frame 100, as in a looped recording"),
     ):
         assert main(["gait", str(file)]) == 2
         said = capsys.readouterr().err

@@ -19,7 +19,7 @@ from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.exports.bvh import hierarchy
 from lassokin_ros.skeleton_readers import smpl
 from lassokin_ros.skeleton_readers.load import load_skeleton
-from lassokin_ros.skeleton_readers.naming import ROOT_JOINTS, tables
+from lassokin_ros.skeleton_readers.naming import OWN_NAMES, ROOT_JOINTS, tables
 
 BUILT_IN = Skeleton.load("anthropometric", 1.8)
 VERTICES = 200
@@ -238,10 +238,11 @@ def test_a_skeleton_without_hands_or_collars_is_read(tmp_path):
     assert np.abs(skeleton.rest_positions - BUILT_IN.rest_positions[here]).max() < 1e-6
 
 
-def test_the_urdf_of_another_program_is_read(tmp_path):
-    """Links with z up and x to the front as on robots, joints rotated at rest, names of SMPL."""
+@pytest.mark.parametrize("program", ["smpl", OWN_NAMES])
+def test_the_urdf_of_another_program_is_read(tmp_path, program):
+    """Links with z up and x to the front as on robots, joints rotated at rest, names of SMPL or ours."""
     to_robot = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])  # our axes as columns
-    names = tables()["smpl"]
+    names = tables()[program]
     random = np.random.default_rng(0)
     frames = Rotation.from_rotvec(random.normal(size=(24, 3)))  # each link's own, in the root's
     text = ['<robot name="human"><link name="base"/>']

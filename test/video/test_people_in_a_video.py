@@ -1,5 +1,8 @@
 """`track --person`: who is who in a file's images, and whose motion is written."""
 
+import json
+import re
+
 import numpy as np
 import pytest
 from two_people import RATE, scene
@@ -129,6 +132,24 @@ def test_each_person_is_tracked_backward_too(monkeypatch, two, long_video, tmp_p
         assert abs(np.median(roots) - np.median(x)) < 0.3, person
 
 
+def test_the_times_of_the_page_are_those_of_the_video_also_while_nobody_is_in_view(
+    monkeypatch,
+    long_video,  # noqa: F811
+    tmp_path,
+):
+    class Late(Two):
+        def detect(self, image, seconds):
+            return super().detect(image, seconds) if 1.0 <= seconds < 3.0 else []
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Late())
+    page = tmp_path / "page.html"
+    assert main([str(long_video), "--fov", "60", "--person", "all", "--report", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text).group(1))
+    assert abs(data["duration"] - 119 / 30) < 0.01 and "<td>120 in 4.0 s, 30.0 Hz</td>" in text
+    assert all(person["time"][0] > 0.99 for person in data["people"]) and len(data["people"]) == 2
+
+
 def test_the_page_says_who_is_tracked(two, long_video, tmp_path):  # noqa: F811
     page = tmp_path / "page.html"
     assert main([str(long_video), "--height", "1.8", "--report", str(page)]) == 0
@@ -141,6 +162,17 @@ def test_a_camera_follows_the_nearest_person(two, long_video, tmp_path, capsys):
     assert main([str(long_video), "--causal", "--person", "2"]) == 2
     assert "people are numbered in files only" in capsys.readouterr().err
     assert set(run(long_video, tmp_path, "--causal", "--person", "all")) == {"p1", "p2"}
+
+
+def test_the_page_counts_the_images_with_too_many_people(monkeypatch, long_video, tmp_path):  # noqa: F811
+    class Three(Two):
+        def detect(self, image, seconds):
+            return [person(x, 0.5) for x in (60 + 10 * seconds, 160, 260)]
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Three())
+    options = ["--causal", "--person", "all", "-p", "max_people:=2", "--report", str(tmp_path / "page.html")]
+    assert main([str(long_video), "--fov", "60", "--height", "1.8", *options]) == 0
+    assert "images contain more people than max_people 2" in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
 def test_a_person_that_cannot_be_chosen_is_one_line(long_video, tmp_path, monkeypatch, capsys):  # noqa: F811

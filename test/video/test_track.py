@@ -344,6 +344,24 @@ def test_frames_before_an_absence_are_shown_as_tracked(long_video, tmp_path, mon
     assert min(data["people"][0]["time"]) >= 0 and np.all(np.diff(data["people"][0]["time"]) > 0)
 
 
+def test_a_long_gap_between_the_images_is_as_long_on_the_page(tmp_path, monkeypatch):
+    """As in files that were joined, or of a camera that films motion only."""
+
+    class Twice(Walking):
+        def detect(self, image, seconds):
+            return super().detect(image, seconds % 20.0)
+
+    rgb, page = np.zeros((240, 320, 3), np.uint8), tmp_path / "page.html"
+    times = [begin + number / 30 for begin in (0, 20) for number in range(25)]
+    source = Source("joined.mkv", (320, 240), (320, 240), 30.0, 50, iter([Image(at, rgb) for at in times]))
+    monkeypatch.setattr(track_module, "open_source", lambda *_: source)
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Twice())
+    assert main(["joined.mkv", "--fov", "60", "--height", "1.8", "--report", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    note = '<li class="note">Nobody was tracked from 0.8 to 20.0 s: the file has no images there.</li>'
+    assert "<p>20.8 s · " in text and note in text
+
+
 def test_the_users_settings_replace_those_for_files(long_video, tmp_path, monkeypatch):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Walking())
     plain = ["-p", "smoothing:=0.02", "-p", "smoothing_lag:=0.0", "-p", "calibrate:=false"]
@@ -385,6 +403,36 @@ def test_findings_of_a_video_give_no_advice_about_ros(long_video, tmp_path, monk
     assert "is taken to be" not in page.read_text(encoding="utf-8")
 
 
+def test_images_that_a_file_has_twice_are_no_slow_detector(long_video, tmp_path, monkeypatch):
+    class Repeated(Walking):
+        def detect(self, image, seconds):
+            return super().detect(image, np.floor(15 * seconds + 1e-3) / 15)
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Repeated())
+    page = tmp_path / "page.html"
+    assert main([str(long_video), "--fov", "60", "--height", "1.8", "--report", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert "of 120 images have the keypoints of the one before: the file has images twice" in text
+    assert "slower than the camera" not in text
+
+
+@pytest.mark.parametrize(
+    "view, gaps", [((0.5, 2.0), ""), ((9.0, 9.0), ""), ((0.0, 4.0), "1 short gap, 0.3 s in total")]
+)
+def test_only_between_two_poses_tracking_continues(view, gaps, long_video, tmp_path, monkeypatch):
+    class Absent(Walking):
+        def detect(self, image, seconds):
+            there = view[0] <= seconds < view[1] and not 1.0 <= seconds < 1.25 * bool(gaps)
+            return super().detect(image, 3.0 + seconds) if there else []
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Absent())
+    page = tmp_path / "page.html"
+    options = ["--height", "1.8", "-p", "lost_after:=5.0"]
+    assert main([str(long_video), "--fov", "60", *options, "--report", str(page)]) == 0
+    (text,) = re.findall(r'<ul id="findings">(.*?)</ul>', page.read_text(encoding="utf-8"), re.DOTALL)
+    assert ("tracking continued from the previous pose" in text) == bool(gaps) and gaps in text
+
+
 def test_files_of_an_earlier_run_do_not_stay_if_nobody_is_tracked(images, tmp_path, monkeypatch, capsys):
     class Nobody(Standing):
         def detect(self, image, seconds):
@@ -422,6 +470,18 @@ def test_only_files_that_exist_are_said_to_be_written(images, tmp_path, monkeypa
         names = [] if people == 1 else line.partition(" ")[2].strip().split(", ")
         assert sorted(map(str, tmp_path.glob(f"{people}*.*"))) == sorted(names)
         assert names or line.endswith(" nothing")
+
+
+def test_few_images_of_some_seconds_each_are_no_damage(tmp_path, monkeypatch, capsys):
+    file = tmp_path / "hourly.avi"
+    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"MJPG"), 0.5, (320, 240))
+    for number in range(4):
+        writer.write(np.full((240, 320, 3), 40 * number, np.uint8))
+    writer.release()
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+    assert main([str(file), "--fov", "60", "--height", "1.8"]) == 0
+    said = capsys.readouterr()
+    assert "4 in, " in said.out and "may be damaged" not in said.err
 
 
 def test_an_estimated_number_of_images_is_no_damage(monkeypatch, capsys):

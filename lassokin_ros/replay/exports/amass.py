@@ -69,6 +69,16 @@ def write_amass(motion: Motion, file: BinaryIO) -> None:
     )
 
 
+def check_root(skeleton: Skeleton) -> None:
+    """Raise ExportError for a skeleton without SMPL's root."""
+    root = Skeleton.load(SMPL, 1.0).joint_names[0]
+    if skeleton.joint_names[0] != root:
+        raise ExportError(
+            f"an .amass.npz file needs SMPL's joint names; the root of skeleton '{skeleton.name}' is "
+            f"'{skeleton.joint_names[0]}', not '{root}'"
+        )
+
+
 def of_smpl(skeleton: Skeleton, values: np.ndarray, missing: float) -> np.ndarray:
     """Return (f, 24) of SMPL's joints, `missing` for joints that the skeleton lacks. values: (f, n), one per joint."""
     names = Skeleton.load(SMPL, 1.0).joint_names
@@ -83,11 +93,7 @@ def smpl_rotations(skeleton: Skeleton, rotations: np.ndarray) -> np.ndarray:
     SMPL joints is added to the lower one.
     """
     smpl = Skeleton.load(SMPL, 1.0)
-    if skeleton.joint_names[0] != smpl.joint_names[0]:
-        raise ExportError(
-            f"an .amass.npz file needs SMPL's joint names; the root of skeleton '{skeleton.name}' is "
-            f"'{skeleton.joint_names[0]}', not '{smpl.joint_names[0]}'"
-        )
+    check_root(skeleton)
     turned = rotations.copy()  # orientations
     for joint in range(1, skeleton.joint_count):
         turned[:, joint] = turned[:, skeleton.parents[joint]] @ rotations[:, joint]

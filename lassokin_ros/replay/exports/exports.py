@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import BinaryIO
 
 from lassokin_ros.common.atomic_files import AtomicFiles, files_of_people, refuse_existing
-from lassokin_ros.replay.exports.amass import write_amass
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.replay.exports.amass import check_root, write_amass
 from lassokin_ros.replay.exports.bvh import write_bvh
 from lassokin_ros.replay.exports.c3d import import_ezc3d, write_c3d
 from lassokin_ros.replay.exports.csv_table import write_csv
 from lassokin_ros.replay.exports.errors import ExportError
+from lassokin_ros.replay.exports.markers import marker_layout
 from lassokin_ros.replay.exports.npz import write_npz
 from lassokin_ros.replay.exports.trc import write_trc
 from lassokin_ros.replay.motion import Motion, MotionRecorder
@@ -28,6 +30,12 @@ PERSONS: dict[str, Callable[[Motion, BinaryIO], None]] = {
     ".c3d": write_c3d,
 }
 """Suffix -> writer of one file per person."""
+NEEDS: dict[str, Callable[[Skeleton], object]] = {
+    ".amass.npz": check_root,
+    ".trc": marker_layout,
+    ".c3d": marker_layout,
+}
+"""Suffix -> what raises ExportError for a skeleton that the format cannot hold."""
 INSIDE = "motion"
 """Stem of the files written into the output folder."""
 
@@ -79,8 +87,13 @@ def check_archive_exports(wanted: Sequence[Path]) -> None:
 class Exports:
     """The exports of one replay: frames are collected during the replay and written at its end."""
 
-    def __init__(self, wanted: Sequence[Path], recorder: MotionRecorder, several: bool, replace: bool) -> None:
-        """several: True if several people may be tracked. Raises ExportError for paths that cannot be written."""
+    def __init__(
+        self, wanted: Sequence[Path], recorder: MotionRecorder, skeleton: Skeleton, several: bool, replace: bool
+    ) -> None:
+        """skeleton: that of the people. several: True if several people may be tracked.
+
+        Raises ExportError, before any work, for an unusable path and for a format that cannot hold the skeleton.
+        """
         self._targets = list(dict.fromkeys(map(target_of, wanted)))
         self._recorder, self._several, self._replace = recorder, several, replace
         self.remarks: dict[str, str] = {}
@@ -88,6 +101,8 @@ class Exports:
         for target in self._targets:
             if target.suffix == ".c3d":
                 import_ezc3d()
+            if target.suffix in NEEDS:
+                NEEDS[target.suffix](skeleton)
             if target.folder is not None:
                 refuse_existing(target.path(Path()), replace, ExportError)
                 if several and target.suffix in PERSONS and not replace:

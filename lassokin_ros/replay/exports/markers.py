@@ -11,6 +11,7 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.replay.exports.errors import ExportError
 from lassokin_ros.replay.exports.sampling import uniform
@@ -36,16 +37,21 @@ class Markers:
 
 
 def markers_of(motion: Motion) -> Markers:
-    """Return the markers of one person. Raises ExportError, see `uniform`, and for a skeleton without these points."""
-    try:
-        layout = Layout.load(LAYOUT, motion.skeleton)
-    except LayoutError as error:
-        raise ExportError(f"a .trc or .c3d file needs the points of {LAYOUT}: {error}; export .csv or .npz") from None
+    """Return the markers of one person. Raises ExportError, see `uniform` and `marker_layout`."""
+    layout = marker_layout(motion.skeleton)
     track = uniform(motion)
     state = BodyState(track.rotations, track.translations)
     points = Kinematics(motion.skeleton, layout).pose(state).landmarks @ motion.level.T
     names = tuple(marker_name(landmark) for landmark in layout.names)
     return Markers(track.period, names, points * [1.0, -1.0, -1.0] - [0.0, motion.floor, 0.0], motion.start)
+
+
+def marker_layout(skeleton: Skeleton) -> Layout:
+    """Return the places of the markers on a skeleton. Raises ExportError for a skeleton without these points."""
+    try:
+        return Layout.load(LAYOUT, skeleton)
+    except LayoutError as error:
+        raise ExportError(f"a .trc or .c3d file needs the points of {LAYOUT}: {error}; export .csv or .npz") from None
 
 
 def marker_name(landmark: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from lassokin_ros.replay.report import doubt_findings, video_findings
 from lassokin_ros.replay.report.absences import NO_MESSAGE, NOBODY, Span
 from lassokin_ros.replay.report.facts import Facts, landmark_errors
 from lassokin_ros.replay.report.finding import DOUBT, GOOD, MOST_LISTED, NOTE, PROBLEM, Finding, times_listed
+from lassokin_ros.replay.report.log import PersonRow
 from lassokin_ros.replay.report.rejection_advice import advice_for, reason_text
 
 FEW = 0.02
@@ -110,7 +111,7 @@ def _listed(reasons: Counter[str]) -> str:
 
 def _gaps(facts: Facts) -> Iterator[Finding]:
     for person in facts.people:
-        short = [span for span in facts.spans[person] if not span.lost]
+        short = [span for span in facts.spans[person] if not span.lost and _is_between(span, facts.accepted(person))]
         if short:
             seconds, longest = sum(s.seconds for s in short), max(s.seconds for s in short)
             who = f"{person}: " if person else ""
@@ -119,6 +120,11 @@ def _gaps(facts: Facts) -> Iterator[Finding]:
                 f"{who}{len(short)} short gap{'s' * (len(short) > 1)}, {seconds:.1f} s in total, the "
                 f"longest {longest:.1f} s; tracking continued from the previous pose.",
             )
+
+
+def _is_between(span: Span, rows: Sequence[PersonRow]) -> bool:
+    """Return whether a span is between two skeletons. rows: with a skeleton, in order of time."""
+    return bool(rows) and rows[0].time <= span.start and span.end <= rows[-1].time
 
 
 def _reprojection(facts: Facts) -> Iterator[Finding]:
@@ -223,11 +229,10 @@ def _rate(facts: Facts) -> Iterator[Finding]:
 def _repeated(facts: Facts) -> Iterator[Finding]:
     repeated, received = facts.counts.get("duplicated", 0), facts.received
     if repeated > FEW * max(received, 1):
-        yield Finding(
-            NOTE,
-            f"{repeated} of {received} messages repeat the previous keypoints: the detector is slower than the camera, "
-            "or the image is frozen.",
-        )
+        what, why = "messages repeat the previous keypoints", "the detector is slower than the camera"
+        if facts.own_keypoints:
+            what, why = "images have the keypoints of the one before", "the file has images twice"
+        yield Finding(NOTE, f"{repeated} of {received} {what}: {why}, or the image is frozen.")
 
 
 def _reinitialised(facts: Facts) -> Iterator[Finding]:
@@ -265,7 +270,8 @@ def _upside_down(facts: Facts) -> Iterator[Finding]:
 def _people(facts: Facts) -> Iterator[Finding]:
     beyond = facts.counts.get("people beyond max_people", 0)
     if beyond:
-        yield Finding(NOTE, f"{beyond} messages contain more people than max_people {facts.node.max_people}.")
+        what = "images" if facts.own_keypoints else "messages"
+        yield Finding(NOTE, f"{beyond} {what} contain more people than max_people {facts.node.max_people}.")
 
 
 Rule = Callable[[Facts], Iterator[Finding]]

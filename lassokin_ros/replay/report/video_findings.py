@@ -17,8 +17,9 @@ LARGE_ERROR = 0.03
 NEAREST_M, FARTHEST_M = 0.6, 25.0
 FEW = 0.02
 """Share of the images below which something is not reported."""
-ABSENT = (NOBODY, NO_MESSAGE, "too_few_landmarks", "person_absent")
+ABSENT = (NOBODY, "too_few_landmarks", "person_absent")
 """Reasons that say that the detector found nobody."""
+NO_IMAGES = "the file has no images there"
 
 
 def nothing_tracked(facts: Facts) -> Iterator[Finding]:
@@ -46,7 +47,8 @@ def absences(facts: Facts) -> Iterator[Finding]:
 
 def _absence(span: Span, person: str) -> str:
     when = f"before {span.end:.1f} s" if span.at_start else f"from {span.start:.1f} to {span.end:.1f} s"
-    others = [reason_text(key) for key in sorted(span.reasons) if key not in ABSENT]
+    reasons = [key for key in sorted(span.reasons) if key not in ABSENT]
+    others = [NO_IMAGES if key == NO_MESSAGE else reason_text(key) for key in reasons]
     if others:
         return f"{person or 'Nobody'} was {'not ' if person else ''}tracked {when}: {', '.join(others)}."
     return f"{person} was not in view {when}." if person else f"Nobody was in view {when}."
