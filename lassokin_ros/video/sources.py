@@ -83,7 +83,7 @@ def open_source(name: str, fps: float | None = None) -> Source:
     """
     if fps is not None and not 0 < fps <= MOST_FPS:  # False for NaN
         raise SourceError(f"--fps {fps:g}; expected a rate above 0 and up to {MOST_FPS:g} Hz")
-    if name.isdecimal():
+    if name.isdecimal() and ((DEVICES / f"video{int(name)}").exists() or not os.path.exists(name)):
         return _webcam(int(name), f"camera {name}")
     if urlsplit(name).scheme.lower() in STREAMS and "://" in name:
         return _stream(name)

@@ -139,6 +139,17 @@ def test_an_impossible_rate_of_a_folder_is_refused(fps, tmp_path):
         open_source(str(tmp_path), fps)
 
 
+def test_a_folder_whose_name_is_a_number_is_no_webcam(tmp_path, monkeypatch):
+    (tmp_path / "2024").mkdir()
+    cv2.imwrite(str(tmp_path / "2024" / "0.png"), corner())
+    monkeypatch.chdir(tmp_path)
+    assert not open_source("2024").live
+    monkeypatch.setattr(sources, "DEVICES", tmp_path)
+    monkeypatch.setattr(sources, "_webcam", lambda number, name: (number, name))
+    (tmp_path / "video2024").touch()
+    assert open_source("2024") == (2024, "camera 2024") and open_source("5") == (5, "camera 5")
+
+
 def test_names_that_crash_opencv_are_refused(tmp_path):
     folder = tmp_path / "images"
     folder.mkdir()
