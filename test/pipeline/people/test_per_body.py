@@ -49,12 +49,12 @@ def fractions(count=40):
 POINTS = fractions()
 
 
-def skeleton2d(backend, stamp_ns, index, aside=0.0):
+def skeleton2d(backend, stamp_ns, index, aside=0.0, confidence=0.9):
     """A Skeleton2D, shifted by `aside` of the image's width to the right."""
     message = backend.make(HRI)
     set_header(message.header, stamp_ns, FRAME)
     for point, (x, y) in zip(message.skeleton, POINTS[index % len(POINTS)].tolist()):
-        point.x, point.y, point.c = x + aside, y, 0.9
+        point.x, point.y, point.c = x + aside, y, confidence
     return message
 
 
@@ -204,6 +204,8 @@ def test_messages_keep_their_ages_when_the_clock_is_set_back(pipeline):
     pipeline.frames_of("abc", skeleton2d(BACKEND, START_NS, 0), 60 * 10**9)
     pipeline.set_clock_back(50 * 10**9)
     assert [pipeline.presence_at(at * 10**9).status for at in (10, 11)] == [Status.TRACKING, Status.LOST]
+    pipeline.frames_of("abc", skeleton2d(BACKEND, START_NS + PERIOD_NS, 1, confidence=0.0), 20 * 10**9)
+    pipeline.set_clock_back(10 * 10**9)
     assert pipeline.is_informed_at(10 * 10**9) and not pipeline.is_informed_at(11 * 10**9)
 
 
