@@ -365,15 +365,17 @@ class MultiPersonTracker:
         return is_trackable(detection, next(iter([*self._idle, *self._present.values()])).tracker.config)
 
     def _add(self, number: int, stamp_ns: int, pairs: Iterable[int]) -> bool:
-        """Assign a tracker to a new person. Return False, and count it, if none is free.
+        """Assign a tracker to a new person. Return False, and count it, if none is free. The locked person who comes
+        back gets one in any case.
 
         The new tracker adopts the direction of gravity from the others. If a tracker has this person's skeleton, it is
         that one; else one that has nobody's, if there is one.
         """
         if not self._idle:
-            kept = {*pairs, self._locked}
+            locked = number == self._locked
+            kept = set() if locked else {*pairs, self._locked}
             away = [(person.unseen_s(stamp_ns), n) for n, person in self._present.items() if n not in kept]
-            if not away or max(away)[0] < REPLACEABLE_AFTER_S:
+            if not away or (max(away)[0] < REPLACEABLE_AFTER_S and not locked):
                 self._counts["people beyond max_people"] += 1
                 return False
             self._remove(max(away)[1])

@@ -285,6 +285,18 @@ def test_the_lock_of_a_person_who_was_forgotten_stays_on_nobody(room):
     assert room.tracker.locked is None
 
 
+def test_the_locked_person_who_comes_back_gets_a_tracker_although_all_are_in_use():
+    room = Room(places=2)
+    room.see(0, (0, 0), numbers=[1])
+    assert room.tracker.lock() == "p1"
+    for index in range(1, 40):  # longer than forget_after
+        room.see(index, (5, 0), (9, 0), numbers=[2, 3])
+    assert room.tracker.ids == ["p2", "p3"] and room.tracker.locked == "p1"
+    for index in range(40, 43):
+        assert room.see(index, (0, 0), (5, 0), (9, 0), numbers=[1, 2, 3]) == ["p2", "p1"]
+    assert room.tracker.presence_at(SECOND + index * PERIOD, 3.0, 0.4).status is Status.TRACKING
+
+
 def test_a_reset_forgets_unconfirmed_people(room):
     room.see(0, (0, 0))
     room.see(1, (0, 0))
