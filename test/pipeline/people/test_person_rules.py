@@ -468,6 +468,19 @@ def test_the_rule_names_the_person_to_lock(followed):
     assert followed.tracker.locked is None
 
 
+@pytest.mark.parametrize("persistent", [True, False])
+def test_the_absence_of_the_person_whom_follow_names_is_said(followed, persistent):
+    followed.tracker.tune("p7", False)
+    assert followed.see(0, (4, 0.0, 0.9), (5, 2.0, 0.9), persistent=persistent) == "person_absent"
+    assert "follow is 'p7', and no person of this number is among the 2 in the message" in followed.detail
+    assert ("do not last" in followed.detail) is not persistent
+    assert followed.see(1) == "too_few_landmarks"  # nobody
+    if persistent:
+        assert followed.see(2, (7, 5.0, 0.9)) == 5.0
+        assert followed.see(40, (4, 0.0, 0.9)) == "person_absent"  # more than forget_after
+        assert "nobody but person 7, whom follow names, is followed after forget_after 3 s" in followed.detail
+
+
 def test_a_person_found_by_place_after_an_absence_is_a_guess(followed):
     assert followed.see(0, (0, 0.0, 0.9), persistent=False) == 0.0 and not followed.guessed
     assert followed.see(5, (0, 0.05, 0.9), persistent=False) == 0.05 and not followed.guessed  # 0.5 s
