@@ -246,12 +246,15 @@ class Diagnostics:
         """Return advice if people are reported as lost between two messages; else empty."""
         if len(self._periods) < PERIODS:
             return ""
-        limit, period = self._pipeline.reported_lost_after, float(np.median(self._periods))
-        if period <= limit:
+        config, period = self._pipeline.config, float(np.median(self._periods))
+        limits = {"stale_after": config.stale_after, "lost_after": self._pipeline.tracker.config.lost_after}
+        short = {name: limit for name, limit in limits.items() if limit < period}
+        if not short:
             return ""
+        values = " and ".join(f"{name} is {limit:g} s" for name, limit in short.items())
         return (
-            f"keypoints come every {period:.2g} s, and stale_after is {limit:g} s: people are reported as lost in "
-            "between; set it to two or three periods"
+            f"keypoints come every {period:.2g} s, and {values}: people are reported as lost in between; set "
+            f"{'both' if len(short) > 1 else 'it'} to two or three periods"
         )
 
     def _identity_advice(self) -> str:
