@@ -167,6 +167,21 @@ def status_of(pipeline, jump_after=100):
     return diagnostics.line(2.0)
 
 
+def test_a_jump_moves_people_once_also_if_it_is_seen_later_with_another_person():
+    """People without an image since then are moved with the frame; see PeopleMessages.update."""
+    pipeline = PerBodyPipeline(TRACKER, replace(CONFIG, fixed_frame="map"))
+    pipeline.set_camera(camera_info(BACKEND))
+    pipeline.keep(["abc", "xyz"])
+    for i in range(30):
+        place = "map", FRAME, OPTICAL, (4.0 * (i >= 20), 0.0, 1.0)
+        pipeline.transforms.add(tf_message(BACKEND, START_NS + i * PERIOD_NS, place), static=False)
+        assert feed(pipeline, "abc", i, -0.2)[0].accepted
+        if not 18 < i < 22:
+            assert feed(pipeline, "xyz", i, 0.2)[0].accepted
+        assert i < 20 or pipeline.jumps.newest[0] == START_NS + 20 * PERIOD_NS
+    assert "4.0 m and 0 degrees" in pipeline.jumps.words
+
+
 def test_a_jump_of_the_fixed_frame_is_named_with_its_distance():
     pipeline = PerBodyPipeline(TRACKER, replace(CONFIG, fixed_frame="map"))
     pipeline.set_camera(camera_info(rosbags_backend()))
