@@ -145,6 +145,7 @@ def test_the_parameter_lock_locks_nobody(event):
         pipeline.tune(replace(pipeline.tracker.config, height=1.9), pipeline.config)
     first = 44 if event == "height" else 1
     assert all(feed(pipeline, "abc", index + first)[0].accepted for index in range(5))
+    assert "lock is true, but nobody is locked" in status_of(pipeline).message
 
 
 def test_the_number_of_bodies_without_a_track_is_in_the_diagnostics(pipeline):

@@ -193,6 +193,7 @@ class Diagnostics:
             direction if self._direction.is_down else "",
             self._stale_advice(),
             self._identity_advice() if tracking else self._lock_concern(),
+            self._unused_lock(),
             "" if tracking or unused else self._untrackable_concern(recent),
             *self._cameras.concerns(now),
             self._doubt_concern(),
@@ -271,6 +272,15 @@ class Diagnostics:
         if locked == GONE:
             return FORGOTTEN
         return f"{locked} is locked and not seen: nobody else is followed until ~/lock is called with false"
+
+    def _unused_lock(self) -> str:
+        """Return that the setting `lock` has no effect; empty if it has, or is not set."""
+        if not (self._pipeline.config.lock and self._pipeline.config.topic_per_body):
+            return ""
+        return (
+            "lock is true, but nobody is locked: each person has a topic of keypoints, and the detector says who is who"
+            "; set lock to false"
+        )
 
     def _untrackable_concern(self, recent: Counter[str]) -> str:
         """Return why nobody whom the images of the period show is tracked, if several people are followed; else empty.
