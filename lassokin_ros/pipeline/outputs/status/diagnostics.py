@@ -140,12 +140,18 @@ class Diagnostics:
             self._with_depth += any(f.estimate.depth_measured for f in accepted if f.estimate is not None)
 
     def line(
-        self, now: float, presence: Presence | None = None, concern: str = "", state: str = presence_state.LOST
+        self,
+        now: float,
+        presence: Presence | None = None,
+        concern: str = "",
+        state: str = presence_state.LOST,
+        as_of_ns: int = 0,
     ) -> StatusLine:
         """Return the status of the period since the last call, and start a new one.
 
         presence: the present people, if more time has passed than the messages show; concern: a further reason for a
-        warning, empty if there is none. state: that of ~/state, for the time when nobody is tracked.
+        warning, empty if there is none. state: that of ~/state, for the time when nobody is tracked. as_of_ns: ns of
+        the clock of arrivals, up to which no further message has arrived; 0 for that of the last message.
         """
         presence = presence or Presence(self._pipeline.status, self._pipeline.ids)
         period = max(now - self._since, 1e-3)
@@ -157,7 +163,7 @@ class Diagnostics:
         figures = self._cameras.update(now, period)
         state = presence_state.TRACKING if tracking else state
         level, message = self._level_and_text(now, recent, state, concern)
-        values = {**self._figures(now, period, recent, presence, state), **figures}
+        values = {**self._figures(now, period, recent, presence, state, as_of_ns), **figures}
         self._begin(now)
         return StatusLine(level, f"{self._name}: person", message, self._hardware_id or "none", values)
 
@@ -405,7 +411,7 @@ class Diagnostics:
         return max((f.estimate.reprojection_px for f in self._newest if f.estimate is not None), default=float("nan"))
 
     def _figures(
-        self, now: float, period: float, recent: Counter[str], presence: Presence, state: str
+        self, now: float, period: float, recent: Counter[str], presence: Presence, state: str, as_of_ns: int
     ) -> dict[str, str]:
         counts = self._pipeline.counts
         followed = presence.status is Status.TRACKING  # the last figures of a lost person are outdated
@@ -427,7 +433,8 @@ class Diagnostics:
         values["locked"] = self._pipeline.locked or "nobody"
         newest = (0, "") if self._pipeline.config.topic_per_body else self._pipeline.image  # each body has its own
         if newest is not None:
-            values["people in view, not tracked"] = str(self._pipeline.untracked_at(newest[0]))
+            stamp_ns = self._pipeline.image_at(as_of_ns)[0] if as_of_ns else newest[0]
+            values["people in view, not tracked"] = str(self._pipeline.untracked_at(stamp_ns))
         if presence.ids is not None:
             values["people"] = ", ".join(presence.ids) or "nobody"
             gone = len(set(self._pipeline.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
