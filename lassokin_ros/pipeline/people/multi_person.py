@@ -222,8 +222,25 @@ class MultiPersonTracker:
         pairs = {s.seen.number: s for s in view if s.seen.number in self._present or self._is_trackable(s.seen)}
         for number, sight in pairs.items():
             if number not in self._present:
+                self._give_up_made_number(sight)
                 self._add(number, sight.stamp_ns, pairs)
         return pairs
+
+    def _give_up_made_number(self, sight: Sight) -> None:
+        """Remove the person whose number the node made, and who was last seen where this sight of a new number is.
+
+        It is the same person: the detector has a lasting number for them now. A locked person stays.
+        """
+        made = [
+            (row, number)
+            for row, (number, person) in enumerate(self._present.items())
+            if number in self._made and number != self._locked and person.seen_ns == self._newest_ns
+        ]
+        if made:
+            apart = self._distances(sight.stamp_ns, [sight])[:, 0]
+            row, number = min(made, key=lambda one: float(apart[one[0]]))
+            if apart[row] <= NEAR:
+                self._remove(number)
 
     def _give_up_number(self, sight: Sight) -> None:
         """Remove a person of the number of a sight if the number is not the detector's, and the sight not the person.

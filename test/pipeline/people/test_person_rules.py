@@ -273,6 +273,16 @@ def test_a_number_made_by_the_node_is_nobodys_after_an_image_without_the_person(
     assert room.tracker.presence_at(SECOND + 5 * PERIOD, 3.0, 0.4).status is Status.LOST
 
 
+def test_people_whom_the_node_numbered_get_the_detectors_numbers_at_once():
+    """Trackers of detectors number a person after some images; the messages before have a number below 0."""
+    room = Room(places=2)
+    for index in range(4):
+        room.see(index, (0, 0), (5, 0))
+    assert room.tracker.ids == ["p1", "p2"]
+    assert room.see(4, (0, 0), (5, 0), numbers=[7, 9]) == ["p7", "p9"] == room.tracker.ids
+    assert room.counts["people beyond max_people"] == 0
+
+
 def test_the_lock_of_a_person_who_was_forgotten_stays_on_nobody(room):
     room.see(0, (0, 0), (5, 0), numbers=[7, 9])
     assert room.tracker.lock() == "p7"
