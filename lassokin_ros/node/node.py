@@ -307,7 +307,8 @@ class TrackerNode(Node):
         concerns += [self._inputs.check(now), self._duplicate_node()]
         for keypoints, camera in zip(self._keypoints, self._pipeline.cameras.values()):
             keypoints.check(now, camera.received > 0)
-        line = self._diagnostics.line(now, presence, "; ".join(filter(None, concerns)), self._scene.state)
+        concern = "; ".join(filter(None, concerns))
+        line = self._diagnostics.line(now, presence, concern, self._scene.state, self._as_of_ns)
         self._diagnostics_out.publish(self._status.fill(self._now_ns(), "", [line]))
         for words in self._diagnostics.inputs:
             self._warning.log(words[:KEY_LENGTH], words)

@@ -112,7 +112,7 @@ class Pipeline:
         self._used_ns: dict[str, int] = {}  # arrival of the last message that was used, by camera
         self._untracked: dict[str, tuple[int, int]] = {}  # stamp of the last image, ns, and number of people who are
         # in it and were not tracked, by camera
-        self._untracked_ns: int | None = None  # arrival of the last message with keypoints of whom nobody was tracked
+        self._shown_ns: int | None = None  # arrival of the last message that shows somebody, tracked or not
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
         self.image: tuple[int, str] | None = None
         """Stamp (ns) and frame_id of the last message that was not refused as a whole."""
@@ -237,8 +237,8 @@ class Pipeline:
         """Keep the ages of all messages: the clock of arrivals was set back by `step_ns` ns since the last call."""
         if self._latest is not None:
             self._latest = self._latest[0], self._latest[1] - step_ns
-        if self._untracked_ns is not None:
-            self._untracked_ns -= step_ns
+        if self._shown_ns is not None:
+            self._shown_ns -= step_ns
         self._used_ns = {name: at_ns - step_ns for name, at_ns in self._used_ns.items()}
         for camera in self.cameras.values():
             camera.arrival_ns -= step_ns
@@ -251,16 +251,16 @@ class Pipeline:
         return min(self.config.stale_after, self.tracker.config.lost_after)
 
     def is_informed_at(self, now_ns: int) -> bool:
-        """Return True if it is known whether somebody is in view, at a time in ns of the arrival clock.
+        """Return True if it is known that nobody is in view who is not tracked, at a time in ns of the arrival clock.
 
-        It is known from usable messages of all cameras in the last `stale_after`, also from those that show nobody; but
-        not from keypoints that could not be used, such as those of a frozen detector or of a person who is too near.
-        With `silent_when_empty` it is known from silence, too, while all detectors are connected. If a person is
-        locked, nobody else counts.
+        It is known from usable messages of all cameras in the last `stale_after`, if none of them shows somebody, be it
+        a person who was tracked, or one who is too near; and not from keypoints that could not be used, such as those
+        of a frozen detector. With `silent_when_empty` it is known from silence, too, while all detectors are connected.
+        If a person is locked, nobody else counts.
         """
         if not (self.enabled and self.has_camera) or self._refused or self.locked is not None:
             return False
-        if self._untracked_ns is not None and now_ns - self._untracked_ns <= self.config.stale_after * 1e9:
+        if self._shown_ns is not None and now_ns - self._shown_ns <= self.config.stale_after * 1e9:
             return False
         if self.config.silent_when_empty:
             return self.detector_connected
@@ -345,7 +345,7 @@ class Pipeline:
             self._sets.reset()
         self.agreement.reset()
         self.jumps.reset()
-        self._latest = self.image = self._untracked_ns = None
+        self._latest = self.image = self._shown_ns = None
         self._used_ns, self._untracked = {}, {}
         self.counts["resets"] += 1
         return held
@@ -471,7 +471,7 @@ class Pipeline:
             return [FrameResult(stamp_ns, images[0].frame_id, None, error.reason, str(error))]
         self._refused -= {image.camera.name for image in images}
         self._used_ns |= {image.camera.name: arrival_ns for image in placed}
-        self._note_untracked(images, placed, frames, arrival_ns)
+        self._note_people(images, placed, arrival_ns)
         if self._sets is not None:
             frames = self._without_absences(frames, stamp_ns)
             self._note_residuals(frames)
@@ -485,14 +485,8 @@ class Pipeline:
             self.first.stamps.follow(stamp_ns, arrival_ns, images[0].stamped)
         return frames
 
-    def _note_untracked(
-        self,
-        images: Sequence[PeopleImage],
-        placed: Sequence[PeopleImage],
-        frames: Sequence[FrameResult],
-        arrival_ns: int,
-    ) -> None:
-        """Note how many people in each image were not tracked, and if images show somebody, and nobody was tracked.
+    def _note_people(self, images: Sequence[PeopleImage], placed: Sequence[PeopleImage], arrival_ns: int) -> None:
+        """Note how many people in each image were not tracked, and if images show somebody.
 
         placed: the images that were used, with the poses of their cameras. It is not known who is in the others.
         """
@@ -501,10 +495,8 @@ class Pipeline:
         for image in placed:
             count = untracked(image, people, self.reported_lost_after)
             self._untracked[image.camera.name] = image.stamp_ns, count
-        if any(frame.accepted for frame in frames):
-            self._untracked_ns = None
-        elif any(image.shown for image in images):
-            self._untracked_ns = arrival_ns
+        if any(image.shown for image in images):
+            self._shown_ns = arrival_ns
 
     def _placed(self, images: Sequence[PeopleImage]) -> tuple[Sequence[PeopleImage], str]:
         """Return the images whose camera has a pose, and the frame of the results.

@@ -31,6 +31,7 @@ from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE  # noqa: E402
 from lassokin_ros.pipeline.camera_images import NOBODY, UNSCORED, UNUSED  # noqa: E402
+from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState  # noqa: E402
 from lassokin_ros.pipeline.people.choice import NoPersonError  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS  # noqa: E402
@@ -194,9 +195,10 @@ def test_silence_informs_only_if_it_is_set(pipeline):
     """Whether it is known that nobody is in view: by the last usable message, or by the silence of a live detector."""
     quiet = replace(pipeline.config, silent_when_empty=True)
     assert not pipeline.is_informed_at(SECOND) and pipeline.image_at(9) == (9, FRAME)
-    pipeline.frames(message(0), 7 * SECOND)
+    pipeline.frames(message(0), 6 * SECOND)
+    pipeline.frames(message(1, confidence=np.zeros(17)), 7 * SECOND)
     assert pipeline.is_informed_at(7 * SECOND + SECOND // 3) and not pipeline.is_informed_at(8 * SECOND)
-    assert pipeline.image_at(8 * SECOND) == (START_NS + SECOND, FRAME)
+    assert pipeline.image_at(8 * SECOND) == (START_NS + PERIOD_NS + SECOND, FRAME)
     pipeline.tune(pipeline.tracker.config, quiet)
     assert pipeline.is_informed_at(8 * SECOND)
     pipeline.detector_connected = False
@@ -207,6 +209,23 @@ def test_silence_informs_only_if_it_is_set(pipeline):
     pipeline.enabled = False
     assert not pipeline.is_informed_at(9 * SECOND)
     assert not Pipeline(TrackerConfig(), quiet).is_informed_at(1)  # without a camera every message is refused
+
+
+@pytest.mark.parametrize("max_people", [1, 3])
+def test_silence_after_a_person_does_not_say_that_nobody_is_there(max_people):
+    """Also if people are forgotten before the last image, which shows the person, is stale."""
+    config = NodeSettings(max_people=max_people, stale_after=5.0, forget_after=3.0)
+    pipeline, state = Pipeline(TrackerConfig(), config), PresenceState()
+    pipeline.set_camera(camera_info(BACKEND))
+    states = []
+    for index in range(300):
+        now_ns = START_NS + index * PERIOD_NS
+        if index < len(PIXELS):
+            pipeline.frames(message(index, now_ns), now_ns)
+        limits = pipeline.reported_lost_after, config.forget_after, pipeline.is_informed_at(now_ns)
+        if state.update(pipeline.presence_at(now_ns), now_ns, *limits):
+            states.append(state.value)
+    assert states == ["tracking", "lost"]
 
 
 @pytest.mark.parametrize("fault", ["frozen", "near", "clamped"])

@@ -222,8 +222,25 @@ class MultiPersonTracker:
         pairs = {s.seen.number: s for s in view if s.seen.number in self._present or self._is_trackable(s.seen)}
         for number, sight in pairs.items():
             if number not in self._present:
+                self._give_up_made_number(sight)
                 self._add(number, sight.stamp_ns, pairs)
         return pairs
+
+    def _give_up_made_number(self, sight: Sight) -> None:
+        """Remove the person whose number the node made, and who was last seen where this sight of a new number is.
+
+        It is the same person: the detector has a lasting number for them now. A locked person stays.
+        """
+        made = [
+            (row, number)
+            for row, (number, person) in enumerate(self._present.items())
+            if number in self._made and number != self._locked and person.seen_ns == self._newest_ns
+        ]
+        if made:
+            apart = self._distances(sight.stamp_ns, [sight])[:, 0]
+            row, number = min(made, key=lambda one: float(apart[one[0]]))
+            if apart[row] <= NEAR:
+                self._remove(number)
 
     def _give_up_number(self, sight: Sight) -> None:
         """Remove a person of the number of a sight if the number is not the detector's, and the sight not the person.
@@ -365,15 +382,17 @@ class MultiPersonTracker:
         return is_trackable(detection, next(iter([*self._idle, *self._present.values()])).tracker.config)
 
     def _add(self, number: int, stamp_ns: int, pairs: Iterable[int]) -> bool:
-        """Assign a tracker to a new person. Return False, and count it, if none is free.
+        """Assign a tracker to a new person. Return False, and count it, if none is free. The locked person who comes
+        back gets one in any case.
 
         The new tracker adopts the direction of gravity from the others. If a tracker has this person's skeleton, it is
         that one; else one that has nobody's, if there is one.
         """
         if not self._idle:
-            kept = {*pairs, self._locked}
+            locked = number == self._locked
+            kept = set() if locked else {*pairs, self._locked}
             away = [(person.unseen_s(stamp_ns), n) for n, person in self._present.items() if n not in kept]
-            if not away or max(away)[0] < REPLACEABLE_AFTER_S:
+            if not away or (max(away)[0] < REPLACEABLE_AFTER_S and not locked):
                 self._counts["people beyond max_people"] += 1
                 return False
             self._remove(max(away)[1])

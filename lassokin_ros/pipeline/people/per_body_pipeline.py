@@ -17,6 +17,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.observation import Status
 from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.presence import Presence, best
@@ -128,10 +129,10 @@ class PerBodyPipeline(Pipeline):
         pipeline = self._present.get(person)
         if pipeline is None:
             return []
-        pipeline.enabled, jumps = self.enabled, self.counts[JUMPS]
+        pipeline.enabled, jumps, before = self.enabled, self.counts[JUMPS], pipeline.image
         frames = pipeline.frames(message, arrival_ns, self.first.name)
         if self.counts[JUMPS] > jumps:
-            self.jumps = pipeline.jumps
+            self._note_jump(pipeline.jumps, None if before is None else before[0])
         self.answered = self.answered or pipeline.answered
         mine, theirs = self.first, pipeline.first
         self.image, mine.frame_id = pipeline.image, theirs.frame_id
@@ -139,12 +140,22 @@ class PerBodyPipeline(Pipeline):
         mine.stamp_rate, mine.own_depth, mine.landmark_ids = theirs.stamp_rate, theirs.own_depth, theirs.landmark_ids
         return [replace(frame, person=person, label=person) for frame in frames]
 
+    def _note_jump(self, jumps: PoseJumps, before_ns: int | None) -> None:
+        """Keep a jump that a person's image shows, unless it is the one that images of others have shown already.
+
+        before_ns: stamp, ns, of the person's image before; the person may have been out of view meanwhile.
+        """
+        if before_ns is not None and self.jumps.newest is not None and before_ns < self.jumps.newest[0]:
+            return
+        self.jumps.newest, self.jumps.words = jumps.newest, jumps.words
+
     def reset(self, unlock: bool = True) -> None:
         """Forget the state of all people. The list of people, the camera and the counts stay."""
         with self._uncounted_resets():
             for pipeline in self._all:
                 pipeline.reset(unlock)
         self.image = None
+        self.jumps.reset()
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:

@@ -23,6 +23,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.choice import (
     CONFIDENT,
     GUESS_AFTER_S,
+    RULES,
     NoPersonError,
     nobody_to_lock,
     number_named,
@@ -304,8 +305,12 @@ class SinglePersonTracker:
         suggests that the detector's confidences are too low.
         """
         keypoints, view = image.keypoints, self._views[image.camera.name]
-        followed = view.followed
-        if followed is None and not self._gone or followed is not None and followed.seen_ns == image.stamp_ns:
+        followed, named = view.followed, number_named(self._follow)
+        chosen = self._gone or any(one.followed is not None for one in self._views.values())
+        unfound = not chosen and named is not None and bool(view.tracks.seen_at(image.stamp_ns))
+        if followed is None and not (self._gone or unfound):
+            return ""
+        if followed is not None and followed.seen_ns == image.stamp_ns:
             return ""
         if not image.persistent and not view.tracks.seen_at(image.stamp_ns):
             return ""  # those who are shown in part may be the followed person
@@ -315,6 +320,12 @@ class SinglePersonTracker:
         others = len(np.unique(numbers[confident]))
         if not others:
             return ""
+        if unfound:
+            lasting = "" if image.persistent else ", and the numbers of its people do not last"
+            return (
+                f"follow is '{self._follow}', and no person of this number is among the {others} in the message"
+                f"{lasting}; nobody else is followed: set follow to {', '.join(RULES)}, or to a lasting number"
+            )
         if followed is None:
             return (
                 "the person who was locked is not known any more, because height, camera or time have changed; "
@@ -323,7 +334,8 @@ class SinglePersonTracker:
             )
         number = followed.detection.number
         who = f"person {number} is not" if image.persistent else "nobody is near the predicted position"
-        waits = f"another person is followed after forget_after {forget_after:g} s"
+        another = "another person" if named is None else f"nobody but person {named}, whom follow names,"
+        waits = f"{another} is followed after forget_after {forget_after:g} s"
         if self._locked:
             waits = "the person is locked, until ~/lock is called with false"
         return (

@@ -49,12 +49,12 @@ def fractions(count=40):
 POINTS = fractions()
 
 
-def skeleton2d(backend, stamp_ns, index, aside=0.0):
+def skeleton2d(backend, stamp_ns, index, aside=0.0, confidence=0.9):
     """A Skeleton2D, shifted by `aside` of the image's width to the right."""
     message = backend.make(HRI)
     set_header(message.header, stamp_ns, FRAME)
     for point, (x, y) in zip(message.skeleton, POINTS[index % len(POINTS)].tolist()):
-        point.x, point.y, point.c = x + aside, y, 0.9
+        point.x, point.y, point.c = x + aside, y, confidence
     return message
 
 
@@ -145,6 +145,7 @@ def test_the_parameter_lock_locks_nobody(event):
         pipeline.tune(replace(pipeline.tracker.config, height=1.9), pipeline.config)
     first = 44 if event == "height" else 1
     assert all(feed(pipeline, "abc", index + first)[0].accepted for index in range(5))
+    assert "lock is true, but nobody is locked" in status_of(pipeline).message
 
 
 def test_the_number_of_bodies_without_a_track_is_in_the_diagnostics(pipeline):
@@ -165,6 +166,21 @@ def status_of(pipeline, jump_after=100):
             pipeline.transforms.add(tf_message(BACKEND, START_NS + i * PERIOD_NS, place), static=False)
         diagnostics.count_message(feed(pipeline, "abc", i), START_NS + i * PERIOD_NS, i / 30, 0.001)
     return diagnostics.line(2.0)
+
+
+def test_a_jump_moves_people_once_also_if_it_is_seen_later_with_another_person():
+    """People without an image since then are moved with the frame; see PeopleMessages.update."""
+    pipeline = PerBodyPipeline(TRACKER, replace(CONFIG, fixed_frame="map"))
+    pipeline.set_camera(camera_info(BACKEND))
+    pipeline.keep(["abc", "xyz"])
+    for i in range(30):
+        place = "map", FRAME, OPTICAL, (4.0 * (i >= 20), 0.0, 1.0)
+        pipeline.transforms.add(tf_message(BACKEND, START_NS + i * PERIOD_NS, place), static=False)
+        assert feed(pipeline, "abc", i, -0.2)[0].accepted
+        if not 18 < i < 22:
+            assert feed(pipeline, "xyz", i, 0.2)[0].accepted
+        assert i < 20 or pipeline.jumps.newest[0] == START_NS + 20 * PERIOD_NS
+    assert "4.0 m and 0 degrees" in pipeline.jumps.words
 
 
 def test_a_jump_of_the_fixed_frame_is_named_with_its_distance():
@@ -204,6 +220,8 @@ def test_messages_keep_their_ages_when_the_clock_is_set_back(pipeline):
     pipeline.frames_of("abc", skeleton2d(BACKEND, START_NS, 0), 60 * 10**9)
     pipeline.set_clock_back(50 * 10**9)
     assert [pipeline.presence_at(at * 10**9).status for at in (10, 11)] == [Status.TRACKING, Status.LOST]
+    pipeline.frames_of("abc", skeleton2d(BACKEND, START_NS + PERIOD_NS, 1, confidence=0.0), 20 * 10**9)
+    pipeline.set_clock_back(10 * 10**9)
     assert pipeline.is_informed_at(10 * 10**9) and not pipeline.is_informed_at(11 * 10**9)
 
 

@@ -273,6 +273,16 @@ def test_a_number_made_by_the_node_is_nobodys_after_an_image_without_the_person(
     assert room.tracker.presence_at(SECOND + 5 * PERIOD, 3.0, 0.4).status is Status.LOST
 
 
+def test_people_whom_the_node_numbered_get_the_detectors_numbers_at_once():
+    """Trackers of detectors number a person after some images; the messages before have a number below 0."""
+    room = Room(places=2)
+    for index in range(4):
+        room.see(index, (0, 0), (5, 0))
+    assert room.tracker.ids == ["p1", "p2"]
+    assert room.see(4, (0, 0), (5, 0), numbers=[7, 9]) == ["p7", "p9"] == room.tracker.ids
+    assert room.counts["people beyond max_people"] == 0
+
+
 def test_the_lock_of_a_person_who_was_forgotten_stays_on_nobody(room):
     room.see(0, (0, 0), (5, 0), numbers=[7, 9])
     assert room.tracker.lock() == "p7"
@@ -283,6 +293,18 @@ def test_the_lock_of_a_person_who_was_forgotten_stays_on_nobody(room):
     assert room.tracker.lock() == "p7" == room.tracker.locked
     room.tracker.reset()
     assert room.tracker.locked is None
+
+
+def test_the_locked_person_who_comes_back_gets_a_tracker_although_all_are_in_use():
+    room = Room(places=2)
+    room.see(0, (0, 0), numbers=[1])
+    assert room.tracker.lock() == "p1"
+    for index in range(1, 40):  # longer than forget_after
+        room.see(index, (5, 0), (9, 0), numbers=[2, 3])
+    assert room.tracker.ids == ["p2", "p3"] and room.tracker.locked == "p1"
+    for index in range(40, 43):
+        assert room.see(index, (0, 0), (5, 0), (9, 0), numbers=[1, 2, 3]) == ["p2", "p1"]
+    assert room.tracker.presence_at(SECOND + index * PERIOD, 3.0, 0.4).status is Status.TRACKING
 
 
 def test_a_reset_forgets_unconfirmed_people(room):
@@ -454,6 +476,19 @@ def test_the_rule_names_the_person_to_lock(followed):
     assert followed.tracker.lock() == "p3" and followed.see(2, *people) == 0.2
     followed.tracker.reset()
     assert followed.tracker.locked is None
+
+
+@pytest.mark.parametrize("persistent", [True, False])
+def test_the_absence_of_the_person_whom_follow_names_is_said(followed, persistent):
+    followed.tracker.tune("p7", False)
+    assert followed.see(0, (4, 0.0, 0.9), (5, 2.0, 0.9), persistent=persistent) == "person_absent"
+    assert "follow is 'p7', and no person of this number is among the 2 in the message" in followed.detail
+    assert ("do not last" in followed.detail) is not persistent
+    assert followed.see(1) == "too_few_landmarks"  # nobody
+    if persistent:
+        assert followed.see(2, (7, 5.0, 0.9)) == 5.0
+        assert followed.see(40, (4, 0.0, 0.9)) == "person_absent"  # more than forget_after
+        assert "nobody but person 7, whom follow names, is followed after forget_after 3 s" in followed.detail
 
 
 def test_a_person_found_by_place_after_an_absence_is_a_guess(followed):

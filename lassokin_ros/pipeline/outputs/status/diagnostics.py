@@ -140,12 +140,18 @@ class Diagnostics:
             self._with_depth += any(f.estimate.depth_measured for f in accepted if f.estimate is not None)
 
     def line(
-        self, now: float, presence: Presence | None = None, concern: str = "", state: str = presence_state.LOST
+        self,
+        now: float,
+        presence: Presence | None = None,
+        concern: str = "",
+        state: str = presence_state.LOST,
+        as_of_ns: int = 0,
     ) -> StatusLine:
         """Return the status of the period since the last call, and start a new one.
 
         presence: the present people, if more time has passed than the messages show; concern: a further reason for a
-        warning, empty if there is none. state: that of ~/state, for the time when nobody is tracked.
+        warning, empty if there is none. state: that of ~/state, for the time when nobody is tracked. as_of_ns: ns of
+        the clock of arrivals, up to which no further message has arrived; 0 for that of the last message.
         """
         presence = presence or Presence(self._pipeline.status, self._pipeline.ids)
         period = max(now - self._since, 1e-3)
@@ -157,7 +163,7 @@ class Diagnostics:
         figures = self._cameras.update(now, period)
         state = presence_state.TRACKING if tracking else state
         level, message = self._level_and_text(now, recent, state, concern)
-        values = {**self._figures(now, period, recent, presence, state), **figures}
+        values = {**self._figures(now, period, recent, presence, state, as_of_ns), **figures}
         self._begin(now)
         return StatusLine(level, f"{self._name}: person", message, self._hardware_id or "none", values)
 
@@ -193,6 +199,7 @@ class Diagnostics:
             direction if self._direction.is_down else "",
             self._stale_advice(),
             self._identity_advice() if tracking else self._lock_concern(),
+            self._unused_lock(),
             "" if tracking or unused else self._untrackable_concern(recent),
             *self._cameras.concerns(now),
             self._doubt_concern(),
@@ -246,12 +253,15 @@ class Diagnostics:
         """Return advice if people are reported as lost between two messages; else empty."""
         if len(self._periods) < PERIODS:
             return ""
-        limit, period = self._pipeline.reported_lost_after, float(np.median(self._periods))
-        if period <= limit:
+        config, period = self._pipeline.config, float(np.median(self._periods))
+        limits = {"stale_after": config.stale_after, "lost_after": self._pipeline.tracker.config.lost_after}
+        short = {name: limit for name, limit in limits.items() if limit < period}
+        if not short:
             return ""
+        values = " and ".join(f"{name} is {limit:g} s" for name, limit in short.items())
         return (
-            f"keypoints come every {period:.2g} s, and stale_after is {limit:g} s: people are reported as lost in "
-            "between; set it to two or three periods"
+            f"keypoints come every {period:.2g} s, and {values}: people are reported as lost in between; set "
+            f"{'both' if len(short) > 1 else 'it'} to two or three periods"
         )
 
     def _identity_advice(self) -> str:
@@ -268,6 +278,15 @@ class Diagnostics:
         if locked == GONE:
             return FORGOTTEN
         return f"{locked} is locked and not seen: nobody else is followed until ~/lock is called with false"
+
+    def _unused_lock(self) -> str:
+        """Return that the setting `lock` has no effect; empty if it has, or is not set."""
+        if not (self._pipeline.config.lock and self._pipeline.config.topic_per_body):
+            return ""
+        return (
+            "lock is true, but nobody is locked: each person has a topic of keypoints, and the detector says who is who"
+            "; set lock to false"
+        )
 
     def _untrackable_concern(self, recent: Counter[str]) -> str:
         """Return why nobody whom the images of the period show is tracked, if several people are followed; else empty.
@@ -392,7 +411,7 @@ class Diagnostics:
         return max((f.estimate.reprojection_px for f in self._newest if f.estimate is not None), default=float("nan"))
 
     def _figures(
-        self, now: float, period: float, recent: Counter[str], presence: Presence, state: str
+        self, now: float, period: float, recent: Counter[str], presence: Presence, state: str, as_of_ns: int
     ) -> dict[str, str]:
         counts = self._pipeline.counts
         followed = presence.status is Status.TRACKING  # the last figures of a lost person are outdated
@@ -414,7 +433,8 @@ class Diagnostics:
         values["locked"] = self._pipeline.locked or "nobody"
         newest = (0, "") if self._pipeline.config.topic_per_body else self._pipeline.image  # each body has its own
         if newest is not None:
-            values["people in view, not tracked"] = str(self._pipeline.untracked_at(newest[0]))
+            stamp_ns = self._pipeline.image_at(as_of_ns)[0] if as_of_ns else newest[0]
+            values["people in view, not tracked"] = str(self._pipeline.untracked_at(stamp_ns))
         if presence.ids is not None:
             values["people"] = ", ".join(presence.ids) or "nobody"
             gone = len(set(self._pipeline.ids or ()) - set(presence.ids))  # in a silence: the next message counts them

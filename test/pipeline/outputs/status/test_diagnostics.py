@@ -214,3 +214,16 @@ def test_a_height_that_contradicts_measured_depth_is_a_warning():
     assert status.level == WARN
     assert "measured depth does not fit the size of the given body (height 1.75 m)" in status.message
     assert status.values["measured size / given size"] == "0.84"
+
+
+def test_people_who_are_not_tracked_are_not_in_view_for_ever():
+    """After a silence the figure is that of ~/people, see `Pipeline.untracked_at`."""
+    pipeline = Pipeline(TrackerConfig(), NodeSettings(silent_when_empty=True))
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics, arrival_ns = Diagnostics(pipeline, "tracker", 0.0), 5_000_000_000
+    few = np.where(np.arange(17) < 3, 0.9, 0.0)
+    frames = pipeline.frames(cloud(BACKEND, arrival_ns, PIXELS[0], few), arrival_ns)
+    diagnostics.count_message(frames, arrival_ns, 0.5, 0.001)
+    for seconds, count in ((1, "1"), (60, "0")):
+        status = diagnostics.line(0.5 + seconds, as_of_ns=arrival_ns + seconds * 10**9)
+        assert status.values["people in view, not tracked"] == count

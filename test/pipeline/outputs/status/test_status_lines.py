@@ -386,6 +386,16 @@ def test_a_period_above_stale_after_is_a_warning(diagnostics, pipeline):
     assert said(diagnostics, 13.8) == (OK, "tracking")
 
 
+@pytest.mark.parametrize("stale_after", [0.4, 3.0])
+def test_a_period_above_lost_after_is_a_warning_about_it(diagnostics, pipeline, stale_after):
+    pipeline.config = replace(pipeline.config, stale_after=stale_after)
+    for i in range(1, 7):
+        diagnostics.count_message([frame()], SECOND, 10.0 + 1.25 * i, 0.001)
+    stale, remedy = ("stale_after is 0.4 s and ", "both") if stale_after == 0.4 else ("", "it")
+    expected = f"keypoints come every 1.2 s, and {stale}lost_after is 1 s: people are reported as lost in between; set "
+    assert f"{expected}{remedy} to two or three periods" in said(diagnostics, 17.6)[1]
+
+
 def test_a_guessed_identity_is_a_warning(diagnostics, pipeline):
     diagnostics.count_message([replace(frame(), guessed=True)], SECOND, 10.5, 0.001)
     level, message = said(diagnostics)
