@@ -47,8 +47,8 @@ class TrackerConfig:
 
     height: float = live_setting(
         1.75,
-        "height of the person; sets the scale, which one camera cannot observe; 0 = measured, with depth "
-        "(else 0.3 or more)",
+        "height of the person; sets the scale, which one camera cannot observe; 0 = measured, with depth, several "
+        "cameras or tilt_deviation (else 0.3 or more)",
         "m",
         0.0,
         2.6,

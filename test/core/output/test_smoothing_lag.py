@@ -54,6 +54,17 @@ def test_late_frames_have_their_own_messages_and_continuous_joint_states():
             assert np.allclose(frame.velocities, (frame.positions - frames[i - 1].positions) / (PERIOD_NS * 1e-9))
 
 
+def test_a_lag_of_3_ms_has_no_effect_and_one_with_almost_no_smoothing_only_delays():
+    """docs/tuning.md, smoothing_lag."""
+    at_once, delayed = pipeline_for(0.003), Pipeline(TrackerConfig(smoothing=5e-4, smoothing_lag=LAG), NodeSettings())
+    delayed.set_camera(camera_info(BACKEND))
+    for i, xy in enumerate(PIXELS[:10]):
+        assert [f.stamp_ns for f in at_once.frames(cloud(BACKEND, stamp(i), xy), 0)] == [stamp(i)]
+        for frame in delayed.frames(cloud(BACKEND, stamp(i), xy), 0):
+            assert frame.stamp_ns == stamp(i - WAITING)
+            assert np.array_equal(frame.estimate.state.rotations, frame.estimate.solved.rotations)
+
+
 def test_the_keypoints_delay_does_not_include_the_lag():
     pipeline = pipeline_for()
     diagnostics = Diagnostics(pipeline, "tracker", 0.0)

@@ -598,6 +598,7 @@ def test_somebody_without_a_number_has_a_new_id_after_an_absence(followed):
     assert followed.see(0, (0, 0.0, 0.9), numbered=False) == 0.0 and followed.label == "p1"
     assert followed.see(1, (0, 2.0, 0.9), numbered=False) == 2.0 and followed.label == "p1"
     assert followed.see(30, (0, 3.0, 0.9), numbered=False) == 3.0 and followed.label == "p1"
+    assert not followed.guessed, "docs/robots.md, Who is followed"
     followed.person.refuses = True
     for index in (61, 62):  # after 3.1 s
         followed.see(index, (0, 3.0, 0.9), numbered=False)
