@@ -108,6 +108,8 @@ def _run(root: str, tests: list[str], limit: float | None, sender: multiprocessi
     sys.dont_write_bytecode = False  # compiled files are shared by all trials
     os.chdir(root)
     sys.path[:] = [root, *(entry for entry in sys.path if entry != "")]
+    for name in [name for name in sys.modules if name.partition(".")[0] in os.listdir(root)]:
+        del sys.modules[name]  # from the repository, as imported by this module; the mutant is in the copy
     silence = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silence, 1)
     os.dup2(silence, 2)

@@ -64,6 +64,18 @@ def test_mutants_are_killed_time_out_or_survive(repository, tmp_path):
     assert (row["sampled"], row["killed"], row["survived"], row["timed_out"], row["score"]) == (4, 3, 1, 1, 0.75)
 
 
+def test_a_package_that_the_benchmark_has_imported_itself_is_tested_as_the_copy_has_it(repository, tmp_path):
+    """The trials' own module imports lassokin_ros, and from its own repository."""
+    path = repository / "lassokin_ros" / "tiny.py"
+    path.parent.mkdir()
+    path.write_text(CODE)
+    (path.parent / "__init__.py").touch()
+    (repository / "test" / "test_tiny.py").write_text(TESTS.replace("msg_adapters", "lassokin_ros"))
+    mutant = SimpleNamespace(path=path, line=2, operator="by hand", code=CODE.replace("a > b", "a < b"))
+    (record,) = try_room(trial.Copy(repository, tmp_path, preloaded=("pytest",)), "tiny", [mutant])
+    assert record["outcome"] == "killed"
+
+
 def test_tests_that_fail_by_themselves_are_reported(repository, tmp_path):
     (repository / "test/msg_adapters/test_a.py").write_text("assert False\n")
     copy = trial.Copy(repository, tmp_path, preloaded=("pytest",))

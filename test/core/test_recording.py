@@ -89,6 +89,16 @@ def test_frames_that_only_one_track_has_are_published_as_they_are(tracks):
     assert [stamp for stamp in ahead if not ahead[stamp]] == sorted(stamps[::2])
 
 
+@pytest.mark.parametrize(("more", "wanted"), [(1e6, 0), (-1e6, 1)], ids=["worse", "better"])
+def test_the_track_whose_costs_are_far_higher_has_no_influence(tracks, more, wanted):
+    forward, backward, _ = tracks
+    tracker = Tracker(SMOOTHED)
+    tracker.backward = {at: Backward(one.state, forward[at].cost + more) for at, one in backward.items()}.get
+    for one in published(tracker, instants()):
+        expected = (forward, backward)[wanted][one.stamp].state.translation
+        assert np.abs(one.state.translation - expected).max() < 1e-12
+
+
 def test_a_backward_track_at_another_distance_changes_nothing(tracks):
     forward, backward, _ = tracks
     tracker = Tracker(SMOOTHED)

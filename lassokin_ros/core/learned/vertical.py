@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from lassokin_ros.core.body.rotations import exponential, hat, least_turn
+from lassokin_ros.core.body.rotations import exponential, least_turn
 
 TIME_CONSTANT_S = 0.5, 5.0
 """s with which the vertical follows the person's: at first, when the error of the mount is often larger than the lean
@@ -79,10 +79,7 @@ class Vertical:
         """
         if self.learned_for > 0 or self.configured:
             return [(self.direction, 0.0)]
-        across = hat(self.mount) @ np.array([0.0, 0.0, 1.0])
-        size = math.sqrt(across.dot(across))
-        axis = across / size if size > 1e-3 else np.array([1.0, 0.0, 0.0])  # the camera looks straight up or down
-        tilts = exponential(np.outer((TILT, -TILT), axis))
+        tilts = exponential(np.outer((-TILT, TILT), (1.0, 0.0, 0.0)))  # about the image's x axis: the mount is level
         return [(self.mount, 0.0), *((tilt @ self.mount, TILT_COST) for tilt in tilts)]
 
     def adopt(self, others: Iterable[Vertical]) -> None:

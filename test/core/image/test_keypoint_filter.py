@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from sequences import CONFIG, observations
 
+from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.image.keypoint_filter import (
     MAX_EXTRAPOLATION,
     MAX_GAP,
@@ -112,3 +113,14 @@ def test_predicted_points_are_extrapolated_briefly_and_do_not_update_tracks():
     latest = asked.expected(59 / RATE + MAX_EXTRAPOLATION)[0]
     assert np.allclose(latest - b, MAX_EXTRAPOLATION * asked._tracks.velocity)
     assert np.allclose(asked.expected(1e9)[0], latest, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("degrees", "kept"), [(30, True), (85, False)])
+def test_a_track_that_the_camera_has_turned_away_from_is_forgotten(degrees, kept):
+    keypoint_filter = KeypointFilter(NAMES, LIMBS)
+    for frame in range(20):
+        keypoint_filter.update(frame / RATE, places(frame), np.full(4, 1 / NOISE), 1.0, LIKENESS)
+    keypoint_filter.carry(exponential(np.radians([0.0, degrees, 0.0])), np.zeros((4, 3)))
+    assert np.array_equal(np.isfinite(keypoint_filter.speeds()), np.full(4, kept))
+    _, weights = keypoint_filter.update(20 / RATE, np.zeros((4, 2)), np.zeros(4), 1.0, LIKENESS)
+    assert np.array_equal(weights > 0, np.full(4, kept))  # extrapolated, or missing

@@ -165,6 +165,19 @@ def test_calls_between_two_pieces_of_work_change_nothing(monkeypatch):
     assert np.array_equal(once.lengths, often.lengths) and np.array_equal(once.deviation, often.deviation)
 
 
+def test_a_replaced_pose_settles_before_its_frames_are_kept():
+    kinematics = body()
+    prior = PoseDistribution.load(kinematics.skeleton)
+    calibration, states, kept = Calibration(FrameModel(kinematics, prior)), postures(prior, 30, 0), {}
+    for i, seen in enumerate(project(kinematics.pose(states).landmarks)):
+        state, before = BodyState(states.rotations[i], states.translation[i]), calibration.kept_motion
+        calibration.update(0.04 * i, state, FrameData(seen, np.full(17, FOCAL / 2)), restarted=i in (0, 20))
+        if calibration.kept_motion > before:
+            kept[i] = calibration.kept_motion - before
+    assert len(kept) > 5 and not {20, 21, 22} & set(kept)  # 0.05 s, and the interval of the kept frames
+    assert kept[min(i for i in kept if i > 20)] < 0.12  # the time before does not count
+
+
 def test_frames_that_cannot_be_solved_have_no_influence(monkeypatch):
     monkeypatch.setattr(calibration_module, "lapack", SimpleNamespace(dposv=lambda H, right: (H, right, 1)))
     kinematics = body()

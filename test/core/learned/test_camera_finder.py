@@ -165,3 +165,14 @@ def test_a_few_wrong_points_hardly_move_the_pose(scene):
         extrinsics.find("side", frame * PERIOD_S, (front, beside), (joints, side.into_camera(joints)))
     degrees, metres = apart(extrinsics.found["side"], side)
     assert degrees < 2.0 and metres < 0.15  # 3.3 degrees with Huber's weights
+
+
+def test_images_that_come_faster_are_left_out_so_that_the_kept_ones_are_of_the_last_seconds(scene):
+    """200 kept frames are 20 s, whatever the camera's rate is."""
+    extrinsics, start = learner(scene), 1.7e9
+    for camera in (FRONT, scene[2]):
+        extrinsics.received(camera)
+    for frame in range(61):  # 60 Hz for a second
+        front, beside = views(scene, frame)
+        extrinsics.update(start + frame / 60, replace(front, others=(beside,)))
+    assert extrinsics.frame_count == pytest.approx(1 / PERIOD_S, abs=2)

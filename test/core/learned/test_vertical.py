@@ -204,6 +204,7 @@ def test_the_verticals_of_a_first_fit_are_those_of_pitched_cameras_until_one_is_
     assert np.array_equal(level, vertical.mount) and free == 0.0
     for (up, cost), degrees in zip(tilted, (26, 26), strict=True):
         assert apart(up, level) == pytest.approx(degrees, abs=1) and abs(up[0]) < 1e-12 and cost > 0
+    assert apart(tilted[0][0], tilted[1][0]) == pytest.approx(52, abs=2)  # one looks up, one down
     assert np.linalg.norm([up for up, _ in vertical.candidates()], axis=1) == pytest.approx(1)
     assert len(Vertical(roll=HALF, pitch=0.0).candidates()) == 1  # a known mount
     assert len(Vertical(given=np.array([0.0, 0.0, 1.0])).candidates()) == 1

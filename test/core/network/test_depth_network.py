@@ -8,6 +8,7 @@ import pytest
 
 from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.body.symmetry import other_side
 from lassokin_ros.core.network.depth_network import (
     DEPTHS,
     LEAST_SEEN,
@@ -67,9 +68,12 @@ def test_a_gap_in_the_past_is_unknown():
 
 @pytest.mark.parametrize("name", built_in_layouts())
 def test_every_layout_has_enough_canonical_points(name):
-    index = canonical_index(Layout.load(name, SKELETON), SKELETON)
+    layout = Layout.load(name, SKELETON)
+    index = canonical_index(layout, SKELETON)
     assert np.count_nonzero(index >= 0) >= max(LEAST_SEEN, 12)
     assert len(set(index[index >= 0])) == np.count_nonzero(index >= 0)
+    found = {point: layout.names[landmark] for point, landmark in zip(NAMES, index) if landmark >= 0}
+    assert {other_side(point): other_side(landmark) for point, landmark in found.items()} == found
 
 
 def scene(count):
