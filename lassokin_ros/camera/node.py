@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import threading
 import time
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -19,6 +18,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 
 from lassokin_ros.core.errors import CameraError
+from lassokin_ros.core.yaml_files import user_path
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.video.camera import assumed_fov_warning, choose_camera, from_file
 from lassokin_ros.video.sources import Source, SourceError, open_source
@@ -59,10 +59,10 @@ class CameraNode(Node):
         """options: of rclpy's Node. Raises SourceError or CameraError."""
         super().__init__(node_name, **options)
         given = {name: self._declare(name) for name in PARAMETERS}
-        # The shell does not expand the ~ of `source:=~/walk.mp4`.
+        # The shell does not expand the ~ of `source:=~/walk.mp4`. As a path, an address would lose a slash.
         self._source_name, self._frame_id = os.path.expanduser(str(given["source"])), given["frame_id"]
         self._fov = given["fov"] or None
-        self._calibration = Path(os.path.expanduser(given["calibration"])) if given["calibration"] else None
+        self._calibration = user_path(given["calibration"]) if given["calibration"] else None
         self._longest_side = given["longest_side"]
         if self._longest_side < LEAST_SIDE:
             raise SourceError(f"longest_side is {self._longest_side} px; expected {LEAST_SIDE} px or more")

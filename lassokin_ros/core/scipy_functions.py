@@ -1,7 +1,7 @@
 """Compiled functions of scipy without the packages around them.
 
-`import scipy.linalg` takes longer than all other imports of the core together, and 24 MB, for modules that are not used
-here (numpy.testing, numpy.f2py). Therefore its LAPACK module is loaded alone.
+`import scipy.linalg` takes as long as all other imports of the core together, and 24 MB, for modules that are not used
+here (numpy.testing, numpy.f2py). Therefore its LAPACK module is loaded alone; its functions are the same.
 """
 
 from __future__ import annotations

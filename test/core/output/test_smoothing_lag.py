@@ -60,9 +60,9 @@ def test_a_lag_of_3_ms_has_no_effect_and_one_with_almost_no_smoothing_only_delay
     delayed.set_camera(camera_info(BACKEND))
     for i, xy in enumerate(PIXELS[:10]):
         assert [f.stamp_ns for f in at_once.frames(cloud(BACKEND, stamp(i), xy), 0)] == [stamp(i)]
-        for frame in delayed.frames(cloud(BACKEND, stamp(i), xy), 0):
-            assert frame.stamp_ns == stamp(i - WAITING)
-            assert np.array_equal(frame.estimate.state.rotations, frame.estimate.solved.rotations)
+        due = delayed.frames(cloud(BACKEND, stamp(i), xy), 0)
+        assert [f.stamp_ns for f in due] == [stamp(i - WAITING)][: i >= WAITING]
+        assert all(np.array_equal(f.estimate.state.rotations, f.estimate.solved.rotations) for f in due)
 
 
 def test_the_keypoints_delay_does_not_include_the_lag():
