@@ -6,8 +6,8 @@ from camera_rig import MAP, eye, pixels, tf_of, truth_at
 from messages import camera_info, crowd, rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.pipeline.detections import MOST_PEOPLE
 from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.seen import MOST_PEOPLE
 from lassokin_ros.pipeline.settings import NodeSettings
 
 pytest.importorskip("rosbags")
