@@ -58,10 +58,9 @@ class Poses:
 
     def pieces(self, known: np.ndarray) -> list[Poses]:
         """Return the parts without a gap in which all frames are known. known: (f,) bool."""
-        return [
-            replace(self, seconds=self.seconds[p], positions=self.positions[p], likely_wrong=self.likely_wrong[p])
-            for p in self.parts(known)
-        ]
+        per_frame = {name: getattr(self, name) for name in ("seconds", "positions", "likely_wrong", "observed")}
+        given = {name: values for name, values in per_frame.items() if values is not None}
+        return [replace(self, **{name: values[part] for name, values in given.items()}) for part in self.parts(known)]
 
     def parts(self, known: np.ndarray) -> list[slice]:
         """Return the frames of each of these parts."""

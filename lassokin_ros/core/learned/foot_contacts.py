@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from lassokin_ros.core.image.robust_loss import squared_norm
+from lassokin_ros.core.observation import is_longer
 
 STILL, STILL_BODY = 0.4, 2.0
 """m/s: speeds v of the keypoints across the line of sight, and of the fitted ankle, at which their factors of the
@@ -57,7 +58,7 @@ class FootContacts:
         sight; NaN for a foot without any.
         """
         step = stamp - self._stamp
-        if not 0 < step <= LONGEST_STEP:
+        if step <= 0 or is_longer(step, LONGEST_STEP):
             self.reset()
             self._stamp, self._places, self._velocity = stamp, places, np.zeros(places.shape)
             return
