@@ -21,7 +21,6 @@ from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, camera_commands, save_cameras
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
-from lassokin_ros.pipeline.outputs.status.input_concerns import input_concerns
 from lassokin_ros.pipeline.pipeline import JUMPS, Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 
@@ -170,6 +169,7 @@ def test_a_jump_of_the_fixed_frame_moves_the_person_with_it(degrees, metres, eye
     odometry, before = [jumping(one, degrees, metres) for one in eyes], eyes[0].pose_at(0)
     settings = TWO if len(eyes) > 1 else NodeSettings(fixed_frame=MAP)
     play = Play(eyes, settings, TrackerConfig(smoothing_lag=lag))
+    diagnostics = Diagnostics(play.pipeline, "tracker", 0.0)
     for index in range(60 * len(eyes)):
         number, now = index % len(eyes), index // len(eyes) / 30 + index % len(eyes) * phase
         for one in odometry:
@@ -181,7 +181,7 @@ def test_a_jump_of_the_fixed_frame_moves_the_person_with_it(degrees, metres, eye
         assert np.linalg.norm(seen - before.into_camera(play.truth(one.seconds).positions[0]), axis=1).mean() < 0.1
         assert np.linalg.norm(one.frame.velocity) < 0.5 and np.abs(one.frame.joint_velocities).max() < 3.0
         assert np.abs(one.frame.joint_states()[1]).max() < 10.0 and not one.frame.judge().doubt.likely_wrong
-    assert play.pipeline.jumps.words in "; ".join(input_concerns(play.pipeline, play.pipeline.counts))
+    assert play.pipeline.jumps.words in status(play, diagnostics).message
 
 
 def test_a_camera_that_jumps_alone_was_moved_and_the_person_was_not():
