@@ -296,7 +296,7 @@ CASES = {
     ),
     "larger image": (
         {"spoil": of_a_larger_image},
-        ("problem", f"Keypoints lie outside the image of 1280 x 720 px of camera_info in {FRAMES} of {FRAMES} messages: if"),
+        ("problem", f"Keypoints lie outside the image of 1280 x 720 px of camera_info in {FRAMES} of {FRAMES}"),
     ),
     "partly outside": (
         {"spoil": legs_below_the_image},
@@ -336,7 +336,7 @@ CASES = {
     ),
     "no stamps": (
         {"spoil": lambda s, p, c: s.__imul__(0)},
-        ("problem", f"Keypoints without a stamp: outputs carry the time of their arrival ({FRAMES} messages): let the detector"),
+        ("problem", f"Keypoints without a stamp: outputs carry the time of their arrival ({FRAMES} messages): let"),
     ),
     "nothing": (
         {"spoil": absent(0, FRAMES)},
