@@ -184,12 +184,6 @@ CONCERNS: dict[str, Concern] = {
         "{topic} is of another camera: its frame_id is '{camera}', that of the keypoints '{keypoints}'",
         "remap {topic} to the camera of the detector, or give both the frame_id of its optical frame",
     ),
-    "no_frame_id": Concern(
-        PROBLEM,
-        ONCE,
-        "neither keypoints nor camera_info have a frame_id: outputs have none, and RViz and TF cannot place them",
-        "set header.frame_id to the camera's optical frame",
-    ),
     "frame_jumped": Concern(
         PROBLEM,
         LOGGED,
