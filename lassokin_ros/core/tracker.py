@@ -76,8 +76,8 @@ OF_NO_CAMERA: dict[str, Any] = {
 }  # fmt: skip
 """Settings for a camera without a pose: those of the mount are about the first camera."""
 FIT_AFTER = 0.15
-"""s since the last new keypoints from which the frame starts from a fit, because the last state is too old. Without it,
-validation people at 5 Hz have 51.0 instead of 49.3 mm."""
+"""s since the last new keypoints from which the frame starts from a fit, because the last state is too old. MPJPE at
+5 Hz: 49.3 mm with, 51.0 without."""
 
 
 @record
@@ -298,7 +298,7 @@ class Tracker:
             self.learned.vertical.set_mount(config.camera_roll, config.camera_pitch)
 
     def track(self, observation: Observation | Sequence[Observation]) -> Estimate:
-        """Process one observation, or those of several cameras, whose rows then stand in one lasso.
+        """Process one observation, or those of several cameras, which are solved jointly.
 
         Observations that are given together are of one instant: their stamps differ by 5 ms at most. Other cameras take
         part with keypoints predicted to that instant. Bad input does not raise: see `Estimate.rejection`.

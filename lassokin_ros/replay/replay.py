@@ -99,12 +99,14 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
                 writer.note(KEY, Record(origin_of(options), figures).text)
                 written = _files(options, tracker, exports, writer, files)
                 if report is not None:
-                    report.write(files, options.bag.resolve().name, _topics_of(cameras))
+                    report.write(
+                        files, options.bag.resolve().name, _topics_of(cameras), warnings=tracker.warnings.found
+                    )
                 files.check()
             files.placed.append(output)
     written.update({f"images {n}" if n else "images": str(shown) for n, shown in enumerate(images)})
     title = f"{options.bag} -> {output} ({storage})"
-    summary = _summary(title, cameras, tracker, seconds, written, known.height)
+    summary = _summary(title, cameras, tracker, seconds, written, known.height, report is not None)
     if report is not None:
         summary = "\n".join([summary, *report.summary_lines])
     frame_ms = 1e3 * float(np.median(tracker.frame_seconds or [np.nan]))
@@ -231,6 +233,7 @@ def _summary(
     seconds: float,
     written: Mapping[str, str],
     height_before: str,
+    has_report: bool,
 ) -> str:
     """height_before: see `KnownPerson.height`."""
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
@@ -265,7 +268,8 @@ def _summary(
         lines["height"] = height_before
     for person, height in tracker.pipeline.heights().items():
         lines[f"height of {person}" if person else "height"] = height_in_words(height)
-    lines |= {f"warned {number}": words for number, words in enumerate(tracker.warnings, 1)}
+    if not has_report:  # which has them, too
+        lines |= {f"warned {number}": words for number, words in enumerate(tracker.warnings.lines, 1)}
     if counts[LINK_AS_FRAME]:
         lines["base frame"] = "frame_id is the name of a link of the body; robot_description has another base"
     lines.update(written)

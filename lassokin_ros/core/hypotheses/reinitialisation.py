@@ -2,8 +2,8 @@
 
 If the new fit has less than half of the tracked state's cost, the tracked state is nearly always wrong. If not, the
 observation itself is unlikely (a rare pose, a wrong skeleton, a detector with larger errors than configured), and the
-next attempt is later. Without it, validation people who lie have 63 instead of 51 mm. With the network it changes
-nothing: there the network's pose is the other explanation.
+next attempt is later. MPJPE of people who lie: 51 mm with, 63 without. With the network it changes nothing: there the
+network's pose is the other explanation.
 """
 
 from __future__ import annotations

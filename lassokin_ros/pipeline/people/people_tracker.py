@@ -13,7 +13,7 @@ from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.seen import Image
 
 GONE = "gone"
-"""In place of the id of a locked person who was forgotten. Nobody is taken for that person until the lock ends."""
+"""In place of the id of a locked person who was forgotten. No detection is assigned until unlock."""
 FORGOTTEN = "the locked person was forgotten: nobody is followed until ~/lock is called"
 """What this means, in words."""
 
