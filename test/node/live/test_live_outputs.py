@@ -6,16 +6,12 @@ import pytest
 pytest.importorskip("rclpy")
 
 from live import BACKEND, NodeProcess, Peer, frame_of, stamp_of, values_of  # noqa: E402
-from messages import CARRIERS, FRAME, camera_info, cloud, pixels_of_motion  # noqa: E402
-from std_srvs.srv import Trigger  # noqa: E402
+from messages import CARRIERS, FRAME, pixels_of_motion  # noqa: E402
 
 from lassokin_ros import joints  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
-from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names, urdf  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
-from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from msg_adapters.output_messages.skeleton_cloud import POINT  # noqa: E402
 
 FRAMES, AHEAD = 150, 3
@@ -155,36 +151,3 @@ def test_robot_description_is_latched_and_follows_the_cameras_frame():
             late.listen(description)
             late.spin_until(lambda: late.got[topics.ROBOT_DESCRIPTION], what="the description for a late subscriber")
             assert late.got[topics.ROBOT_DESCRIPTION][0].data == urdf(SKELETON, FRAME, "latched/tracker/")
-
-
-def test_the_frames_of_a_lag_are_those_of_the_pipeline():
-    """`smoothing_lag`: each frame comes when it is due, and a reset drops those that wait."""
-    waiting, period_ns, pixels, namespace = 3, 16_666_667, pixels_of_motion(24), "/lagging"
-    pipeline = Pipeline(TrackerConfig(smoothing_lag=0.05), NodeSettings())
-    pipeline.set_camera(camera_info(BACKEND))
-    settings = "-p", "smoothing_lag:=0.05", "-p", "stale_after:=30.0"
-    with NodeProcess(namespace, *settings), Peer(namespace, outputs=False) as peer:
-        stamps = [peer.start_ns + i * period_ns for i in range(24)]
-        messages = [cloud(BACKEND, stamp, xy) for stamp, xy in zip(stamps, pixels)]
-        expected = [frame for message in messages[:20] for frame in pipeline.frames(message, 0)]
-        states = peer.got[topics.JOINT_STATES]
-        peer.listen(next(topic for topic in topics.FRAME_OUTPUTS if topic.name == topics.JOINT_STATES))
-
-        def has_camera(status):
-            peer.send_camera()  # until one has come
-            return status.message == "waiting for keypoints"
-
-        peer.next_diagnostics(has_camera)
-        for i in range(20):
-            peer.keypoints.publish(messages[i])
-            peer.spin_until(lambda: len(states) == max(i + 1 - waiting, 0), what="the frame that is due")  # noqa: B023
-        assert [stamp_of(state) for state in states] == [frame.stamp_ns for frame in expected] == stamps[:17]
-        for state, frame in zip(states, expected):
-            assert np.abs(np.array(state.position) - frame.positions).max() < 1e-9
-        status = peer.next_diagnostics(lambda s: values_of(s)["accepted [messages]"] == "20")
-        assert values_of(status)["state"] == "tracking"
-        assert peer.call(Trigger, "reset", Trigger.Request()).success
-        for message in messages[20:]:
-            peer.keypoints.publish(message)
-        peer.spin_until(lambda: stamp_of(states[-1]) == stamps[20], what="the first frame after the reset")
-        assert len(states) == 20 - waiting + 1

@@ -1,4 +1,6 @@
-"""`smoothing_lag` in the pipeline and the replay: later, in order, each frame with its own stamp."""
+"""`smoothing_lag` in the pipeline, the replay and the live node: later, in order, each frame with its own stamp."""
+
+import time
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = rosbags_backend()
-START_NS, PERIOD_NS, WAITING = 1_700_000_000_000_000_000, 16_666_667, 3
+START_NS, PERIOD_NS, WAITING = time.time_ns() // 10**9 * 10**9 - 60 * 10**9, 16_666_667, 3
 LAG = WAITING * PERIOD_NS * 1e-9
 PIXELS = pixels_of_motion(60)
 
@@ -119,3 +121,39 @@ def test_the_replay_publishes_every_frame_and_the_same_bytes_again(tmp_path):
     for topic in ("/tracker/joint_states", "/tracker/joints", "/tracker/translation", "/tracker/certificate"):
         assert [stamp_of(message) for _, message in read(runs[0], topic)] == expected
     assert "not monotonic" not in page.read_text(encoding="utf-8")
+
+
+def test_the_live_node_publishes_the_same_late_frames_as_the_pipeline():
+    pytest.importorskip("rclpy", reason="the node needs rclpy")
+    from live import NodeProcess, Peer, values_of
+    from std_srvs.srv import Trigger
+
+    from lassokin_ros.pipeline.outputs import topics
+
+    namespace, pipeline = "/lagging", pipeline_for(0.05)
+    expected = [f for i, xy in enumerate(PIXELS[:20]) for f in pipeline.frames(cloud(BACKEND, stamp(i), xy), 0)]
+    with (
+        NodeProcess(namespace, "-p", "smoothing_lag:=0.05", "-p", "stale_after:=30.0"),
+        Peer(namespace, outputs=False) as peer,
+    ):
+        joints = peer.got[topics.JOINT_STATES]
+        peer.listen(next(t for t in topics.FRAME_OUTPUTS if t.name == topics.JOINT_STATES))
+
+        def has_camera(status):
+            peer.send_camera()  # until one has come
+            return status.message == "waiting for keypoints"
+
+        peer.next_diagnostics(has_camera)
+        for i in range(20):
+            peer.send(stamp(i), PIXELS[i])
+            peer.spin_until(lambda: len(joints) == max(i + 1 - WAITING, 0), what="the frame that is due")  # noqa: B023
+        assert [stamp_of(m) for m in joints] == [f.stamp_ns for f in expected]
+        for message, frame in zip(joints, expected):
+            assert np.abs(np.array(message.position) - frame.positions).max() < 1e-9
+        status = peer.next_diagnostics(lambda s: int(values_of(s)["accepted [messages]"]) == 20)
+        assert status.message == "tracking"
+        assert peer.call(Trigger, "reset", Trigger.Request()).success
+        for i in range(20, 24):
+            peer.send(stamp(i), PIXELS[i])
+        peer.spin_until(lambda: stamp_of(joints[-1]) == stamp(20), what="the first frame after the reset")
+        assert len(joints) == 20 - WAITING + 1
