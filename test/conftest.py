@@ -59,42 +59,60 @@ def pytest_pycollect_makemodule(module_path, parent):
     return TestFile.from_parent(parent, path=module_path)
 
 
-SLOW_FIXTURES = {"chromium"}
-"""Fixtures whose tests are slow, besides those of files that run nodes."""
+SLOW_FOLDERS = {
+    "archive",
+    "benchmarks",
+    "camera",
+    "demo",
+    "examples",
+    "fuzz",
+    "launch",
+    "replay",
+    "training",
+    "video",
+    "viewer",
+}
+"""Folders whose tests run whole commands, programs or examples."""
 FAST_S = 0.5
-"""s of processor time: a test that takes longer, and has no mark `slow`, is listed after the run."""
+"""s of processor time: a test that takes longer, and is not marked as slow, is listed after the run."""
+
+
+def is_slow(path):
+    """True if all tests of a file count as slow, because of its folder or because it runs nodes."""
+    folders = path.relative_to(Path(__file__).parent).parts[:-1]
+    return bool(folders) and folders[0] in SLOW_FOLDERS or runs_nodes(path)
 
 
 def pytest_configure(config):
     """Register the marks; that of pytest-xdist, too, so that the tests also run without it."""
     config.addinivalue_line("markers", "xdist_group(name): tests that run one after the other")
     config.addinivalue_line(
-        "markers", "slow: takes more than 0.3 s of processor time, starts a process, or shares a fixture with one of those"
+        "markers", "slow: takes more than 0.3 s of processor time, or starts Python; see `make check`"
     )
     sys.addaudithook(note_processes)
 
 
 def pytest_ignore_collect(collection_path, config):
-    """Files of slow tests alone are not even imported without these: rclpy takes a second in each process."""
-    if config.option.markexpr == "not slow" and collection_path.suffix == ".py" and runs_nodes(collection_path):
+    """Do not import files of slow tests alone for `make check`: rclpy takes a second in each process."""
+    if config.option.markexpr == "not slow" and collection_path.suffix == ".py" and is_slow(collection_path):
         return True
     return None
 
 
 @pytest.hookimpl(tryfirst=True)  # before the hook of pytest-xdist, which reads the marks
 def pytest_collection_modifyitems(items):
-    """Mark tests that run nodes or a browser as slow. Each file is a group, which one process runs.
+    """Mark slow tests. Each file is a group, which one process runs.
 
     The tests of a file share the fixtures of their module, such as a running node. Files that run nodes are dealt into
     as many groups as there are cores: more nodes at once would compete for one.
     """
-    slow = {path: runs_nodes(path) for path in dict.fromkeys(item.path for item in items)}
-    nodes = [path for path in slow if slow[path]]
-    groups = {path: path.stem for path in slow}
-    groups |= {path: f"nodes {number % CORES}" for number, path in enumerate(nodes)}
+    paths = list(dict.fromkeys(item.path for item in items))
+    groups = {path: path.stem for path in paths}
+    groups |= {path: f"nodes {number % CORES}" for number, path in enumerate(filter(runs_nodes, paths))}
+    slow = {path for path in paths if is_slow(path)}
     for item in items:
         item.add_marker(pytest.mark.xdist_group(groups[item.path]))
-        if slow[item.path] or SLOW_FIXTURES & set(item.fixturenames):
+        if item.path in slow:
             item.add_marker(pytest.mark.slow)
 
 

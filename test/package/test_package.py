@@ -94,6 +94,7 @@ def test_make_installs_extras_that_exist():
     assert set(re.findall(r"\*(\w+)", wanted)) == {"ROS", "REPLAY"}  # nothing of the test tools
 
 
+@pytest.mark.slow
 def test_the_demo_needs_neither_opencv_nor_matplotlib(monkeypatch):
     """Both are large: 153 and 80 MB of 690."""
     setup = []

@@ -48,7 +48,6 @@ def tracked(recording, output, *more):
     return np.array([message.point.z for _, message in read(output, "/tracker/translation")])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 def test_compressed_depth_images_give_what_plain_ones_give(tmp_path, storage, capsys):
     recording = write_messages(tmp_path / "walk", list(messages()), storage)
@@ -61,7 +60,6 @@ def test_compressed_depth_images_give_what_plain_ones_give(tmp_path, storage, ca
     assert np.abs(plain - without).mean() > 0.1  # the height is wrong, and the depth corrects the distance
 
 
-@pytest.mark.slow
 def test_a_recording_waits_for_late_images_for_100_ms_also_with_a_shorter_depth_wait(tmp_path, capsys):
     """The keypoints of the next two frames come before the image."""
     late = sorted(messages(70_000_000), key=lambda message: message[2])
