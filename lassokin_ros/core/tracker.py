@@ -50,6 +50,7 @@ from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.learned.bone_lengths import OBSERVED_STATURE_DEVIATION
 from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.learned.extrinsics import Extrinsics
+from lassokin_ros.core.learned.foot_contacts import on_floor
 from lassokin_ros.core.learned.height import PEOPLE_DEVIATION, FloorSize, floor_size
 from lassokin_ros.core.learned.learned import Learned
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
@@ -580,16 +581,25 @@ class Tracker:
             joint_depths=frame.seeing.joint_depths,
             cameras=frame.seen_by,
             centre=frame.seeing.camera.centre,
-            contacts=self._contacts(),
+            still=self._still(),
+            contacts=self._contacts(pose.positions),
+            up=self.learned.vertical.direction,
             prior_cost=0.5 * float(squared_norm(solved.posture.residual)),
             network_distance=math.nan if self._network_pose is None else self._network_pose.distance(solved.pose),
         )
 
-    def _contacts(self) -> np.ndarray:
+    def _still(self) -> np.ndarray:
         """(n,) bool: the ankles of the feet that stand still."""
-        contacts, anchors = np.zeros(self.kinematics.joint_count, dtype=bool), self.learned.feet.anchors
+        still, anchors = np.zeros(self.kinematics.joint_count, dtype=bool), self.learned.feet.anchors
         if anchors is not None:
-            contacts[list(self._ankles)] = np.isfinite(anchors[:, 0])
+            still[list(self._ankles)] = np.isfinite(anchors[:, 0])
+        return still
+
+    def _contacts(self, positions: np.ndarray) -> np.ndarray:
+        """(n,) bool: the ankles of the feet that stand still on the floor. positions: (n, 3) m, of the joints."""
+        contacts, ankles = self._still(), list(self._ankles)
+        if ankles and contacts.any():
+            contacts[ankles] &= on_floor(positions[ankles], self.learned.vertical.direction)
         return contacts
 
     def _follow_feet(self, answer: _Answer, replaced: bool) -> None:
@@ -645,7 +655,7 @@ class Tracker:
         """The size by the feet that stand on the floor; None if it is not asked for, or none does."""
         if frame.floor is None or not self.config.tilt_deviation:
             return None
-        ankles, centre = solved.pose.positions[self._contacts()], frame.seeing.camera.centre
+        ankles, centre = solved.pose.positions[self._contacts(solved.pose.positions)], frame.seeing.camera.centre
         return floor_size(ankles, frame.floor, centre, self.skeleton.height, self.config.tilt_deviation)
 
     def _adopt_lengths(self) -> None:
