@@ -53,8 +53,8 @@ class Detections:
                 if stopped:
                     break
                 found = self._detect(image)
-                if self._detector.several:  # who is who is not known
-                    yield image, self._keypoints(image.seconds, [(-1 - i, one) for i, one in enumerate(found)])
+                if self._detector.several:
+                    yield image, self._keypoints_of_everybody(image.seconds, found)
                 else:
                     yield image, self._keypoints_of_one(image.seconds, found)
         except (SourceError, DetectorError) as error:
@@ -70,6 +70,11 @@ class Detections:
         """Yield time in s and keypoints of each kept image, with the one person whom the detector finds."""
         for seconds, found in self.found:
             yield seconds, self._keypoints_of_one(seconds, found)
+
+    def of_everybody(self) -> Iterator[tuple[float, Keypoints]]:
+        """Yield time in s and keypoints of each kept image, with all people."""
+        for seconds, found in self.found:
+            yield seconds, self._keypoints_of_everybody(seconds, found)
 
     def of_people(self, people: Sequence[tuple[int, Seen]], numbered: bool) -> Iterator[tuple[float, Keypoints]]:
         """Yield time in s and keypoints of each kept image, with some people only.
@@ -92,6 +97,10 @@ class Detections:
         if self._keep:
             self.found.append((image.seconds, found))
         return found
+
+    def _keypoints_of_everybody(self, seconds: float, found: Sequence[Detected]) -> Keypoints:
+        """The detector does not know who is who."""
+        return self._keypoints(seconds, [(-1 - i, one) for i, one in enumerate(found)])
 
     def _keypoints_of_one(self, seconds: float, found: Sequence[Detected]) -> Keypoints:
         return replace(self._keypoints(seconds, [(0, person) for person in found[:1]]), persons=None)
