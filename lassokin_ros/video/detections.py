@@ -6,8 +6,6 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
 from lassokin_ros.detector.backend import Detected, Detector, DetectorError
@@ -107,16 +105,8 @@ class Detections:
 
     def _keypoints(self, seconds: float, people: Sequence[tuple[int, Detected]]) -> Keypoints:
         """Return the keypoints of several people with their numbers, below 0 if these are valid in this image only."""
-        rows = [np.flatnonzero(person.confidence > 0) for _, person in people]
-        numbers = [np.full(len(ids), number) for ids, (number, _) in zip(rows, people)]
-        return Keypoints(
-            stamp_of(seconds),
-            self._frame_id,
-            np.concatenate([np.zeros(0, dtype=int), *rows]),
-            np.concatenate([np.zeros((0, 2)), *(person.pixels[ids] for ids, (_, person) in zip(rows, people))]),
-            np.concatenate([np.zeros(0), *(person.confidence[ids] for ids, (_, person) in zip(rows, people))]),
-            np.concatenate([np.zeros(0, dtype=int), *numbers]),
-        )
+        rows = [(number, person.pixels, person.confidence) for number, person in people]
+        return Keypoints.of_people(stamp_of(seconds), self._frame_id, rows)
 
     def _check_end(self) -> None:
         """Print a note if the file ended early. The number of images may be an estimate, and so may the duration."""
