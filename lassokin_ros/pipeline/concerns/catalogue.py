@@ -181,11 +181,8 @@ CONCERNS: dict[str, Concern] = {
         "from the previous pose"),
     "reprojection": Concern(PROBLEM, PAGE, "The median reprojection error is {median:.1f} px, with noise_px {noise:g}",
         "check `noise_px`, camera_info (resolution, `rectified`) and `landmarks`"),
-    "small_reprojection": Concern(NOTE, PAGE, "The median reprojection error, {median:.2f} px, is far below noise_px "
-        "{noise:g}", "with a smaller noise_px the skeleton follows the image more closely"),
     "poor_fit": Concern(DOUBT, PAGE, "The skeleton lies {median:.0f} px from the detected points in the median, "
         "{share:.1%} of its height in the image: the pose follows them poorly"),
-    "seldom_detected": Concern(NOTE, PAGE, "Landmarks detected in fewer than half of the frames: {listed}"),
     "far_landmarks": Concern(PROBLEM, PAGE, "Landmarks far from their reprojection: {listed} (median of all: "
         "{usual:.0f} px)", "check that `landmarks` is the layout of your detector"),
     "distance": Concern(PROBLEM, PAGE, "The median distance of the person is {metres:.2g} m", "check {what}"),
@@ -200,11 +197,10 @@ CONCERNS: dict[str, Concern] = {
     "bent_knees": Concern(DOUBT, PAGE, "even the straighter knee stays bent, by {degrees:.0f} degrees in the median. "
         "If the person stands or walks upright, this is an error: the skeleton bends its knees if its legs are longer "
         "than the person's, in relation to the trunk"),
-    "bones": Concern(NOTE, PAGE, "calibration changed the bone lengths, most the bone to {joint}: {before:.0f} mm at "
-        "the start, {after:.0f} mm at the end{unlikely}"),
+    "bones": Concern(NOTE, PAGE, "calibration changed the bone to {joint} from {before:.0f} to {after:.0f} mm, and people "
+        "differ less", "another error may hide in it; check height, and that the landmarks are the layout's"),
     "uncertain": Concern(NOTE, PAGE, "The joints are off by about {millimetres:.0f} mm relative to the pelvis, mostly "
         "in depth (mean of the stated deviations): measured depth or the person's bone lengths make them more exact"),
-    "hidden": Concern(NOTE, PAGE, "Joints that the keypoints hardly show, with their deviations: {listed}"),
     "remark": Concern(NOTE, PAGE, "{text}"),
 }  # fmt: skip
 """The catalogue: one row per concern."""
