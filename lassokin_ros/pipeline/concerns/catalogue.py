@@ -197,8 +197,8 @@ CONCERNS: dict[str, Concern] = {
     "bent_knees": Concern(DOUBT, PAGE, "even the straighter knee stays bent, by {degrees:.0f} degrees in the median. "
         "If the person stands or walks upright, this is an error: the skeleton bends its knees if its legs are longer "
         "than the person's, in relation to the trunk"),
-    "bones": Concern(NOTE, PAGE, "calibration changed the bone to {joint} from {before:.0f} to {after:.0f} mm, and people "
-        "differ less", "another error may hide in it; check height, and that the landmarks are the layout's"),
+    "bones": Concern(NOTE, PAGE, "calibration changed the bone to {joint} from {before:.0f} to {after:.0f} mm, and "
+        "people differ less", "another error may hide in it; check height, and that the landmarks are the layout's"),
     "uncertain": Concern(NOTE, PAGE, "The joints are off by about {millimetres:.0f} mm relative to the pelvis, mostly "
         "in depth (mean of the stated deviations): measured depth or the person's bone lengths make them more exact"),
     "remark": Concern(NOTE, PAGE, "{text}"),
