@@ -2,7 +2,7 @@
 
 The log, /diagnostics, the summary of a replay and the page of `--report` take their sentences from here:
 
-found = say("silent_camera", of="camera 'left'", limit=2.0)   # found.text, found.level, found.key
+found = say("camera_silent", camera="left", limit=2.0)   # found.text, found.level, found.key
 """
 
 from __future__ import annotations
@@ -76,7 +76,8 @@ CONCERNS: dict[str, Concern] = {
     "no_usable_image": Concern(ERROR, NOW, "no images can be used: {fault}"),
     "no_camera_info": Concern(PROBLEM, NOW, "waiting for camera_info"),
     "no_keypoints": Concern(PROBLEM, NOW, "waiting for keypoints"),
-    "silent": Concern(PROBLEM, NOW, "no keypoints for more than {limit:g} s"),
+    "silent": Concern(PROBLEM, NOW, "no keypoints for more than {limit:g} s", "check the detector; if it sends nothing "
+        "while nobody is in view, set silent_when_empty"),
     "frozen": Concern(PROBLEM, NOW, "keypoints are frozen: the same ones for more than {limit:g} s", FROZEN_ADVICE),
     "near_limit": Concern(NOTE, NOW, "confidences nearly reach min_confidence", "lower it if somebody is in view"),
     "untrackable": Concern(PROBLEM, LIVE, "the keypoints show somebody who is not tracked: a person needs {landmarks} "
@@ -118,8 +119,10 @@ CONCERNS: dict[str, Concern] = {
         "page continues"),
     # Images and cameras.
     "camera_unlikely": Concern(PROBLEM, LIVE, "{fault}"),
-    "camera_silent": Concern(PROBLEM, LIVE, "no keypoints of camera '{camera}' for more than {limit:g} s"),
-    "camera_without_info": Concern(PROBLEM, LIVE, "no camera_info of camera '{camera}'"),
+    "camera_silent": Concern(PROBLEM, LIVE, "no keypoints of camera '{camera}' for more than {limit:g} s",
+        "check its detector, and the topic {camera}/keypoints"),
+    "camera_without_info": Concern(PROBLEM, LIVE, "no camera_info of camera '{camera}'",
+        "remap {camera}/camera_info to its topic"),
     "camera_unplaced": Concern(PROBLEM, LIVE, "{fault}"),
     "camera_wrong": Concern(PROBLEM, LIVE, "{fault}"),
     "camera_late": Concern(PROBLEM, LIVE, "keypoints of '{last}' arrive {apart:.2f} s later after their stamps than "
@@ -140,7 +143,8 @@ CONCERNS: dict[str, Concern] = {
     "turned_in_frame": Concern(NOTE, NOW, "the body has pointed to the side {when}", TURNED_ADVICE),
     "turned_down_in_frame": Concern(PROBLEM, LIVE, "the body has pointed down {when}", TURNED_ADVICE),
     # Depth and size.
-    "no_depth_images": Concern(PROBLEM, LIVE, "no depth images on {topic}: tracking without measured depth"),
+    "no_depth_images": Concern(PROBLEM, LIVE, "no depth images on {topic}: tracking without measured depth",
+        "check that the depth camera publishes there"),
     "depth_unused": Concern(PROBLEM, LIVE, "{fault}"),
     "depth_unmatched": Concern(PROBLEM, LIVE, "most keypoint messages had no depth image of their time",
         "check that both have the stamp of the camera, and that depth images arrive before the keypoints"),
@@ -186,7 +190,7 @@ CONCERNS: dict[str, Concern] = {
     "far_landmarks": Concern(PROBLEM, PAGE, "Landmarks far from their reprojection: {listed} (median of all: "
         "{usual:.0f} px)", "check that `landmarks` is the layout of your detector"),
     "distance": Concern(PROBLEM, PAGE, "The median distance of the person is {metres:.2g} m", "check {what}"),
-    "slow": Concern(NOTE, PAGE, "The keypoint rate is {rate:.1f} Hz; 20 Hz or more gives better tracking"),
+    "slow": Concern(NOTE, PAGE, "The keypoint rate is {rate:.1f} Hz", "20 Hz or more gives better tracking"),
     "repeated": Concern(NOTE, PAGE, "{count} of {received} {what}: {why}, or the image is frozen", FROZEN_ADVICE),
     "initialised_again": Concern(NOTE, PAGE, "{who} was re-initialised {times}, at {listed}; the skeleton may jump "
         "there"),
@@ -200,7 +204,7 @@ CONCERNS: dict[str, Concern] = {
     "bones": Concern(NOTE, PAGE, "calibration changed the bone to {joint} from {before:.0f} to {after:.0f} mm, and "
         "people differ less", "another error may hide in it; check height, and that the landmarks are the layout's"),
     "uncertain": Concern(NOTE, PAGE, "The joints are off by about {millimetres:.0f} mm relative to the pelvis, mostly "
-        "in depth (mean of the stated deviations): measured depth or the person's bone lengths make them more exact"),
+        "in depth (mean of the stated deviations)", "measured depth or the person's bone lengths make them more exact"),
     "remark": Concern(NOTE, PAGE, "{text}"),
 }  # fmt: skip
 """The catalogue: one row per concern."""

@@ -302,7 +302,7 @@ CASES = {
     ),
     "slow": (
         {"times": lambda s: s, "spoil": lambda s, p, c: s.__iadd__((s - s[0]) * 4)},
-        ("note", "The keypoint rate is 6.0 Hz; "),
+        ("note", "The keypoint rate is 6.0 Hz: "),
     ),
     "exchanged": (
         {"spoil": exchanged},
