@@ -47,7 +47,7 @@ class Report:
         return [f"{one.level:<15} {one.sentence}" for one in self.findings if one.level in (PROBLEM, DOUBT)]
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
-        """Add the frames of one keypoint message, see `OfflineTracker.listeners`."""
+        """Add the frames of one keypoint message, see `Playback.listeners`."""
         self._log.add(frames, time_ns, seconds)
 
     def write(
