@@ -11,7 +11,6 @@ from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.answers import Answer
 from lassokin_ros.pipeline.camera_images import UNREADABLE_WORDS
-from lassokin_ros.pipeline.concerns.catalogue import Raised
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
@@ -46,6 +45,8 @@ class Playback:
     def __init__(self, pipeline: Pipeline, messages: NodeMessages | None = None) -> None:
         """pipeline: see `PATIENCE_S`. messages: receives everything that the node would publish; None for nothing."""
         self.pipeline, self.messages = pipeline, messages
+        self.warnings = WarningLog() if messages is None else messages.warnings
+        """The warnings of /diagnostics, none without `messages`."""
         self.listeners: list[Listener] = []
         self.frame_seconds: list[float] = []
         """Time for decoding and tracking each message, s."""
@@ -64,11 +65,6 @@ class Playback:
     def times_lost(self) -> int:
         """The number of re-initialisations of tracked people, plus one if the recording ends in the lost state."""
         return self._reinitialised + (self.pipeline.status is Status.LOST)
-
-    @property
-    def warnings(self) -> list[Raised]:
-        """The warnings of /diagnostics."""
-        return [] if self.messages is None else self.messages.warnings.found
 
     def save_skeleton(self, path: Path, files: AtomicFiles) -> list[Path]:
         """Write the calibrated skeletons as part of `files`, see `skeleton_file.save_all`."""

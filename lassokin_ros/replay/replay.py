@@ -99,7 +99,9 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
                 writer.note(KEY, Record(origin_of(options), figures).text)
                 written = _files(options, tracker, exports, writer, files)
                 if report is not None:
-                    report.write(files, options.bag.resolve().name, _topics_of(cameras), warnings=tracker.warnings)
+                    report.write(
+                        files, options.bag.resolve().name, _topics_of(cameras), warnings=tracker.warnings.found
+                    )
                 files.check()
             files.placed.append(output)
     written.update({f"images {n}" if n else "images": str(shown) for n, shown in enumerate(images)})
@@ -267,7 +269,7 @@ def _summary(
     for person, height in tracker.pipeline.heights().items():
         lines[f"height of {person}" if person else "height"] = height_in_words(height)
     if not has_report:  # which has them, too
-        lines |= {f"warned {number}": raised.text for number, raised in enumerate(tracker.warnings, 1)}
+        lines |= {f"warned {number}": raised.text for number, raised in enumerate(tracker.warnings.found, 1)}
     if counts[LINK_AS_FRAME]:
         lines["base frame"] = "frame_id is the name of a link of the body; robot_description has another base"
     lines.update(written)

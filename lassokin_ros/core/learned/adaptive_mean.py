@@ -21,6 +21,7 @@ from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.evidence.pose_prior import PosePrior
 from lassokin_ros.core.lasso.problem import Lasso
+from lassokin_ros.core.observation import has_passed
 from lassokin_ros.core.scipy_functions import lapack
 
 SHARE = 0.3
@@ -57,7 +58,7 @@ class AdaptiveMean:
     def update(self, stamp: float, start: BodyState, problem: Lasso, rows: Mapping[str, slice]) -> bool:
         """Use a tracked frame: its lasso about the state `start`. Returns True if the prior's mean has changed."""
         step = stamp - self._measured_at
-        if step < PERIOD_S:
+        if not has_passed(step, PERIOD_S):
             return False
         self._measured_at = stamp
         kept = math.exp(-step / TIME_CONSTANT_S)

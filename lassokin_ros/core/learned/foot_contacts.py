@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from lassokin_ros.core.image.robust_loss import squared_norm
+from lassokin_ros.core.observation import is_longer
 
 STILL, STILL_BODY = 0.4, 2.0
 """m/s: speeds v of the keypoints across the line of sight, and of the fitted ankle, at which their factors of the
@@ -29,6 +30,8 @@ SPEED_S = 0.15
 """s: time constant of the fitted ankle's velocity."""
 LONGEST_STEP = 0.15
 """s between frames above which the feet are forgotten."""
+FLOOR_GATE = 0.1
+"""m: an ankle that is higher than this above the lower one is not on the floor."""
 
 
 class FootContacts:
@@ -57,7 +60,7 @@ class FootContacts:
         sight; NaN for a foot without any.
         """
         step = stamp - self._stamp
-        if not 0 < step <= LONGEST_STEP:
+        if step <= 0 or is_longer(step, LONGEST_STEP):
             self.reset()
             self._stamp, self._places, self._velocity = stamp, places, np.zeros(places.shape)
             return
@@ -73,6 +76,12 @@ class FootContacts:
         moved = np.where(touching[:, None], before + _share(step, ANCHOR_S) * (places - before), places)
         self._begun = np.where(stays & touching, self._begun, stamp)
         self.anchors = np.where(stays[:, None], moved, np.nan) if stays.any() else None
+
+
+def on_floor(ankles: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Return which ankles (2, 3) m are at most FLOOR_GATE higher than the lower one. up: (3,) unit vector."""
+    heights = ankles @ up
+    return np.asarray(heights <= heights.min() + FLOOR_GATE)
 
 
 def _share(step: float, time_constant: float) -> float:

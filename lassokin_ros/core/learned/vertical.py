@@ -12,6 +12,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from lassokin_ros.core.body.rotations import exponential, least_turn
+from lassokin_ros.core.observation import is_longer
 
 TIME_CONSTANT_S = 0.5, 5.0
 """s with which the vertical follows the person's: at first, when the error of the mount is often larger than the lean
@@ -49,7 +50,7 @@ class Vertical:
     @property
     def known(self) -> bool:
         """Whether the vertical is configured, or has been learned for long enough."""
-        return self.configured or self.learned_for > KNOWN_AFTER
+        return self.configured or is_longer(self.learned_for, KNOWN_AFTER)
 
     def reset(self) -> None:
         """Return to the vertical of the camera's mount."""

@@ -19,7 +19,7 @@ from lassokin_ros.core.body.kinematics import BodyPose, BodyState
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.increment import Increment
 from lassokin_ros.core.kernel import kernel
-from lassokin_ros.core.observation import ORIGIN
+from lassokin_ros.core.observation import ORIGIN, is_longer
 
 DEPTH_RATIO = 1.9
 """Ratio of the time constants in depth and in the image. One camera observes depth worse by about this factor. Several
@@ -103,7 +103,7 @@ class OutputFilter:
         state = solved.state
         steady_over = max(time_constant(speed, time), SHORTEST_TIME)
         in_depth = steady_over if several_cameras else DEPTH_RATIO * steady_over
-        if self._covariance is None or time < SHORTEST_TIME or step > LONGEST_STEP:
+        if self._covariance is None or time < SHORTEST_TIME or is_longer(step, LONGEST_STEP):
             return self._restart(state, step, steady_over, in_depth)
         ahead = (
             _predicted_covariance(self._covariance[0], step, steady_over),

@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.observation import CameraPose, Status
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.outputs.naming import Naming
-from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
+from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of, person_report
 from lassokin_ros.pipeline.outputs.rep155 import LINKS
 from lassokin_ros.pipeline.outputs.skeletons_message import SkeletonsMessage
 from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState
@@ -88,6 +88,19 @@ def test_each_people_type_contains_the_person_of_the_frame(frames, message_type,
         given = [at.x, at.y, at.z], person.reliability, float(tags["zz"])
     assert np.allclose(given[0], place, atol=1e-6) and given[1] == pytest.approx(sure, abs=1e-6)
     assert given[2] == pytest.approx(covariance[2, 2], rel=1e-5)
+
+
+def test_a_person_is_uncertain_along_the_same_line_when_the_frame_has_jumped(frames):
+    frame, turn = frames[-1], Rotation.from_rotvec([0.3, -0.5, 1.0])
+    moved = CameraPose("map", turn.as_matrix(), np.array([1.0, 2.0, 3.0]))
+    before, after = person_report(frame, True), person_report(frame, True, moved=moved)
+    assert np.allclose(after.position, turn.apply(before.position) + [1, 2, 3])
+    assert np.allclose(after.velocity, turn.apply(before.velocity))
+    for block in (slice(0, 3), slice(3, 6)):  # of the place, and of the rotation
+        expected = turn.as_matrix() @ before.covariance[block, block] @ turn.as_matrix().T
+        assert np.allclose(after.covariance[block, block], expected)
+    now = Rotation.from_quat(after.quaternion) * Rotation.from_quat(before.quaternion).inv()
+    assert np.allclose(now.as_matrix(), turn.as_matrix())
 
 
 def test_covariances_are_computed_only_for_a_message(frames):
