@@ -276,7 +276,7 @@ def _summary(
     for person, height in tracker.pipeline.heights().items():
         lines[f"height of {person}" if person else "height"] = height_in_words(height)
     if not has_report:  # which has them, too
-        lines |= {f"warned {number}": words for number, words in enumerate(tracker.warnings.lines, 1)}
+        lines |= {f"warned {number}": raised.text for number, raised in enumerate(tracker.warnings.found, 1)}
     if counts[LINK_AS_FRAME]:
         lines["base frame"] = "frame_id is the name of a link of the body; robot_description has another base"
     lines.update(written)
