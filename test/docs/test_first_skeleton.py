@@ -76,7 +76,6 @@ def test_the_cameras_parameters_are_those_of_the_node():
 
 
 @pytest.mark.skipif(not VIDEO.is_file(), reason=f"there is no video '{VIDEO}'")
-@pytest.mark.slow
 def test_the_longest_track_command_of_the_page_runs(tmp_path):
     """A recorded video replaces the webcam. The window of --view needs a screen and is not opened.
 
