@@ -134,7 +134,7 @@ def pytest_runtest_call(item):
 
 
 def pytest_terminal_summary(terminalreporter, config):
-    """Print the number of fuzz cases, if they ran in this process, slow tests that do not count as such, and ungrouped tests."""
+    """Print the number of fuzz cases of this process, tests that should count as slow, and whether groups were kept."""
     fuzzing = sys.modules.get("fuzzing")
     for line in fuzzing.report() if fuzzing else ():
         terminalreporter.write_line(line)

@@ -5,8 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from lassokin_ros import joints
 from lassokin_ros.core.body.skeleton import Skeleton
 
