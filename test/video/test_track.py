@@ -395,7 +395,7 @@ def test_a_parameter_file_of_a_robot_is_used_without_its_topics(images, monkeypa
 def test_the_images_of_a_video_are_raw_unless_the_command_says_otherwise(images, monkeypatch):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
     seen = []
-    monkeypatch.setattr(track_module, "OfflineTracker", lambda tracker, node, *_, **__: seen.append(node) or 1 / 0)
+    monkeypatch.setattr(track_module, "Pipeline", lambda tracker, node, *_, **__: seen.append(node) or 1 / 0)
     for given in ([], ["-p", "rectified:=true"]):
         with pytest.raises(ZeroDivisionError):
             main([str(images), "--height", "1.75", "--params-file", str(CONFIG / "zed.yaml"), *given])

@@ -49,7 +49,7 @@ class Report:
         return [f"{level:<15} {text}" for level, texts in lines.items() for text in texts]
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
-        """Add the frames of one keypoint message, see `OfflineTracker.listeners`."""
+        """Add the frames of one keypoint message, see `Playback.listeners`."""
         self._log.add(frames, time_ns, seconds)
 
     def write(self, files: AtomicFiles, title: str, topics: tuple[str, str], own_keypoints: bool = False) -> None:

@@ -24,9 +24,9 @@ from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.replay.offline_tracker import add_type
+from lassokin_ros.replay.playback import register_types
 from msg_adapters.backends import RosbagsBackend
-from msg_adapters.output_messages.people import BUILDERS, CLOUD_TYPE, DEFINITIONS, DETECTIONS_TYPE, PEOPLE_TYPE, POINT
+from msg_adapters.output_messages.people import BUILDERS, CLOUD_TYPE, DETECTIONS_TYPE, PEOPLE_TYPE, POINT
 from msg_adapters.output_messages.skeleton_cloud import POINT as SKELETON_POINT
 from msg_adapters.output_messages.skeleton_cloud import SKELETONS_POINT
 
@@ -34,8 +34,8 @@ pytest.importorskip("rosbags")
 START_NS, SECOND = 5_000_000_000, 1_000_000_000
 PIXELS = pixels_of_motion(8)
 BACKEND = rosbags_backend()
-for _name, _definition in DEFINITIONS.items():
-    add_type(BACKEND._typestore, _name, _definition)
+for _type in BUILDERS:
+    register_types(BACKEND._typestore, NodeSettings(people_type=_type))
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ from messages import camera_info, cloud, pixels_of_motion, rosbags_backend  # no
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.doubt.doubt import REASONS, Event  # noqa: E402
+from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -39,7 +40,7 @@ def tracked(pixels, lag=0.0):
         frames += due
         if (index + 1) % RATE == 0:
             lines.append(diagnostics.line(now))
-    return frames + pipeline.flush(), lines
+    return frames + frames_of(pipeline.finish()), lines
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.1])
