@@ -8,7 +8,6 @@ box of limits of angles, speeds and accelerations, which is never empty, so that
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -32,7 +31,7 @@ TURN, SWING = 10.0, 30.0
 """rad/s: largest speeds of a person's heading and of a limb's bone."""
 DAMPING = 1e-6
 WEIGHTS = {"elbow": 2.0, "wrist": 4.0, "knee": 4.0, "ankle": 4.0}
-TORSO, BASE, POSTURE, SMOOTH = 2.0, 4.0, 0.05, 0.02
+TORSO, BASE, POSTURE, SMOOTH = 2.0, 4.0, 0.05, 0.3
 """Weights: 1/m of places, 1/rad of rotations, of the rest angles, and of changes of the step."""
 CHAIN_OF = {joint: chain for chain, names in CHAINS.items() for joint in names}
 FOOT, FOOT_TURN = 40.0, 4.0
@@ -45,7 +44,10 @@ POSTURE_GAIN = 0.1
 
 
 class Imitation:
-    """One robot. configuration: pink's, with q; speed: (nv,) rad/s (m/s) of the last tick; holding: nobody is followed."""
+    """One robot. configuration: pink's, with q. speed: (nv,) rad/s (m/s) of the last tick. holding: nobody is followed.
+
+    engaged: s since the last hold. unsolved: ticks without a solution.
+    """
 
     def __init__(self, model: RobotModel, rate: float = 100.0, solver: str = "proxqp") -> None:
         """rate: Hz, of `step`. solver: of qpsolvers."""
@@ -53,7 +55,8 @@ class Imitation:
         self.configuration = Configuration(model.model, model.model.createData(), model.rest)
         self.speed = np.zeros(model.model.nv)
         self.holding, self.engaged, self.unsolved = True, 0.0, 0
-        self._course, self._person = Course(), None
+        self._course = Course()
+        self._person: Person | None = None
         self._targets = Targets(self.configuration, model)
         self._heading = np.eye(3)
         self._shown: Posture | None = None
@@ -176,7 +179,7 @@ class Imitation:
         return low, high
 
     def _move(self, speed: np.ndarray) -> None:
-        """Move for one period; joints stay in their limits, and a free base is lifted until no sole is below the floor."""
+        """Move for one period. Joints stay in their limits; a free base is lifted until no sole is below the floor."""
         q = pin.integrate(self.model.model, self.configuration.q, speed * self.period)
         at = self.model.at
         q[at:] = np.clip(q[at:], self.model.lowest, self.model.highest)
