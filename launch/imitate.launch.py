@@ -3,7 +3,8 @@
 ros2 launch lassokin_ros imitate.launch.py robot:=g1 urdf:=/path/to/g1_29dof.urdf keypoints:=/detector/keypoints
 ros2 service call /enable std_srvs/srv/SetBool "{data: true}"
 
-It takes the arguments of tracker.launch.py. With rviz:=true the robot's links are in TF beside the person, under robot/.
+It takes the arguments of tracker.launch.py. The robot's links are in TF, under robot/: a static transform from the
+tracker's frame to robot/<base> places them beside the person in RViz.
 """
 
 from pathlib import Path

@@ -166,13 +166,16 @@ class ImitateNode(Node):
         view = Person(position(seen).T, observed, up, seen["contact"][ankles] == 1)
         refused = self._robot.see(view, interval)
         if refused:
-            return self._hold(refused)
-        self._person, self._stamp_ns, self._why = person, stamp_ns, ""
-        self._say()
+            return self._give_reason(refused)  # the robot holds already
+        self._person, self._stamp_ns = person, stamp_ns
+        self._give_reason("")
 
     def _hold(self, why: str) -> None:
         assert self._robot is not None
         self._robot.hold()
+        self._give_reason(why)
+
+    def _give_reason(self, why: str) -> None:
         self._why = why
         self._say()
 

@@ -29,8 +29,8 @@ class Person:
     """A person at one moment, in any frame.
 
     places: (24, 3) m, joints in the order of `lassokin_ros.joints`. usable: (24,) bool, those that are observed; an
-    arm or a leg that is not usable stays. up: (3,) unit vector, the vertical. contacts: (2,) bool, the left and the right foot
-    are on the floor.
+    arm or a leg that is not usable stays. up: (3,) unit vector, the vertical. contacts: (2,) bool, the left and the
+    right foot are on the floor.
     """
 
     places: np.ndarray
@@ -54,7 +54,7 @@ class Posture:
     """What is imitated. All axes have columns front, left, up.
 
     level: (3, 3), with the person's heading and the vertical; pelvis, torso: (3, 3). bones: (8, 3) unit vectors to
-    FARS, in the axes of torso (arms) or pelvis (legs); NaN for a bone without direction. heights: (2,) m, of the ankles.
+    FARS, in the axes of torso (arms) or pelvis (legs); NaN without direction. heights: (2,) m, of the ankles.
     """
 
     level: np.ndarray

@@ -1,4 +1,4 @@
-"""A robot that imitates a person: directions, limits, holds, floor. The robot is a toy; the person moves as in the demo."""
+"""A robot that imitates a person: directions, limits, holds, floor. The robot is a toy."""
 
 from dataclasses import replace
 
@@ -61,12 +61,13 @@ def test_a_solver_of_qpsolvers_may_be_chosen():
 
 def test_an_arm_that_is_not_seen_stays():
     usable = DOWN.usable.copy()
-    usable[joints.LEFT_WRIST] = False
+    usable[[joints.LEFT_ELBOW, joints.LEFT_WRIST]] = False
     robot = follow(Imitation(FIXED, RATE), [DOWN], 3.0)
     before = dict(zip(FIXED.names, robot.positions))
-    after = dict(zip(FIXED.names, follow(robot, [replace(BENT, usable=usable)], 2.0).positions))
+    views = [replace(view, usable=usable) for view in between(DOWN, BENT, 0.5)]
+    after = dict(zip(FIXED.names, follow(robot, views, 2.0).positions))
     assert after["right_elbow"] < before["right_elbow"] - 1.0
-    assert after["left_elbow"] == pytest.approx(before["left_elbow"], abs=0.15)
+    assert all(after[f"left_{name}"] == pytest.approx(before[f"left_{name}"], abs=0.15) for name, *_ in toy_robot.ARM)
 
 
 @pytest.mark.parametrize("model", [FIXED, FREE], ids=["fixed", "free"])
@@ -89,7 +90,7 @@ def test_limits_hold_for_any_targets_and_each_tick_has_a_solution(model):
         places = view.places + random.normal(size=view.places.shape) * random.choice([0.0, 0.05, 0.3])
         flags = random.random(2) < 0.5
         robot._doubt = 0.0  # fuzzed people turn faster than people
-        robot._shown = None
+        robot._shown = None  # so that they are followed
         follow(robot, [replace(view, places=places, contacts=flags)], 0.3, look)
         if random.random() < 0.1:
             robot.hold()
@@ -135,8 +136,8 @@ def test_exchanged_sides_are_held():
     exchanged = replace(BENT, places=BENT.places[order])
     follow(robot, [exchanged], DOUBT_S - 0.1)
     assert robot.holding and np.abs(robot.positions - before).max() < 0.05
-    follow(robot, [BENT], 0.1)
-    assert robot.holding  # it was exchanged back a moment ago
+    follow(robot, [BENT], 0.2)
+    assert robot.holding  # they were exchanged back a moment ago
     follow(robot, [BENT], DOUBT_S)
     assert not robot.holding
 
@@ -160,7 +161,7 @@ def test_feet_that_stand_stay_and_soles_are_never_below_the_floor():
     follow(robot, [DOWN], 2.5, look)
     follow(robot, between(DOWN, ONE_LEG, 0.4), 1.0, look)
     lifted = np.array(feet)[-1, 1, 2]
-    follow(robot, between(ONE_LEG, DOWN, 0.2), 1.0, look)
+    follow(robot, between(ONE_LEG, DOWN, 0.6), 1.0, look)
     path = np.array(feet)
     assert path[..., 2].min() > FREE.robot.sole - 1e-9 and lifted > FREE.robot.sole + 0.15
     slide = np.linalg.norm(np.diff(path[:, 0, :2], axis=0), axis=1).sum()

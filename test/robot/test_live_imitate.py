@@ -62,7 +62,9 @@ class Tracker:
         still[[joints.LEFT_ANKLE, joints.RIGHT_ANKLE]] = self.view.contacts
         flags, turns = (self.view.usable, still, still), np.tile([0, 0, 0, 1.0], (24, 1))
         places = self.view.places + (0.0, 0.0, 3.0)
-        joints_of = JointsReport(1, places, np.zeros((24, 3)), np.tile(np.eye(3), (24, 1, 1)), *flags, ones, ones, turns, self.view.up)
+        joints_of = JointsReport(
+            1, places, np.zeros((24, 3)), np.tile(np.eye(3), (24, 1, 1)), *flags, ones, ones, turns, self.view.up
+        )
         self.people.publish(self.report.fill(stamp_ns, "camera", [self.person]))
         self.skeleton.publish(self.cloud.fill(stamp_ns, "camera", joints_of))
         self.sent_s = time.time()
@@ -142,7 +144,11 @@ def test_a_robot_follows_one_person_and_holds_in_doubt(live):
     elbow = names.index("left_elbow")
     tracker.spin_until(lambda: tracker.commands[-1].position[elbow] < -1.3, "the bent elbow")
 
-    for name, person in (("guessed", {"guessed": True}), ("doubtful", {"doubtful": True}), ("lost", {"tracked": False})):
+    for name, person in (
+        ("guessed", {"guessed": True}),
+        ("doubtful", {"doubtful": True}),
+        ("lost", {"tracked": False}),
+    ):
         tracker.person, tracker.view = PERSON, PEOPLE["arms forward" if name == "doubtful" else "arms down"]
         tracker.until_follows()
         since, tracker.person = tracker.sent_s, replace(PERSON, **person)

@@ -57,7 +57,8 @@ def test_a_locked_joint_and_its_rest_stay():
         (
             URDF.replace('<robot name="toy">', '<robot name="toy"><link name="world"/>').replace(
                 '<link name="chest"/>',
-                '<joint name="fly" type="floating"><parent link="world"/><child link="pelvis"/></joint><link name="chest"/>',
+                '<joint name="fly" type="floating"><parent link="world"/><child link="pelvis"/></joint>'
+                '<link name="chest"/>',
             ),
             ROBOT,
             "hangs on joints (fly); expected a URDF that begins at the base",
@@ -69,7 +70,9 @@ def test_a_locked_joint_and_its_rest_stay():
         ),
         (
             URDF,
-            replace(ROBOT, links={**ROBOT.links, "left_hip": "right_hip_pitch_link", "right_hip": "left_hip_pitch_link"}),
+            replace(
+                ROBOT, links={**ROBOT.links, "left_hip": "right_hip_pitch_link", "right_hip": "left_hip_pitch_link"}
+            ),
             "left_hip is not to the left (y) of right_hip",
         ),
     ],

@@ -22,7 +22,9 @@ LEG = (
 
 def _joint(name, parent, place, axis="", limits=(), kind="revolute", more=""):
     x, y, z = place
-    turn = f'<axis xyz="{axis}"/><limit lower="{limits[0]}" upper="{limits[1]}" effort="9" velocity="8"/>' if axis else ""
+    turn = (
+        f'<axis xyz="{axis}"/><limit lower="{limits[0]}" upper="{limits[1]}" effort="9" velocity="8"/>' if axis else ""
+    )
     return (
         f'<link name="{name}_link"/><joint name="{name}" type="{kind}"><parent link="{parent}"/>'
         f'<child link="{name}_link"/><origin xyz="{x} {y} {z}"/>{turn}{more}</joint>'
@@ -31,7 +33,9 @@ def _joint(name, parent, place, axis="", limits=(), kind="revolute", more=""):
 
 def urdf(**changed):
     """The URDF. changed: the text of a joint by its name, in place of its own."""
-    parts = ['<robot name="toy"><link name="pelvis"><visual><geometry><mesh filename="gone.stl"/></geometry></visual></link>']
+    parts = [
+        '<robot name="toy"><link name="pelvis"><visual><geometry><mesh filename="gone.stl"/></geometry></visual></link>'
+    ]
     parts.append(
         '<link name="chest"/><joint name="waist" type="revolute"><parent link="pelvis"/><child link="chest"/>'
         '<origin xyz="0 0 0.1"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="9" velocity="8"/></joint>'
