@@ -26,7 +26,7 @@ from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
+from lassokin_ros.pipeline.settings import LASTING, MESSAGE, OPTICAL_FRAME, NodeSettings
 from lassokin_ros.replay.bags import typestore
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
@@ -171,6 +171,8 @@ class Run:
         self._detect()
         messages: Callable[[], Messages] = self.detections.of_all
         people: list[tuple[int, Seen]] = []
+        if node.person_ids == MESSAGE:
+            node = replace(node, person_ids=LASTING)  # those of `people_in`
         if self._several:
             people = self._chosen(options.person, node)
             messages = partial(self.detections.of_people, people, node.several_people)

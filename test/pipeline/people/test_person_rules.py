@@ -402,7 +402,7 @@ def test_a_person_whose_number_is_gone_is_searched_among_new_numbers(followed):
         in followed.detail
     )
     assert followed.see(2, (5, 0.2, 0.9), (6, 0.05, 0.9)) == 0.05  # a new number at the place
-    assert followed.see(3, (6, 0.4, 0.9)) == 0.4  # and from then on theirs, farther than by place alone
+    assert followed.see(3, (5, 0.2, 0.9), (6, 0.4, 0.9)) == 0.4  # and from then on theirs, farther than by place alone
     assert followed.see(4, (6, 3.0, 0.9)) == "person_absent" == followed.see(5, (7, 3.0, 0.9))
 
 

@@ -198,7 +198,8 @@ class Diagnostics:
             *self.inputs,
             direction if self._direction.is_down else "",
             self._stale_advice(),
-            self._identity_advice() if tracking else self._lock_concern(),
+            self._identity_advice() or ("" if tracking else self._lock_concern()),
+            self._pipeline.people.numbers_concern,
             self._unused_lock(),
             "" if tracking or unused else self._untrackable_concern(recent),
             *self._cameras.concerns(now),
@@ -265,8 +266,9 @@ class Diagnostics:
         )
 
     def _identity_advice(self) -> str:
-        """Return that the followed person may be somebody else; else empty."""
-        if any(frame.guessed for frame in self._newest) and self._pipeline.ids is None:
+        """Return that the followed or locked person may be somebody else; else empty."""
+        one, locked = self._pipeline.ids is None, self._pipeline.locked
+        if any(frame.guessed and (one or frame.person == locked) for frame in self._newest):
             return "the followed person was found again by place only, and may be somebody else; ~/lock confirms it"
         return ""
 

@@ -56,6 +56,7 @@ def pipeline():
         config=NodeSettings(),
         reported_lost_after=0.4,
         locked=None,
+        people=SimpleNamespace(numbers_concern=""),
         detector_connected=True,
         tracker=tracker,
         trackers={"": tracker},
@@ -400,3 +401,8 @@ def test_a_guessed_identity_is_a_warning(diagnostics, pipeline):
     diagnostics.count_message([replace(frame(), guessed=True)], SECOND, 10.5, 0.001)
     level, message = said(diagnostics)
     assert level == WARN and "found again by place only" in message
+
+
+def test_person_numbers_that_change_owners_are_a_warning(diagnostics, pipeline):
+    pipeline.people.numbers_concern = "the numbers change owners"
+    assert said(diagnostics) == (WARN, "the numbers change owners")
