@@ -405,4 +405,4 @@ def test_a_guessed_identity_is_a_warning(diagnostics, pipeline):
 
 def test_person_numbers_that_change_owners_are_a_warning(diagnostics, pipeline):
     pipeline.people.numbers_concern = "the numbers change owners"
-    assert said(diagnostics) == (WARN, "the numbers change owners")
+    assert said(diagnostics) == (WARN, "tracking; the numbers change owners")
