@@ -17,6 +17,7 @@ C3D = ["ezc3d>=1.5"]
 CLUSTER = ["distributed>=2024.8", *REPLAY]
 MEDIAPIPE = ["mediapipe>=0.10.14,<0.10.22", *VIDEO]  # later releases do not contain the weights of MediaPipe Pose
 ONNX = ["onnxruntime>=1.17", *VIDEO]
+ROBOT = ["pin-pink>=4.4,<5", "pin>=3.1"]
 VIEW = [
     "rerun-sdk>=0.23.1",
     # mediapipe, which has no wheels for later Pythons, needs numpy 1; the newest Rerun would bring numpy 2
@@ -29,7 +30,7 @@ TEST = [
     "pytest>=7.4,<9.2",  # 3.8 of pytest-xdist groups nothing under pytest 9.2
     "pytest-xdist>=3.6",
     "hypothesis>=6.100",
-    "pin>=2.7",
+    *ROBOT,
     "yourdfpy>=0.0.56",
     "colcon-common-extensions>=0.3",
     "clarabel>=0.6",
@@ -81,6 +82,7 @@ ROS_EXECUTABLES = [
     "detector = lassokin_ros.detector.command:main",
     "camera = lassokin_ros.camera.command:main",
     "viewer = lassokin_ros.viewer.command:main",
+    "imitate = lassokin_ros.robot.command:main",
     "replay = lassokin_ros.cli.replay:main",
 ]
 
@@ -119,6 +121,7 @@ setup(
         "lassokin_ros.core.evidence": ["priors/*.yaml"],
         "lassokin_ros.core.network": ["*.npz"],
         "lassokin_ros.skeleton_readers": ["names.yaml"],
+        "lassokin_ros.robot": ["robots/*.yaml"],
         "lassokin_ros.replay.report": ["page.html", "page.css", "*.js", "*.LICENSE"],
     },
     data_files=[
@@ -136,6 +139,7 @@ setup(
         "report": REPLAY,  # plotly.js is in the package
         "video": VIDEO,
         "view": VIEW,
+        "robot": ROBOT,
         "mediapipe": MEDIAPIPE,
         "onnx": ONNX,
         "c3d": C3D,

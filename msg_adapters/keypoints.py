@@ -216,7 +216,9 @@ def header_stamp(header: object) -> int | None:
 
 
 def stamp_of(message: Any) -> int | None:
-    """Return the stamp of a message in ns; None if it has no header, a stamp of 0 or an invalid one."""
+    """Return the stamp of a message, or of Keypoints, in ns; None without a header, a stamp of 0 or an invalid one."""
+    if isinstance(message, Keypoints):
+        return message.stamp_ns
     try:
         return header_stamp(message.header)
     except (AttributeError, AdapterError):

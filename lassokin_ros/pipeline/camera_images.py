@@ -36,6 +36,8 @@ DEPTH_IN_MESSAGE = "depth: in the message"
 """Key of the count of keypoint messages with depths of their own."""
 RESIDUALS = 30
 """Number of images whose residuals are kept."""
+UNREADABLE, UNREADABLE_WORDS = "not_deserialised", "the message could not be deserialised"
+"""Rejection of a message of a recording that is damaged."""
 DELAY_SHARE = 0.1
 """Weight of a new message in the average of the delays."""
 UNSCORED = "keypoints without confidence"
@@ -137,15 +139,20 @@ class CameraImages:
 
     def _decode(self, message: Any) -> tuple[Keypoints, View]:
         """Return the keypoints and the camera of their image."""
+        if message is None:
+            raise AdapterError(UNREADABLE, UNREADABLE_WORDS)
         present = self.camera.at(None)
-        keypoints = self._adapter.decode(message, present.size)
+        keypoints = self._decoded(message, present.size)
         view = self.camera.at(keypoints.stamp_ns, keypoints.frame_id)
         if view is not present:
-            keypoints = self._adapter.decode(message, view.size)
+            keypoints = self._decoded(message, view.size)
         if has_leading_slash(message):
             self.counts[LEADING_SLASH] += 1
         check_layout(keypoints, self._layout, self.tracker_config.landmarks)
         return keypoints, view
+
+    def _decoded(self, message: Any, size: tuple[int, int]) -> Keypoints:
+        return message if isinstance(message, Keypoints) else self._adapter.decode(message, size)
 
     def _remove_placeholders(self, keypoints: Keypoints, view: View) -> Keypoints:
         """Remove placeholder coordinates, and count the message. Raises AdapterError for fractions of the image."""

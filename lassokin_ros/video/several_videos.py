@@ -28,18 +28,17 @@ from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.detector.backend import Detected, Detector, make_detector
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
-from lassokin_ros.replay.bags import typestore
-from lassokin_ros.replay.offline_tracker import OfflineTracker
+from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.replay.passes.earlier_passes import Inputs, learn_person
+from lassokin_ros.replay.playback import Playback
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.found_cameras import calibration_toml, found_poses, where_in_words
 from lassokin_ros.video.people import PersonError, people_in
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
 from lassokin_ros.video.track import HEIGHT_ASSUMED, NO_TOPICS, RAW_IMAGES, Tracked, height_given, lens_of, stop_flag
 from lassokin_ros.video.track_outputs import TrackOutputs
-from msg_adapters.backends import RosbagsBackend
 
 LARGEST_DIFFERENCE_S = 0.02
 """s, half of the time between two images: files whose images begin with a larger difference are named."""
@@ -70,20 +69,18 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     _check(options, node_config, [camera.name for camera in cameras])
     if unplaced and tracker_config.height == 0:
         raise CameraError("height is 0, and without the places of the cameras nothing shows the size; give --height")
-    types, poses = typestore(), {camera.name: camera.pose for camera in cameras}
-    make = partial(OfflineTracker, node_config=node_config, types=types, only_track=True)
-    first = make(tracker_config, poses=poses)
+    poses = {camera.name: camera.pose for camera in cameras}
+    first = Playback(Pipeline(tracker_config, node_config, poses=poses))
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         views = {camera.name: (camera.calibration, camera.source.size) for camera in cameras}
         outputs = TrackOutputs(options, cameras[0].source, cameras[0].calibration, first, stack, views)
         if unplaced and not height_given(options):
             outputs.remarks.append(HEIGHT_ASSUMED)
-        backend = RosbagsBackend(types)
         with stop_flag() as stopped:
             for number, camera in enumerate(cameras):
                 if number:
                     detector = make_detector(options.detector)  # it follows the person from image to image
-                _detect(camera, detector, backend, outputs, stopped)
+                _detect(camera, detector, outputs, stopped)
         if stopped:
             _keep_common_part(cameras)
         remarks = [_begins(cameras), *(_keep_largest(camera) for camera in cameras if detector.several)]
@@ -91,7 +88,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
         if (unplaced or tracker_config.calibrate and tracker_config.height > 0) and not options.causal:
             with TemporaryDirectory(prefix="lassokin_") as folder:
                 inputs = _inputs(first, cameras)
-                known = learn_person(_messages(cameras, backend), inputs, first, tracker_config, Path(folder))
+                known = learn_person(_messages(cameras), inputs, first, tracker_config, Path(folder))
                 tracker_config = known.config
                 if unplaced:
                     try:
@@ -101,21 +98,19 @@ def track_videos(options: argparse.Namespace) -> Tracked:
                             raise KeyboardInterrupt from None
                         raise
                     tracker_config = replace(tracker_config, extrinsics=CHECK)
-                second = make(tracker_config, poses=poses)
+                second = Playback(Pipeline(tracker_config, node_config, poses=poses))
             second.pipeline.use_backward({None: known.backward})
             second.pipeline.tracker.adopt_cameras(first.pipeline.tracker)
         else:
-            second = make(tracker_config, poses=poses)
+            second = Playback(Pipeline(tracker_config, node_config, poses=poses))
         outputs.follow(second)
         inputs = _inputs(second, cameras)
         images = _images_together(cameras, options) if outputs.needs_images else iter(())
-        for topic, time_ns, message in _messages(cameras, backend):
+        for topic, time_ns, message in _messages(cameras):
             if outputs.needs_images and topic == f"{cameras[0].name}/keypoints":
                 outputs.add_images(_next(images))
-            for _ in inputs[topic](message, time_ns):
-                pass  # the outputs are files
-        for _ in second.finish():
-            pass
+            inputs[topic](message, time_ns)
+        second.finish()
         written = outputs.write(files)
         if options.save_cameras is not None:
             poses = found_poses(second.pipeline)
@@ -199,10 +194,10 @@ def _topic(name: str) -> str:
     return re.sub(r"\W", "_", name if re.match(r"[A-Za-z_]", name) else f"c{name}", flags=re.ASCII)
 
 
-def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutputs, stopped: list[int]) -> None:
+def _detect(camera: Filmed, detector: Detector, outputs: TrackOutputs, stopped: list[int]) -> None:
     """Detect all images of a camera, and close the detector. outputs: keep the images for the report."""
     try:
-        camera.detections = Detections(camera.source, detector, backend, keep=True)
+        camera.detections = Detections(camera.source, detector, camera.name, keep=True)
         progress = Progress(camera.source.count, "images")
         for image, _ in camera.detections.images(stopped, progress):
             outputs.add_report_image(image, camera.name)
@@ -280,26 +275,21 @@ def _next(images: Iterator[dict[str, Image]]) -> dict[str, Image]:
     return found
 
 
-def _messages(cameras: list[Filmed], backend: Any) -> Iterator[tuple[str, int, Any]]:
-    """Yield (topic, time in ns, message): the lens of each camera, then the keypoints in the order of their times."""
+def _messages(cameras: list[Filmed]) -> Iterator[tuple[str, int, Any]]:
+    """Yield (topic, time in ns, arrays): the lens of each camera, then the keypoints in the order of their times."""
     for camera in cameras:
-        yield (
-            f"{camera.name}/camera_info",
-            FIRST_STAMP_NS,
-            camera.calibration.message(backend, FIRST_STAMP_NS, camera.name),
-        )
+        yield f"{camera.name}/camera_info", FIRST_STAMP_NS, camera.calibration.intrinsics(camera.name)
     found = [
-        (seconds, f"{camera.name}/keypoints", message)
+        (seconds, f"{camera.name}/keypoints", keypoints)
         for camera in cameras
         if camera.detections is not None
-        for seconds, message in camera.detections.of_all()
+        for seconds, keypoints in camera.detections.of_all()
     ]
-    for seconds, topic, message in sorted(found, key=lambda one: one[0]):
-        message.header.frame_id = topic.rpartition("/")[0] or OPTICAL_FRAME
-        yield topic, stamp_of(seconds), message
+    for seconds, topic, keypoints in sorted(found, key=lambda one: one[0]):
+        yield topic, stamp_of(seconds), keypoints
 
 
-def _inputs(tracker: OfflineTracker, cameras: list[Filmed]) -> Inputs:
+def _inputs(tracker: Playback, cameras: list[Filmed]) -> Inputs:
     inputs: dict[str, Any] = {}
     for camera in cameras:
         inputs[f"{camera.name}/camera_info"] = partial(tracker.camera_info, camera=camera.name)
@@ -308,7 +298,7 @@ def _inputs(tracker: OfflineTracker, cameras: list[Filmed]) -> Inputs:
 
 
 def _summary(
-    options: argparse.Namespace, cameras: list[Filmed], tracker: OfflineTracker, written: list[Path], seconds: float
+    options: argparse.Namespace, cameras: list[Filmed], tracker: Playback, written: list[Path], seconds: float
 ) -> str:
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     images = ", ".join(f"{camera.source.name} ({camera.name})" for camera in cameras)

@@ -104,6 +104,7 @@ def run(block, command, workplace):
         assert code == 0, f"{block.place} ends with {code}:\n{block.text}\n{said.read()}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
 def test_every_command_of_a_page_runs(page, workplace):
     """Run commands and Python in the page's order.
@@ -131,6 +132,7 @@ def run_python(pending, workplace):
         pending.clear()
 
 
+@pytest.mark.slow
 def test_the_recipe_for_smpls_files_makes_a_skeleton(tmp_path):
     """With a pickle in SMPL's form that contains no model: each joint is the mean of two vertices."""
     (recipe,) = re.findall(r"\n\n((?:    .*\n|\n)+)", (DOCS / "files.md").read_text(encoding="utf-8"))
@@ -199,7 +201,7 @@ def test_the_method_names_every_equation_and_its_code():
 
 
 def test_every_reason_for_a_rejection_is_in_the_troubleshooting():
-    from lassokin_ros.replay.report.rejection_advice import REASONS
+    from lassokin_ros.pipeline.concerns.rejections import REASONS
 
     page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
     assert not [reason for reason in REASONS if f"`{reason}`" not in page]
@@ -221,7 +223,7 @@ def test_launch_arguments_are_those_of_the_launch_file():
 
 
 def test_the_distance_of_keypoints_that_fit_no_body_is_that_of_the_diagnostics():
-    from lassokin_ros.pipeline.outputs.status.diagnostics import NO_BODY
+    from lassokin_ros.pipeline.concerns.live import NO_BODY
 
     page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
     (percent,) = re.findall(r'"off the best body" if they are off by (\d+) % of the height', page)

@@ -76,11 +76,13 @@ def test_the_cameras_parameters_are_those_of_the_node():
 
 
 @pytest.mark.skipif(not VIDEO.is_file(), reason=f"there is no video '{VIDEO}'")
-@pytest.mark.parametrize(
-    "line", [line for line in TRACK if line[-1] != "--view" and "--detector" not in line], ids=" ".join
-)
-def test_the_track_commands_of_the_page_run(line, tmp_path):
-    """A recorded video replaces the webcam. The window of --view needs a screen and is not opened."""
+@pytest.mark.slow
+def test_the_longest_track_command_of_the_page_runs(tmp_path):
+    """A recorded video replaces the webcam. The window of --view needs a screen and is not opened.
+
+    test_track_commands.py runs all of them with a detector that costs nothing.
+    """
+    line = max((line for line in TRACK if line[-1] != "--view" and "--detector" not in line), key=len)
     if "--view" in line:
         pytest.importorskip("rerun", reason="--view needs rerun-sdk")
     pytest.importorskip("mediapipe", reason="the detector of the page needs mediapipe")

@@ -72,6 +72,7 @@ def test_the_example_turns_the_video_of_a_phone(tmp_path, monkeypatch):
     assert shapes == [(160, 96, 3)]
 
 
+@pytest.mark.slow
 def test_the_example_runs():
     pytest.importorskip("mediapipe", reason="the example is for MediaPipe")
     video = Path(os.environ.get("LASSOKIN_DATA", "none")) / "video" / "balancing_cam03.mp4"

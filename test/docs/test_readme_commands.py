@@ -52,6 +52,7 @@ def test_track_options_are_those_of_the_command():
         track_parser().parse_args(line[2:])
 
 
+@pytest.mark.slow
 def test_the_replay_command_runs_and_writes_its_report(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_recording(tmp_path / "BAG", frames=10)

@@ -29,6 +29,7 @@ from lassokin_ros.core.errors import ConfigurationError  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
+from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE  # noqa: E402
 from lassokin_ros.pipeline.camera_images import NOBODY, UNSCORED, UNUSED  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState  # noqa: E402
@@ -344,9 +345,9 @@ def test_held_results_come_later_and_with_a_flush():
     pipeline = Pipeline(TrackerConfig(smoothing_lag=0.1), NodeSettings())
     pipeline.set_camera(camera_info(BACKEND))
     stamps = [frame.stamp_ns for i in range(8) for frame in pipeline.frames(message(i), 5)]
-    rest = [frame.stamp_ns for frame in pipeline.flush()]
+    rest = [frame.stamp_ns for frame in frames_of(pipeline.finish())]
     assert stamps + rest == [START_NS + i * PERIOD_NS for i in range(8)] and len(stamps) < 8 and rest
-    assert pipeline.flush() == []
+    assert pipeline.finish() == []
 
 
 @pytest.mark.parametrize("smoothing_lag", [0.0, 0.1])

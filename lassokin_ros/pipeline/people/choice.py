@@ -29,10 +29,10 @@ def number_named(follow: str) -> int | None:
 
 
 def nobody_to_lock(follow: str, candidates: int) -> str:
-    """Return why nobody was locked. candidates: number of people in the newest image who can be tracked."""
+    """Return why the lock failed. candidates: number of people in the newest image who can be tracked."""
     if candidates == 0:
-        return "nobody was locked: the newest image shows nobody who can be tracked"
-    return f"nobody was locked: follow is '{follow}', and the detector's newest image has no person of this number"
+        return "lock failed: the newest image shows nobody who can be tracked"
+    return f"lock failed: no person {follow} in the newest image"
 
 
 def _confidence(detection: Seen) -> float:

@@ -15,10 +15,6 @@ SILENCE_S = 0.5
 SILENT_PERIODS = 3.0
 JUMP_MEMORY_S = 60.0
 """s: numbers are not used for this long after one has jumped from one person to another."""
-INDICES = (
-    "the detector's person numbers have been 0, 1, ... or 1, 2, ... in each image: they may be places in a list, and "
-    "identify nobody who was out of sight; if they do, set person_ids to lasting"
-)
 
 
 class Numbers:
@@ -51,14 +47,11 @@ class Numbers:
             self._jump = stamp_ns, number
 
     @property
-    def fault(self) -> str:
-        """What is wrong with the numbers of the newest image, in words; empty if nothing is known."""
+    def jumped(self) -> int | None:
+        """The number that has jumped, while the numbers are not believed for that; else None."""
         if self._jump is None or self._heard_ns is None or self.believed(self._heard_ns):
-            return ""
-        return (
-            f"the detector's person numbers change owners (number {self._jump[1]} has moved to another person): they "
-            f"are not used for {JUMP_MEMORY_S:g} s; turn on tracking in the detector, or set person_ids to node"
-        )
+            return None
+        return self._jump[1]
 
 
 def same_numbers(rows: Sequence[int | None], columns: Sequence[int]) -> np.ndarray:

@@ -34,13 +34,12 @@ from lassokin_ros.pipeline.people.choice import (
 from lassokin_ros.pipeline.people.cross_view import SAME_PERSON, cross_view_cost
 from lassokin_ros.pipeline.people.image_tracks import FARTHEST_GUARDED, RIVAL, SAME_BODY, ImageTrack, ImageTracks
 from lassokin_ros.pipeline.people.matching import assign, distance, distances, is_trackable, match_radius
-from lassokin_ros.pipeline.people.numbers import INDICES
 from lassokin_ros.pipeline.people.presence import Presence, best, reported_status
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.seen import Image, Seen, Sight
 
 GONE = "gone"
-"""In place of the id of a locked person who was forgotten. Nobody is taken for that person until the lock ends."""
+"""In place of the id of a locked person who was forgotten. No detection is assigned until unlock."""
 FORGOTTEN = "the locked person was forgotten: nobody is followed until ~/lock is called"
 """What this means, in words."""
 PERSON_ABSENT = "person_absent"
@@ -150,13 +149,16 @@ class PeopleTracker:
         return GONE if self._gone else None if self._locked is None else self._locked.id
 
     @property
-    def numbers_concern(self) -> str:
-        """Why the detector's person numbers are not used, in words; empty if they are, or if there are none."""
-        lasting = [view.tracks.numbers for view in self._views.values() if view.image.lasting]
-        if fault := next((numbers.fault for numbers in lasting if numbers.fault), ""):
-            return fault
-        guessed = any(person.guessed for person in self._people)
-        return INDICES if guessed and any(not numbers.proven for numbers in lasting) else ""
+    def jumped_number(self) -> int | None:
+        """A number of a detector that has moved to another person lately, so that its numbers are not used."""
+        jumped = [view.tracks.numbers.jumped for view in self._views.values() if view.image.lasting]
+        return next((number for number in jumped if number is not None), None)
+
+    @property
+    def numbers_may_be_indices(self) -> bool:
+        """Whether people are guessed because a detector's numbers have only been 0, 1, ... or 1, 2, ... in each image."""
+        unproven = any(view.image.lasting and not view.tracks.numbers.proven for view in self._views.values())
+        return unproven and any(person.guessed for person in self._people)
 
     def presence_at(self, stamp_ns: int, forget_after: float, stale_after: float = math.inf) -> Presence:
         """Return the presence at a time up to which no message has arrived. The state does not change.

@@ -16,9 +16,10 @@ from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_wo
 from lassokin_ros.pipeline.pipeline import JUMPS, Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.passes.kept_observations import KeptObservations
+from lassokin_ros.replay.playback import Playback
 
-Inputs = Mapping[str, Callable[[Any, int], Iterator[tuple[str, str, Any]]]]
-"""By the topic's name, what processes its messages and yields the outputs."""
+Inputs = Mapping[str, Callable[[Any, int], None]]
+"""By the topic's name, what processes its messages."""
 
 
 @dataclass(frozen=True)
@@ -43,20 +44,18 @@ def check_two_passes(tracker: TrackerConfig, node: NodeSettings) -> None:
 
 
 def learn_person(
-    messages: Iterator[tuple[str, int, Any]], inputs: Inputs, tracker: Any, config: TrackerConfig, folder: Path
+    messages: Iterator[tuple[str, int, Any]], inputs: Inputs, tracker: Playback, config: TrackerConfig, folder: Path
 ) -> KnownPerson:
     """Track all messages (topic, recording time in ns, message), and then their observations backward in time.
 
-    tracker: an OfflineTracker that is used for this alone. The lengths are written to a file in `folder`. The settings
+    tracker: a Playback that is used for this alone. The lengths are written to a file in `folder`. The settings
     are unchanged if the person moved for less than LEAST_MOTION.
     """
     kept = KeptObservations()
     tracker.listeners.append(kept.add)
     for topic, time_ns, message in messages:
-        for _ in inputs[topic](message, time_ns):
-            pass  # the outputs are those of the last pass
-    for _ in tracker.finish():
-        pass
+        inputs[topic](message, time_ns)
+    tracker.finish()
     calibrations = tracker.pipeline.calibrations()
     (calibration,) = calibrations.values()
     height = ""

@@ -66,7 +66,7 @@ class KeptObservations:
         self._in_order, self._moving, self._alone = True, False, False
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
-        """Keep the observations of a message; a listener of OfflineTracker."""
+        """Keep the observations of a message; a listener of Playback."""
         for frame in frames:
             newer = self._newest_ns is None or frame.stamp_ns > self._newest_ns
             if frame.accepted:

@@ -16,10 +16,10 @@ from recordings import START_NS, read, synthetic_pixels, webcam_info, write_mess
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.observation import Rejection  # noqa: E402
 from lassokin_ros.doubt.failure_model import FailureModel  # noqa: E402
+from lassokin_ros.pipeline.concerns.rejections import REASONS  # noqa: E402
 from lassokin_ros.replay.bags import typestore  # noqa: E402
 from lassokin_ros.replay.report import page_json as data  # noqa: E402
 from lassokin_ros.replay.report.page import PLOTLY  # noqa: E402
-from lassokin_ros.replay.report.rejection_advice import REASONS  # noqa: E402
 from lassokin_ros.replay.report.wrong_spans import marked_frames  # noqa: E402
 from msg_adapters.backends import RosbagsBackend  # noqa: E402
 from msg_adapters.inputs import point_cloud  # noqa: E402
@@ -248,7 +248,7 @@ def repeated(stamps, pixels, confidence):
 CASES = {
     "lost": (
         {"spoil": absent(20, 60)},
-        ("problem", "40 frames rejected: too few landmarks: fewer than min_landmarks keypoints had a confidence of"),
+        ("problem", "40 frames rejected: too few landmarks: check that a person is in the image"),
         ("problem", "Nobody was tracked from 0.6 to 2.0 s (1.4 s): 40 x too few landmarks."),
         ("note", "The person was re-initialised once, at 2.0 s; the skeleton may jump there."),
     ),
@@ -278,7 +278,7 @@ CASES = {
         {"spoil": shifted(40, -0.2)},
         (
             "problem",
-            "6 frames rejected: stamp not newer than the previous one: the stamps do not increase: check",
+            "6 frames rejected: stamp not newer than the previous one: check that the detector copies",
         ),
     ),
     "one stamp": ({"spoil": one_stamp}, ("note", "1 frame rejected: stamp jump: a single jump is")),
@@ -292,17 +292,17 @@ CASES = {
     "swapped": ({"spoil": swapped}, ("problem", "Landmarks far from their reprojection: ")),
     "upside down": (
         {"spoil": upside_down},
-        ("problem", "The shoulders are below the ankles in most images: check"),
+        ("problem", "The body has pointed down in the image in most images: check"),
     ),
     "larger image": (
         {"spoil": of_a_larger_image},
-        ("problem", f"In {FRAMES} of {FRAMES} messages keypoints lie outside the image of camera_info: check that"),
+        ("problem", f"Keypoints lie outside the image of 1280 x 720 px of camera_info in {FRAMES} of {FRAMES}"),
     ),
     "partly outside": (
         {"spoil": legs_below_the_image},
         (
             "note",
-            f"In {FRAMES} of {FRAMES} messages the person is partly outside of the image. If the whole person was",
+            "In 100% of the images the person is partly outside of the image.",
         ),
     ),
     "seldom": ({"spoil": half_seen}, ("note", "Landmarks detected in fewer than half of the frames: left_ear 33%.")),
@@ -327,16 +327,16 @@ CASES = {
     ),
     "without legs": (
         {"spoil": without_legs},
-        ("note", "Hardly seen: left leg (in 0% of the frames), right leg (in 0%"),
+        ("note", "Not seen: left leg (seen in 0% of the frames), right leg (seen in 0%"),
     ),
     "repeated": ({"spoil": repeated}, ("note", f"{FRAMES // 2} of {FRAMES} messages repeat the previous keypoints")),
     "late": (
         {"times": lambda s: s + 2_500_000_000},
-        ("note", "The keypoints were recorded 2.5 s after their stamps (median): "),
+        ("problem", "Keypoints are 2.5 s old when they arrive: the detector queues images or is too slow; let it"),
     ),
     "no stamps": (
         {"spoil": lambda s, p, c: s.__imul__(0)},
-        ("problem", f"{FRAMES} messages have no stamp; the recording time"),
+        ("problem", f"Keypoints without a stamp: outputs carry the time of their arrival ({FRAMES} messages): let"),
     ),
     "nothing": (
         {"spoil": absent(0, FRAMES)},

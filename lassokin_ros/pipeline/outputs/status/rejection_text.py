@@ -12,19 +12,21 @@ from lassokin_ros.core.image.gating import FOCAL_RANGE, visible
 from lassokin_ros.core.lasso.solver import KKT_TOLERANCE
 from lassokin_ros.core.observation import Observation, Rejection
 from lassokin_ros.core.tracker import SMALLEST_PX
+from lassokin_ros.pipeline.concerns.rejections import advice_for
 
 
 def rejection_text(answer: Estimate, observation: Observation, config: TrackerConfig) -> str:
     """One line about a rejected observation: what was wrong, what was expected, what to do."""
     assert answer.rejection is not None
-    return _WORDS[answer.rejection](answer, observation, config)
+    found = _FOUND[answer.rejection](answer, observation, config)
+    return f"{found}: {advice_for(answer.rejection.value)}"
 
 
 def frozen_text(seconds: float, config: TrackerConfig) -> str:
     """One line about keypoints that have been the same for this time, s."""
     return (
         f"the same keypoints for {seconds:.1f} s, with new stamps; expected new ones within lost_after "
-        f"{config.lost_after:g} s: check that the camera's image changes and reaches the detector"
+        f"{config.lost_after:g} s: {advice_for('frozen')}"
     )
 
 
@@ -37,49 +39,42 @@ def _too_few_landmarks(_: Estimate, observation: Observation, config: TrackerCon
     confident = observation.confidence >= max(config.min_confidence, 1e-9)
     aside = np.count_nonzero(confident & np.isfinite(observation.points).all(axis=1) & ~seen)
     if aside:
-        return f"{found}, and {aside} outside any field of view; {expected}: check that camera_info is of this camera"
+        return f"{found}, and {aside} outside any field of view, as with camera_info of another camera; {expected}"
     return f"{found}; {expected}"
 
 
 def _too_small(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
     return (
         "the body that fits best would be smaller than the noise, or behind the camera; expected "
-        f"{SMALLEST_PX * config.noise_px:g} px ({SMALLEST_PX:g} noise_px) or more: check that the keypoints are in px, "
-        "and that camera_info is of their camera"
+        f"{SMALLEST_PX * config.noise_px:g} px ({SMALLEST_PX:g} noise_px) or more"
     )
 
 
 def _not_certified(answer: Estimate, observation: Observation, config: TrackerConfig) -> str:
     residual = float("nan") if answer.certificate is None else answer.certificate.kkt_residual
-    return (
-        f"the optimum was not proved, its KKT residual is {residual:.1e}; expected {KKT_TOLERANCE:g} or less: try "
-        "solver proxqp, warm_start false"
-    )
+    return f"the optimum was not proved, its KKT residual is {residual:.1e}; expected {KKT_TOLERANCE:g} or less"
 
 
 def _late(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
     return (
-        f"the image of {observation.stamp:.3f} s is not newer than the last one used, of another camera; expected "
-        "images in the order of their stamps: it only updated the tracks of its keypoints"
+        f"the image of {observation.stamp:.3f} s is not newer than the last one used, of another camera; it only "
+        "updated the tracks of its keypoints; expected images in the order of their stamps"
     )
 
 
 def _unplaced(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
-    return (
-        f"nobody has told where camera '{observation.camera.name}' is; expected its pose, or extrinsics learn and a "
-        "person whom it and a camera with a pose see for some seconds"
-    )
+    return f"the pose of camera '{observation.camera.name}' is unknown; expected one"
 
 
 def _old_stamp(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
-    return "the stamp is not newer than the last one; expected a newer one: check for two detectors on one topic"
+    return "the stamp is not newer than the last one; expected a newer one"
 
 
 def _not_finite(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
     low, high = FOCAL_RANGE
     return (
         f"the stamp is {observation.stamp:g} s, the focal length {observation.focal:g} px; expected finite numbers, "
-        f"and {low:g} to {high:g} px: check the stamp and K of camera_info"
+        f"and {low:g} to {high:g} px"
     )
 
 
@@ -94,7 +89,7 @@ def _wrong_shape(_: Estimate, observation: Observation, config: TrackerConfig) -
     return f"{shapes}; expected one of each for every landmark of the layout '{config.landmarks}'"
 
 
-_WORDS: dict[Rejection, Callable[[Estimate, Observation, TrackerConfig], str]] = {
+_FOUND: dict[Rejection, Callable[[Estimate, Observation, TrackerConfig], str]] = {
     Rejection.TOO_FEW_LANDMARKS: _too_few_landmarks,
     Rejection.TOO_SMALL: _too_small,
     Rejection.NOT_CERTIFIED: _not_certified,
@@ -104,3 +99,4 @@ _WORDS: dict[Rejection, Callable[[Estimate, Observation, TrackerConfig], str]] =
     Rejection.NOT_FINITE: _not_finite,
     Rejection.WRONG_SHAPE: _wrong_shape,
 }
+"""What was found and what was expected."""
