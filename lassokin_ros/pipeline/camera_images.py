@@ -22,7 +22,7 @@ from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
 from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, checked_positions, people_shown
 from lassokin_ros.pipeline.seen import Image, people_in
-from lassokin_ros.pipeline.settings import MESSAGE, NodeSettings
+from lassokin_ros.pipeline.settings import NODE, NodeSettings
 from lassokin_ros.pipeline.stamps import StampWatch
 from msg_adapters.detectors.registry import keypoint_adapter
 from msg_adapters.errors import AdapterError
@@ -204,6 +204,6 @@ class CameraImages:
     def _has_persistent_numbers(self, keypoints: Keypoints) -> bool:
         """Return True if the message's person numbers identify people over time."""
         persons = keypoints.persons
-        if persons is None or not keypoints.persistent or self.config.person_ids != MESSAGE:
+        if persons is None or not keypoints.persistent or self.config.person_ids == NODE:
             return False
         return len(persons) == 0 or bool(persons.min() >= 0)
