@@ -101,8 +101,8 @@ CONCERNS: dict[str, Concern] = {
     "numbers_index": Concern(
         PROBLEM,
         LIVE,
-        "the detector's person numbers have been 0, 1, ... or 1, 2, ... in each image: they may be places in a list, and "
-        "identify nobody who was out of sight",
+        "the detector's person numbers have been 0, 1, ... or 1, 2, ... in each image: they may be places in a list, "
+        "and identify nobody who was out of sight",
         "set person_ids to lasting if they identify people, else to node",
     ),
     "unused_lock": Concern(

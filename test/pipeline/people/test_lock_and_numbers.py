@@ -43,7 +43,7 @@ def numbers_in(there, kind, random):
 
 
 def follow(seed, kind, max_people):
-    """Lock the first person; return per frame of the locked one (index, whose detection, guessed), and whether a jump was seen."""
+    """Lock the first person; return the locked one's frames (index, whose detection, guessed), and if a jump was seen."""
     there, random = SCENES[seed], np.random.default_rng(seed)
     numbers, sent = numbers_in(there, kind, random)
     bodies = [Pretended() for _ in range(max_people)]
@@ -68,6 +68,7 @@ def follow(seed, kind, max_people):
     return frames, jumped
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("max_people", [1, 3])
 @pytest.mark.parametrize("kind", ["right", "exchanged", "index", "restart"])
 def test_a_locked_person_is_never_exchanged_silently(kind, max_people):
