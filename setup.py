@@ -15,16 +15,13 @@ REPLAY = ["rosbags>=0.11"]
 VIDEO = ["opencv-python-headless>=4.6", "av>=12", *REPLAY]  # PyAV encodes H.264, which browsers play
 C3D = ["ezc3d>=1.5"]
 CLUSTER = ["distributed>=2024.8", *REPLAY]
-MEDIAPIPE = ["mediapipe>=0.10.14,<0.10.22", *VIDEO]  # later releases do not contain the weights of MediaPipe Pose
+SMALL = "platform_machine != 'aarch64' and (sys_platform != 'darwin' or platform_machine != 'x86_64')"
+LARGE = "platform_machine == 'aarch64' or (sys_platform == 'darwin' and platform_machine == 'x86_64')"
+# Two releases have a small wheel for all Pythons, but not for all machines. Later ones look up a host.
+MEDIAPIPE = [f"mediapipe>=0.10.30,<0.10.32; {SMALL}", f"mediapipe>=0.10.14,<0.10.22; {LARGE}", *VIDEO]
 ONNX = ["onnxruntime>=1.17", *VIDEO]
 ROBOT = ["pin-pink>=4.4,<5", "pin>=3.1"]
-VIEW = [
-    "rerun-sdk>=0.23.1",
-    # mediapipe, which has no wheels for later Pythons, needs numpy 1; the newest Rerun would bring numpy 2
-    "numpy<2; python_version < '3.13'",
-    "pyarrow<25; python_version < '3.13'",  # later ones need numpy 2 without saying so
-    *VIDEO,
-]
+VIEW = ["rerun-sdk>=0.23.1", *VIDEO]
 DEMO = [*ROS, *REPLAY]
 TEST = [
     "pytest>=7.4,<9.2",  # 3.8 of pytest-xdist groups nothing under pytest 9.2
@@ -57,7 +54,7 @@ TEST = [
     "onnx>=1.16",
     "onnxruntime>=1.17",
     *DEMO,
-    *VIDEO,
+    *MEDIAPIPE,
     *CLUSTER,
     *C3D,
 ]
@@ -120,6 +117,7 @@ setup(
         "lassokin_ros.core.body": ["skeletons/*.yaml", "layouts/*.yaml"],
         "lassokin_ros.core.evidence": ["priors/*.yaml"],
         "lassokin_ros.core.network": ["*.npz"],
+        "lassokin_ros.detector": ["*.task"],
         "lassokin_ros.skeleton_readers": ["names.yaml"],
         "lassokin_ros.robot": ["robots/*.yaml"],
         "lassokin_ros.replay.report": ["page.html", "page.css", "*.js", "*.LICENSE"],

@@ -59,28 +59,23 @@ def pytest_pycollect_makemodule(module_path, parent):
     return TestFile.from_parent(parent, path=module_path)
 
 
-SLOW_FOLDERS = {
-    "archive",
-    "benchmarks",
-    "camera",
-    "demo",
-    "examples",
-    "fuzz",
-    "launch",
-    "replay",
-    "training",
-    "video",
-    "viewer",
-}
+SLOW_FOLDERS = set("archive benchmarks camera demo examples fuzz launch replay training video viewer".split())
 """Folders whose tests run whole commands, programs or examples."""
+TESTS = Path(__file__).parent
+SLOW_TESTS = set((TESTS / "slow_tests.txt").read_text(encoding="utf-8").split())
+"""Other tests that take more than 0.3 s of processor time or start Python, as file::function."""
 FAST_S = 0.5
-"""s of processor time: a test that takes longer, and is not marked as slow, is listed after the run."""
+"""s of processor time: a test that takes longer, and does not count as slow, is listed after the run."""
 
 
 def is_slow(path):
     """True if all tests of a file count as slow, because of its folder or because it runs nodes."""
-    folders = path.relative_to(Path(__file__).parent).parts[:-1]
-    return bool(folders) and folders[0] in SLOW_FOLDERS or runs_nodes(path)
+    return path.relative_to(TESTS).parts[0] in SLOW_FOLDERS or runs_nodes(path)
+
+
+def name_of(item):
+    """The name of a test in `slow_tests.txt`."""
+    return f"{item.path.relative_to(TESTS).as_posix()}::{item.originalname}"
 
 
 def pytest_configure(config):
@@ -112,7 +107,7 @@ def pytest_collection_modifyitems(items):
     slow = {path for path in paths if is_slow(path)}
     for item in items:
         item.add_marker(pytest.mark.xdist_group(groups[item.path]))
-        if item.path in slow:
+        if item.path in slow or name_of(item) in SLOW_TESTS:
             item.add_marker(pytest.mark.slow)
 
 
@@ -128,18 +123,18 @@ def note_processes(event, arguments):
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item):
-    """Note the processor time of a test. One that starts Python must be marked as slow."""
+    """Note the processor time of a test. One that starts Python must count as slow."""
     before = time.process_time()
     result = yield
     item.user_properties.append(("processor time", time.process_time() - before))
     commands, started[:] = list(started), []  # of fixtures, too
     if commands and item.get_closest_marker("slow") is None:
-        pytest.fail(f"starts Python, and has no mark @pytest.mark.slow: {commands[0]}", pytrace=False)
+        pytest.fail(f"starts Python, and is not in slow_tests.txt: {name_of(item)}: {commands[0]}", pytrace=False)
     return result
 
 
 def pytest_terminal_summary(terminalreporter, config):
-    """Print the number of fuzz cases, if they ran in this process, slow tests without a mark, and ungrouped tests."""
+    """Print the number of fuzz cases of this process, tests that should count as slow, and whether groups were kept."""
     fuzzing = sys.modules.get("fuzzing")
     for line in fuzzing.report() if fuzzing else ():
         terminalreporter.write_line(line)
@@ -147,7 +142,7 @@ def pytest_terminal_summary(terminalreporter, config):
     for report in passed:
         seconds = dict(report.user_properties).get("processor time", 0.0)
         if seconds > FAST_S and "slow" not in report.keywords:
-            terminalreporter.write_line(f"{report.nodeid} takes {seconds:.1f} s and has no mark @pytest.mark.slow")
+            terminalreporter.write_line(f"{report.nodeid} takes {seconds:.1f} s, and is not in slow_tests.txt")
     # pytest-xdist appends the group to a test's id. Without it, tests may not have been grouped.
     if config.getoption("dist", "no") == "loadgroup" and not all("@" in report.nodeid for report in passed):
         terminalreporter.write_line("pytest-xdist groups no tests under this pytest: nodes ran two at once", red=True)

@@ -134,6 +134,5 @@ def read_poses(path: Path, person: str | None) -> Poses:
         )
     positions = data["joint_positions"][mine] @ data["level"].T
     names, wrong = tuple(map(str, data["joint_names"])), data["likely_wrong"][mine]
-    return Poses(
-        seconds, names, positions, wrong, smoothing, data["joint_observed"][mine], data["joint_contacts"][mine]
-    )
+    seen, contacts = data["joint_observed"][mine], data["joint_contacts"][mine]
+    return Poses(seconds, names, positions, wrong, smoothing, seen, contacts)

@@ -45,7 +45,7 @@ from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.people_tracker import PERSON_ABSENT, PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
-from lassokin_ros.pipeline.seen import Image, Sight
+from lassokin_ros.pipeline.seen import Image, Sight, key_of
 from lassokin_ros.pipeline.settings import LASTING, NodeSettings
 from lassokin_ros.pipeline.waiting import Waiting
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
@@ -64,12 +64,13 @@ class Pipeline:
         node_config: NodeSettings,
         evidence: Sequence[Evidence] = (),
         poses: Mapping[str, CameraPose] | None = None,
-        bodies: Mapping[int, Skeleton] | None = None,
+        bodies: Mapping[int | None, Skeleton] | None = None,
         patience: float = 0.0,
     ) -> None:
         """evidence: the user's own, for each frame's lasso; all people share it. poses: of several cameras, by name, in
         place of those from TF. bodies: skeletons of people whose numbers in the messages are known, at most
-        max_people. patience: s, lower limit of the wait for depth images; messages in a recording have no exact order.
+        max_people; of the only person by None. patience: s, lower limit of the wait for depth images; messages in a
+        recording have no exact order.
         Raises a LassokinError if the configuration is unusable.
         """
         self.config = node_config.checked()
@@ -88,6 +89,8 @@ class Pipeline:
         self.counts: Counter[str] = Counter()
         """Number of messages by result: received, accepted, duplicated, unstamped, resets, "rejected: <reason>", and
         messages with keypoints outside the image."""
+        self.identities: Mapping[tuple[str, bytes], int] | None = None
+        """The numbers of the people in images that were seen before, by camera and `key_of`: nobody else is there."""
         self.answered = False
         """True after the first accepted result for a person."""
         rules = self.config.follow, self.config.lock, self.config.several_cameras, self.config.person_ids == LASTING
@@ -469,6 +472,8 @@ class Pipeline:
             self._refused.add(camera.name)
             detail = f"camera '{camera.name}': {error}" if camera.name else str(error)
             return self._refusal(camera.stamp_ns, camera.frame_id, arrival_ns, error.reason, detail)
+        if self.identities is not None:
+            image = self._identified(image, self.identities)
         before = []
         if changed:
             before = self._order.flush(self.people.flush())
@@ -481,6 +486,12 @@ class Pipeline:
         camera.stamps.seen(image.stamp_ns, True)
         camera.stamps.follow(image.stamp_ns, arrival_ns, image.stamped)
         return before + self._track_sets(self._sets.add(camera.name, image, arrival_ns), arrival_ns)
+
+    def _identified(self, image: Image, identities: Mapping[tuple[str, bytes], int]) -> Image:
+        """Return an image with those whose numbers are known."""
+        known = [(seen, identities.get((image.camera.name, key_of(seen.points)))) for seen in image.people]
+        people = [replace(seen, number=number) for seen, number in known if number is not None]
+        return replace(image, people=people, numbered=True, lasting=True)
 
     def _track_sets(self, sets: Sequence[Sequence[Image]], arrival_ns: int) -> list[Answer]:
         """Return the answers of several sets of images. Each set counts as one accepted or rejected message."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -64,6 +65,11 @@ class Sight:
     seen: Seen
     lens: Lens
     camera: CameraPose = HERE
+
+
+def key_of(points: np.ndarray) -> bytes:
+    """Return what identifies the points of a person in all images of a camera: they differ by noise at least."""
+    return hashlib.blake2b(points.tobytes(), digest_size=8).digest()
 
 
 def people_in(keypoints: Keypoints, count: int, lens: Lens, sampled: Keypoints | None = None) -> list[Seen]:

@@ -1,1 +1,1 @@
-"""A humanoid that imitates a person: a reference for its joints. Needs the extra `robot` (pin-pink); node.py needs ROS."""
+"""A humanoid that imitates a person: a reference for its joints. It needs the extra `robot`; node.py needs ROS."""

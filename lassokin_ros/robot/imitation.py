@@ -31,7 +31,7 @@ TURN, SWING = 10.0, 30.0
 """rad/s: largest speeds of a person's heading and of a limb's bone."""
 DAMPING = 1e-6
 WEIGHTS = {"elbow": 2.0, "wrist": 4.0, "knee": 4.0, "ankle": 4.0}
-TORSO, BASE, POSTURE, SMOOTH = 2.0, 4.0, 0.05, 0.02
+TORSO, BASE, POSTURE, SMOOTH = 2.0, 4.0, 0.05, 0.3
 """Weights: 1/m of places, 1/rad of rotations, of the rest angles, and of changes of the step."""
 CHAIN_OF = {joint: chain for chain, names in CHAINS.items() for joint in names}
 FOOT, FOOT_TURN = 40.0, 4.0
@@ -44,7 +44,10 @@ POSTURE_GAIN = 0.1
 
 
 class Imitation:
-    """One robot. configuration: pink's, with q; speed: (nv,) rad/s (m/s) of the last tick; holding: nobody is followed."""
+    """One robot. configuration: pink's, with q. speed: (nv,) rad/s (m/s) of the last tick. holding: nobody is followed.
+
+    engaged: s since the last hold. unsolved: ticks without a solution.
+    """
 
     def __init__(self, model: RobotModel, rate: float = 100.0, solver: str = "proxqp") -> None:
         """rate: Hz, of `step`. solver: of qpsolvers."""
@@ -52,7 +55,8 @@ class Imitation:
         self.configuration = Configuration(model.model, model.model.createData(), model.rest)
         self.speed = np.zeros(model.model.nv)
         self.holding, self.engaged, self.unsolved = True, 0.0, 0
-        self._course, self._person = Course(), None
+        self._course = Course()
+        self._person: Person | None = None
         self._targets = Targets(self.configuration, model)
         self._heading = np.eye(3)
         self._shown: Posture | None = None
@@ -72,6 +76,15 @@ class Imitation:
     def base(self) -> np.ndarray:
         """(7,) place, m, and quaternion x, y, z, w of a free base; the floor is at z = 0."""
         return self.configuration.q[:7]
+
+    @property
+    def standing(self) -> list[bool]:
+        """Whether the left and the right foot are held on the floor."""
+        return list(self._targets.standing)
+
+    def off_target(self, far: str) -> np.ndarray:
+        """Return (3,) m: how far the joint at the end of a bone, one of FARS, is from its target."""
+        return self._targets.off(self.configuration, far)
 
     @property
     def share(self) -> float:
@@ -103,7 +116,7 @@ class Imitation:
         if last is not None and interval > 0 and too_fast(last, shown, interval):
             self._doubt = DOUBT_S
         if self._doubt > 0:
-            self.hold()
+            self._stop()
             return "the person turned faster than people do"
         if self.holding:
             self._course.reset()
@@ -117,7 +130,11 @@ class Imitation:
         return ""
 
     def hold(self) -> None:
-        """Stop within the limits of acceleration, and stay. The next person is approached slowly."""
+        """Stop within the limits of acceleration, and stay. The next person is approached slowly from there."""
+        self._shown = None
+        self._stop()
+
+    def _stop(self) -> None:
         self.holding, self.engaged = True, 0.0
 
     def step(self) -> np.ndarray:
@@ -167,7 +184,8 @@ class Imitation:
         change = change[at] * period  # of the step
         for sign, room, bound in ((1, model.highest - self.positions, high), (-1, self.positions - model.lowest, low)):
             room = np.maximum(room, 0.0)
-            brake = np.sqrt(change**2 / 4 + 2 * change * room) - change / 2  # the longest step that can still stop
+            count = np.floor((np.sqrt(1 + 8 * room / change) - 1) / 2)  # of the full changes with which it can still stop
+            brake = count * change + (room - change * count * (count + 1) / 2) / (count + 1)
             bound[at] = sign * np.minimum(sign * bound[at], np.minimum(brake, room) / period)
         low[at], high[at] = np.minimum(low[at], high[at]), np.maximum(high[at], low[at])
         room_low, room_high = (model.lowest - self.positions) / period, (model.highest - self.positions) / period
@@ -175,7 +193,7 @@ class Imitation:
         return low, high
 
     def _move(self, speed: np.ndarray) -> None:
-        """Move for one period; joints stay in their limits, and a free base is lifted until no sole is below the floor."""
+        """Move for one period. Joints stay in their limits; a free base is lifted until no sole is below the floor."""
         q = pin.integrate(self.model.model, self.configuration.q, speed * self.period)
         at = self.model.at
         q[at:] = np.clip(q[at:], self.model.lowest, self.model.highest)
@@ -216,7 +234,7 @@ class Targets(Task):  # type: ignore[misc]
         self._starts = np.stack(starts)
         self._used = [joints.INDEX[far] for far in self._fars]
         self._feet = [model.frames[f"{side}_ankle"] for side in SIDES]
-        self._standing = [False, False]
+        self.standing = [False, False]
         self._anchors = [pin.SE3.Identity(), pin.SE3.Identity()]
         self.start(configuration)
 
@@ -227,7 +245,7 @@ class Targets(Task):  # type: ignore[misc]
         self._places = np.stack([at[frames[owner]].actInv(at[frame]).translation for owner, frame in pairs])
         self._torso = at[frames["base"]].rotation.T @ at[frames["torso"]].rotation
         self._base = at[frames["base"]].rotation.copy()
-        self._standing = [False, False]
+        self.standing = [False, False]
 
     def aim(self, configuration: Configuration, shown: Posture, person: Person, heading: np.ndarray) -> None:
         """Aim at a posture. heading: (3, 3), from the frame of the person to the world of the robot."""
@@ -253,7 +271,7 @@ class Targets(Task):  # type: ignore[misc]
         base = at[self._model.frames["base"]]
         for side, stands in enumerate(standing.tolist()):
             foot, leg = at[self._feet[side]], len(FARS) // 2 + 2 * side + 1
-            if not (stands and self._standing[side]):
+            if not (stands and self.standing[side]):
                 yaw = np.arctan2(foot.rotation[1, 0], foot.rotation[0, 0])
                 place = np.array([foot.translation[0], foot.translation[1], sole])
                 self._anchors[side] = pin.SE3(pin.utils.rotate("z", yaw), place)
@@ -261,7 +279,14 @@ class Targets(Task):  # type: ignore[misc]
                 goal = base.act(self._places[leg])
                 goal[2] = max(goal[2], sole)
                 self._places[leg] = base.actInv(goal)
-            self._standing[side] = stands
+            self.standing[side] = stands
+
+    def off(self, configuration: Configuration, far: str) -> np.ndarray:
+        """Return (3,) m, see `Imitation.off_target`."""
+        at, index = configuration.data.oMf, self._fars.index(far)
+        owner = at[self._model.frames[self._owners[index]]]
+        place: np.ndarray = owner.actInv(at[self._frames[index]]).translation
+        return place - self._places[index]
 
     def compute_error(self, configuration: Configuration) -> np.ndarray:
         """See pink's Task: weighted, as in `_rows`."""
@@ -300,7 +325,7 @@ class Targets(Task):  # type: ignore[misc]
             moved = np.stack([end[:3] for end in ends[part]]) - own[:3] + hat(away) @ own[3:]
             weights = self._weights[part].copy()
             if name == "base":
-                weights[1::2] = np.where(self._standing, LEG_STANDS, WEIGHTS["ankle"])
+                weights[1::2] = np.where(self.standing, LEG_STANDS, WEIGHTS["ankle"])
             rows.append((weights[:, None, None] * (at.rotation.T @ moved)).reshape(-1, model.nv))
             errors.append((weights[:, None] * (away @ at.rotation - self._places[part])).reshape(-1))
         (base, of_base), (torso, of_torso) = owners["base"], owners["torso"]
@@ -309,7 +334,7 @@ class Targets(Task):  # type: ignore[misc]
         if self._free:
             rows.append(BASE * of_base[3:])
             errors.append(-BASE * pin.log3(self._base @ base.rotation.T))
-            for side, stands in enumerate(self._standing):
+            for side, stands in enumerate(self.standing):
                 foot, anchor, own = data.oMf[self._feet[side]], self._anchors[side], ends[half + 2 * side + 1]
                 turn = FOOT_TURN if stands else FOOT_LEVEL
                 rows.append(turn * own[3:])

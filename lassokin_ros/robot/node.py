@@ -81,7 +81,7 @@ class ImitateNode(Node):
         if self._given["robot_description"]:
             self._load(self._given["robot_description"])
         else:
-            self.create_subscription(String, "robot_description", lambda message: self._load(message.data), latched)
+            self.create_subscription(String, "robot_description", self._on_description, latched)
         self._watch = PeopleWatch(self, self._given["tracker"])
         self._watch.subscribe("skeleton", self._on_skeleton)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -105,6 +105,9 @@ class ImitateNode(Node):
             self._why = str(error)
             self.get_logger().error(self._why)
         self._say()
+
+    def _on_description(self, message: String) -> None:
+        self._load(message.data)
 
     def _on_joint_states(self, message: JointState) -> None:
         self._measured.update(zip(message.name, message.position))
@@ -163,13 +166,16 @@ class ImitateNode(Node):
         view = Person(position(seen).T, observed, up, seen["contact"][ankles] == 1)
         refused = self._robot.see(view, interval)
         if refused:
-            return self._hold(refused)
-        self._person, self._stamp_ns, self._why = person, stamp_ns, ""
-        self._say()
+            return self._give_reason(refused)  # the robot holds already
+        self._person, self._stamp_ns = person, stamp_ns
+        self._give_reason("")
 
     def _hold(self, why: str) -> None:
         assert self._robot is not None
         self._robot.hold()
+        self._give_reason(why)
+
+    def _give_reason(self, why: str) -> None:
         self._why = why
         self._say()
 

@@ -28,9 +28,9 @@ LEAST = 1e-3
 class Person:
     """A person at one moment, in any frame.
 
-    places: (24, 3) m, joints in the order of `lassokin_ros.joints`. usable: (24,) bool, those that are observed; an arm or a
-    leg that is not usable stays. up: (3,) unit vector, the vertical. contacts: (2,) bool, the left and the right foot
-    are on the floor.
+    places: (24, 3) m, joints in the order of `lassokin_ros.joints`. usable: (24,) bool, those that are observed; an
+    arm or a leg that is not usable stays. up: (3,) unit vector, the vertical. contacts: (2,) bool, the left and the
+    right foot are on the floor.
     """
 
     places: np.ndarray
@@ -53,8 +53,8 @@ class Person:
 class Posture:
     """What is imitated. All axes have columns front, left, up.
 
-    level: (3, 3), with the person's heading and the vertical; pelvis, torso: (3, 3). bones: (8, 3) unit vectors to FARS,
-    in the axes of torso (arms) or pelvis (legs); NaN for a bone without direction. heights: (2,) m, of the ankles.
+    level: (3, 3), with the person's heading and the vertical; pelvis, torso: (3, 3). bones: (8, 3) unit vectors to
+    FARS, in the axes of torso (arms) or pelvis (legs); NaN without direction. heights: (2,) m, of the ankles.
     """
 
     level: np.ndarray
@@ -93,8 +93,8 @@ def _across(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 class Course:
     """The places between images: a straight line, one image late, behind a filter of second order.
 
-    x'' = w^2 (line - x) - 2 d w x', with w = FREQUENCY and d = DAMPING. On motions of the validation people the joints of a
-    G1 then have two thirds of the jerk, at the same lag, of a filter of first order with a gain of 0.3 at 100 Hz.
+    x'' = w^2 (line - x) - 2 d w x', with w = FREQUENCY and d = DAMPING. On two clips of the
+    corpus the limbs then have two thirds of the jerk, at the same lag, of a filter of first order (0.3 at 100 Hz).
     Polynomials that reach each image (cubic, of degree 5) have three to seven times as much.
     """
 

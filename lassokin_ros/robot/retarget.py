@@ -51,7 +51,7 @@ class RobotMotion:
 def retarget(poses: Poses, model: RobotModel, rate: float, progress: Progress) -> RobotMotion:
     """Return the robot's motion at `rate` Hz. Raises RobotError for another skeleton than the built-in one.
 
-    Frames that are likely wrong are not used; the robot holds in gaps of LONGEST_GAP_S and more. Its motion is not late.
+    Frames that are likely wrong are not used. The robot holds in gaps of LONGEST_GAP_S and more. It is not late.
     """
     if poses.names != joints.NAMES:
         raise RobotError(f"the motion has {len(poses.names)} joints; expected one of the built-in skeleton")

@@ -104,7 +104,6 @@ def run(block, command, workplace):
         assert code == 0, f"{block.place} ends with {code}:\n{block.text}\n{said.read()}"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
 def test_every_command_of_a_page_runs(page, workplace):
     """Run commands and Python in the page's order.
@@ -132,7 +131,6 @@ def run_python(pending, workplace):
         pending.clear()
 
 
-@pytest.mark.slow
 def test_the_recipe_for_smpls_files_makes_a_skeleton(tmp_path):
     """With a pickle in SMPL's form that contains no model: each joint is the mean of two vertices."""
     (recipe,) = re.findall(r"\n\n((?:    .*\n|\n)+)", (DOCS / "files.md").read_text(encoding="utf-8"))

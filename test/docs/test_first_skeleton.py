@@ -43,12 +43,6 @@ def test_options_are_those_of_the_command():
     assert {name for names in table("option") for name in names} == {a.option_strings[0] for a in actions}
 
 
-def test_extras_exist():
-    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
-    extras = ",".join(re.findall(r"'\.\[([\w,]+)\]'", PAGE)).split(",")
-    assert extras and all(f'"{extra}": ' in setup for extra in extras), extras
-
-
 def test_arguments_and_parameters_are_those_of_the_code():
     launch = ast.parse((ROOT / "launch" / "webcam.launch.py").read_text(encoding="utf-8"))
     assigned = {ast.unparse(node.targets[0]): node.value for node in launch.body if isinstance(node, ast.Assign)}
@@ -76,7 +70,6 @@ def test_the_cameras_parameters_are_those_of_the_node():
 
 
 @pytest.mark.skipif(not VIDEO.is_file(), reason=f"there is no video '{VIDEO}'")
-@pytest.mark.slow
 def test_the_longest_track_command_of_the_page_runs(tmp_path):
     """A recorded video replaces the webcam. The window of --view needs a screen and is not opened.
 

@@ -52,7 +52,6 @@ def test_track_options_are_those_of_the_command():
         track_parser().parse_args(line[2:])
 
 
-@pytest.mark.slow
 def test_the_replay_command_runs_and_writes_its_report(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_recording(tmp_path / "BAG", frames=10)
@@ -79,7 +78,8 @@ def test_launch_commands_have_existing_files_and_arguments():
 
 
 def test_extras_exist():
-    extras = [extra for group in re.findall(r"'\.\[([\w,]+)\]'", README) for extra in group.split(",")]
+    pages = README + (ROOT / "docs" / "first-skeleton.md").read_text(encoding="utf-8")
+    extras = [extra for group in re.findall(r"'\.\[([\w,]+)\]'", pages) for extra in group.split(",")]
     assert len(extras) >= 4 and all(f'"{extra}": ' in SETUP for extra in extras)
     assert all(f'"{package}' in SETUP for package in ("proxsuite", "qpsolvers"))
     assert starting_with("pip", "install")

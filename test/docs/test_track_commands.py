@@ -51,7 +51,6 @@ class Standing:
         pass
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("words", commands("track"), ids=" ".join)
 def test_a_track_command_runs_and_writes_its_files(words, tmp_path, monkeypatch, capsys):
     if "--cameras" in words:

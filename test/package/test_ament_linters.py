@@ -21,12 +21,10 @@ def test_xml_files_pass_xmllint():
     run("ament_xmllint", [str(ROOT / "package.xml")])
 
 
-@pytest.mark.slow
 def test_sources_pass_flake8():
     run("ament_flake8", ["--config", str(ROOT / "setup.cfg"), *(str(ROOT / folder) for folder in OWN)])
 
 
-@pytest.mark.slow
 def test_docstrings_pass_pep257():
     folders = [str(ROOT / folder) for folder in ("lassokin_ros", "msg_adapters")]
     run("ament_pep257", ["--convention", "numpy", "--add-ignore", IGNORED, "--", *folders])

@@ -30,7 +30,6 @@ FORBIDDEN = {
 }
 
 
-@pytest.mark.slow
 def test_imports_run_down_only_and_others_are_found(tmp_path):
     done = lint(ROOT)
     assert done.returncode == 0, done.stdout

@@ -5,8 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from lassokin_ros import joints
 from lassokin_ros.core.body.skeleton import Skeleton
 
@@ -36,7 +34,6 @@ def test_the_reference_names_the_order_of_each_joints_axes():
     assert named == orders and len(named) == 15
 
 
-@pytest.mark.slow
 def test_the_module_imports_nothing():
     code = "import sys, lassokin_ros.joints; assert 'numpy' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)

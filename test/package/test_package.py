@@ -59,7 +59,6 @@ def imports_of(path):
             yield node.module or ""
 
 
-@pytest.mark.slow
 def test_tracking_imports_no_optional_modules():
     """Saves memory and start-up time: images need OpenCV."""
     code = """if True:
@@ -94,7 +93,6 @@ def test_make_installs_extras_that_exist():
     assert set(re.findall(r"\*(\w+)", wanted)) == {"ROS", "REPLAY"}  # nothing of the test tools
 
 
-@pytest.mark.slow
 def test_the_demo_needs_neither_opencv_nor_matplotlib(monkeypatch):
     """Both are large: 153 and 80 MB of 690."""
     setup = []
@@ -135,4 +133,12 @@ def test_pip_installs_one_command_and_ros2_run_has_the_others(monkeypatch, comma
     runpy.run_path("setup.py")
     names = [line.partition(" = ")[0] for line in setup[0]["entry_points"]["console_scripts"]]
     assert names[0] == "lassokin" and len(names) == 1 + others
-    assert set(names) <= {"lassokin", "tracker", "detector", "camera", "viewer", "replay"}
+    assert set(names) <= {"lassokin", "tracker", "detector", "camera", "viewer", "imitate", "replay"}
+
+
+def test_the_slow_tests_exist():
+    """Those that `make check` leaves out."""
+    lines = (ROOT / "test" / "slow_tests.txt").read_text(encoding="utf-8").splitlines()
+    assert lines == sorted(set(lines))
+    for file, name in (line.split("::") for line in lines):
+        assert f"def {name}(" in (ROOT / "test" / file).read_text(encoding="utf-8"), f"{file} has no {name}"

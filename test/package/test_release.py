@@ -112,7 +112,6 @@ def test_no_key_is_installed_by_pip():
     assert not {f"python3-{name}" for name in ("qpsolvers", "proxsuite", "rosbags")} & every
 
 
-@pytest.mark.slow
 def test_the_tests_collect_with_the_packages_of_rosdep_only(tmp_path):
     """Of files that need one of PIP_ONLY each, in a Python that refuses to import these."""
     (tmp_path / "blocker.py").write_text(BLOCKER.format(names=PIP_ONLY))

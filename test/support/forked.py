@@ -14,7 +14,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(["forked", "lassokin_ros.node.node", "rclpy.serialization", "yaml"])
+CONTEXT.set_forkserver_preload(["forked", "lassokin_ros.node.node", "lassokin_ros.archive.tasks"])
 
 
 class Forked:
@@ -24,7 +24,7 @@ class Forked:
     """
 
     def __init__(self, command, cwd=ROOT, env=None, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE):
-        _start_server()
+        start_server()
         pipes = [CONTEXT.Pipe(duplex=False) if wanted == subprocess.PIPE else None for wanted in (stdout, stderr)]
         ends = [pipe and pipe[1] for pipe in pipes]
         environment = dict(os.environ if env is None else env)
@@ -84,7 +84,7 @@ class _Reader(threading.Thread):
         return "".join(self._text)
 
 
-def _start_server():
+def start_server():
     """Start the process that is forked, if there is none; it finds this module by PYTHONPATH."""
     before = os.environ.get("PYTHONPATH")
     os.environ["PYTHONPATH"] = os.pathsep.join([str(Path(__file__).parent), str(ROOT), *filter(None, [before])])

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Protocol
+from collections.abc import Callable, Iterator, Sequence
 
 from lassokin_ros.pipeline.concerns.catalogue import Raised, say
 from lassokin_ros.pipeline.pipeline import Pipeline
@@ -12,15 +11,6 @@ SILENCE_S = 2.0
 """s: a longer period without keypoints is a warning."""
 APART_S = 0.06
 """s: difference of the delays of two cameras that is a warning. Prediction over it costs a quarter of the accuracy."""
-
-
-class Senders(Protocol):
-    """Which cameras send keypoints. sending: those that did in the last period."""
-
-    sending: list[str]
-
-    def silent_s(self, name: str, now: float) -> float:
-        """Return s since the last message of a camera, or since the begin."""
 
 
 def wrong_cameras(pipeline: Pipeline, learned: bool = True) -> Iterator[Raised]:
@@ -39,8 +29,8 @@ def wrong_cameras(pipeline: Pipeline, learned: bool = True) -> Iterator[Raised]:
     return (say("camera_wrong", fault=fault) for fault in words)
 
 
-def camera_concerns(pipeline: Pipeline, senders: Senders, now: float) -> Iterator[Raised]:
-    """Yield what is wrong. now: s, steady clock."""
+def camera_concerns(pipeline: Pipeline, sending: Sequence[str], silent_s: Callable[[str], float]) -> Iterator[Raised]:
+    """Yield what is wrong. sending: cameras with messages in the last period. silent_s: returns s without messages."""
     if pipeline.places is None:
         return
     for fault in pipeline.places.faults.values():
@@ -51,20 +41,20 @@ def camera_concerns(pipeline: Pipeline, senders: Senders, now: float) -> Iterato
     for name, camera in pipeline.cameras.items():
         if camera.camera.view is None:
             yield say("camera_without_info", camera=name)
-        elif not silent and senders.silent_s(name, now) > SILENCE_S:
+        elif not silent and silent_s(name) > SILENCE_S:
             yield say("camera_silent", camera=name, limit=SILENCE_S)
-    yield from _clocks(pipeline, senders.sending)
+    yield from _clocks(pipeline, sending)
     yield from wrong_cameras(pipeline)
 
 
-def no_usable_image(pipeline: Pipeline, sending: list[str]) -> Iterator[Raised]:
+def no_usable_image(pipeline: Pipeline, sending: Sequence[str]) -> Iterator[Raised]:
     """Yield why no camera that sends keypoints can be used."""
     places = pipeline.places
     if places is not None and sending and all(name in places.faults for name in sending) and places.fault:
         yield say("no_usable_image", fault=places.fault)
 
 
-def _clocks(pipeline: Pipeline, sending: list[str]) -> Iterator[Raised]:
+def _clocks(pipeline: Pipeline, sending: Sequence[str]) -> Iterator[Raised]:
     """Yield that the stamps of two cameras are of different clocks, or one of the detectors is slower."""
     cameras = ((name, pipeline.cameras[name]) for name in sending)
     delays = {name: camera.delay_s for name, camera in cameras if camera.delay_s is not None}

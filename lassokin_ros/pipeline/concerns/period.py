@@ -15,7 +15,14 @@ INTERVALS = 5
 
 
 class Period:
-    """Figures of one period. Times are s of a steady clock."""
+    """Figures of one period. Times are s of a steady clock.
+
+    Lists have one entry per message: times_ms, ms, of the callbacks; delays, s, from stamp to arrival, without the wait
+    of `smoothing_lag`; misfits, see `misfit`, the largest one. judged: the person of each accepted result, and what
+    gives the doubt about it. unused_confidence: the largest one in messages without a confident keypoint. tracked,
+    with_depth: messages with a tracked person, and those of them with measured depth. newest: accepted results of the
+    last message that has some; last: all results of the last message.
+    """
 
     def __init__(self, pipeline: Pipeline, now: float, before: Period | None = None) -> None:
         """before: the last period, whose newest messages are still the newest ones."""
@@ -24,21 +31,13 @@ class Period:
         depths = ((name, camera.depth) for name, camera in pipeline.cameras.items())
         self._depth_images = Counter({name: depth.received for name, depth in depths if depth is not None})
         self.times_ms: list[float] = []
-        """ms: time of each callback."""
         self.delays: list[float] = []
-        """s: from stamp to arrival of each message, without the wait of `smoothing_lag`."""
         self.misfits: list[float] = []
-        """As fractions of the height, see `misfit`, the largest one of each message."""
         self.judged: list[tuple[str, Callable[[], Judgement]]] = []
-        """The person of each accepted result, and what gives the doubt about it."""
         self.unused_confidence = 0.0
-        """Largest confidence in messages without a confident keypoint."""
         self.tracked = self.with_depth = 0
-        """Messages with a tracked person, and those of them with measured depth."""
         self.newest: Sequence[FrameResult] = () if before is None else before.newest
-        """Accepted results of the last message that has some."""
         self.last: Sequence[FrameResult] = () if before is None else before.last
-        """Results of the last message."""
         self.keypoints_at: float | None = None if before is None else before.keypoints_at
         self.frame_id: str = "" if before is None else before.frame_id
         self.intervals: deque[float] = deque(maxlen=INTERVALS) if before is None else before.intervals

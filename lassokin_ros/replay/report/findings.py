@@ -22,15 +22,12 @@ SELDOM_HARMFUL = ("too_few_landmarks", "stamp_jump")
 """Reasons of which a few are normal: a person turns away, a clock is set."""
 ABSENT = (NOBODY, "too_few_landmarks", "person_absent")
 """Reasons that say that this program's own detector found nobody."""
-LARGE_ERROR, SMALL_ERROR = 3.5, 0.3
-"""Multiples of noise_px: a larger median reprojection error has a cause other than noise; below the second, noise_px
-can be reduced."""
+LARGE_ERROR = 3.5
+"""Multiple of noise_px: a larger median reprojection error has a cause other than noise."""
 LARGE_SHARE = 0.03
 """Median reprojection error, as a share of the person's height in the image, from which it is reported."""
 NEAREST_M, FARTHEST_M = 0.6, 25.0
 SLOW_HZ = 12.0
-SELDOM = 0.5
-"""Share of frames below which a landmark is reported as rarely detected."""
 
 
 def findings(facts: Facts, warnings: Sequence[Raised] = ()) -> list[Raised]:
@@ -132,8 +129,6 @@ def _reprojection(facts: Facts) -> Iterator[Raised]:
     median, noise = float(np.median(errors)) if errors else np.nan, facts.tracker.noise_px
     if median > LARGE_ERROR * noise:
         yield say("reprojection", median=median, noise=noise)
-    elif median < SMALL_ERROR * noise:
-        yield say("small_reprojection", median=median, noise=noise)
 
 
 def _poor_fit(facts: Facts) -> Iterator[Raised]:
@@ -145,11 +140,7 @@ def _poor_fit(facts: Facts) -> Iterator[Raised]:
 
 
 def _landmarks(facts: Facts) -> Iterator[Raised]:
-    middle, seen = landmark_errors(facts, facts.tracks)
-    if not facts.tracks:
-        return
-    if seldom := [f"{facts.landmarks[i]} {seen[i]:.0%}" for i in np.flatnonzero(seen < SELDOM)]:
-        yield say("seldom_detected", listed=", ".join(seldom))
+    middle, _ = landmark_errors(facts, facts.tracks)
     usual = float(np.nanmedian(middle)) if np.isfinite(middle).any() else np.nan
     far = np.flatnonzero(np.nan_to_num(middle) > max(4 * usual, LARGE_ERROR * facts.tracker.noise_px))
     if len(far):

@@ -23,10 +23,10 @@ UPRIGHT_DEG = 25.0
 """Lean of the trunk up to which a person is upright; who leans further may well bend the knees."""
 UNSEEN = 0.5
 """Share of the frames below which a limb's joints are observed for it to be reported as not seen."""
-BONE_CHANGE, UNLIKELY_CHANGE = 0.02, 0.25
-"""Relative change of a bone's length from which it is reported, and from which it is hardly a person's."""
-UNCERTAIN_MM, HIDDEN_MM = 60.0, 250.0
-"""Mean stated deviation from which it is reported; stated deviation of a joint from which it is reported."""
+UNLIKELY_CHANGE = 0.25
+"""Relative change of a bone's length from which it is hardly a person's."""
+UNCERTAIN_MM = 60.0
+"""Mean stated deviation from which it is reported."""
 
 
 def likely_wrong(facts: Facts) -> Iterator[Raised]:
@@ -90,15 +90,13 @@ def _lean_deg(row: PersonRow, facts: Facts) -> float:
 
 
 def bones(facts: Facts) -> Iterator[Raised]:
-    """Report the bone that calibration changed most."""
+    """Report a bone that calibration changed by more than people differ. The page has a table of all changes."""
     for person in facts.people:
         if not (changes := bone_changes(facts, person)):
             continue
         joint, length, change = max(changes, key=lambda bone: abs(bone[2]))
-        if abs(change) > BONE_CHANGE:
-            unlikely = "; people differ less, so another error may hide in it" if abs(change) > UNLIKELY_CHANGE else ""
-            before = length / (1 + change)
-            yield say("bones", of=person, joint=joint, before=before, after=length, unlikely=unlikely)
+        if abs(change) > UNLIKELY_CHANGE:
+            yield say("bones", of=person, joint=joint, before=length / (1 + change), after=length)
 
 
 def uncertain(facts: Facts) -> Iterator[Raised]:
@@ -109,7 +107,3 @@ def uncertain(facts: Facts) -> Iterator[Raised]:
     deviations = 1e3 * np.median(rows, axis=0)
     if (mean := float(deviations[1:].mean())) > UNCERTAIN_MM:
         yield say("uncertain", millimetres=mean)
-    hidden = np.flatnonzero(deviations > HIDDEN_MM)
-    if len(hidden):
-        listed = ", ".join(f"{facts.skeleton.joint_names[i]} {deviations[i]:.0f} mm" for i in hidden)
-        yield say("hidden", listed=listed)

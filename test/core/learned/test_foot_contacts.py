@@ -115,8 +115,9 @@ def test_a_person_who_stands_on_one_leg_has_one_contact_and_two_still_feet():
         rotations[:, names.index(joint)] = exponential(np.array([angle, 0.0, 0.0]))
     pose = tracker.kinematics.pose(replace(state, rotations=rotations))
     points, ankles = pose.landmarks[0], [names.index("left_ankle"), names.index("right_ankle")]
+    random = np.random.default_rng(0)
     for index in range(60):
-        seen = points[:, :2] / points[:, 2:]
+        seen = points[:, :2] / points[:, 2:] + 0.001 * random.normal(size=(len(points), 2))
         estimate = tracker.track(Observation(index / RATE, seen, np.ones(len(points)), 1000.0))
     heights = estimate.pose.positions[ankles] @ estimate.up
     assert heights[1] - heights[0] > 0.2

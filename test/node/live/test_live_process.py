@@ -13,8 +13,6 @@ from forked import Forked  # noqa: E402
 from live import ROOT, TRACKER, NodeProcess, Peer  # noqa: E402
 from messages import pixels_of_motion  # noqa: E402
 
-from lassokin_ros.pipeline.outputs import topics  # noqa: E402
-
 INT, TERM = signal.SIGINT, signal.SIGTERM
 
 
@@ -91,15 +89,3 @@ def test_a_qos_policy_that_cannot_be_overridden_is_reported():
             peer.next_diagnostics()
         _, said = node.stop(signal.SIGINT)
     assert said.count("there is no parameter") == 1 and f"'{own}.durability'" in said
-
-
-def test_a_killed_node_can_be_started_again():
-    namespace, pixels = "/killed", pixels_of_motion(1)[0]
-    with Peer(namespace) as peer:
-        with NodeProcess(namespace) as first:
-            peer.start(pixels)
-            first.stop(signal.SIGKILL)
-        peer.clear()
-        with NodeProcess(namespace):
-            peer.start(pixels)
-            assert peer.got[topics.JOINT_STATES]

@@ -43,7 +43,7 @@ def numbers_in(there, kind, random):
 
 
 def follow(seed, kind, max_people):
-    """Lock the first person; return the locked one's frames (index, whose detection, guessed), and if a jump was seen."""
+    """Return the frames of the person who is locked (index, whose detection, guessed), and if a jump was seen."""
     there, random = SCENES[seed], np.random.default_rng(seed)
     numbers, sent = numbers_in(there, kind, random)
     bodies = [Pretended() for _ in range(max_people)]

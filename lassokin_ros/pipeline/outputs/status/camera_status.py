@@ -27,7 +27,7 @@ class CameraStatus:
         self.sending: list[str] = []
         """Cameras with messages in the last period."""
 
-    def silent_s(self, name: str, now: float) -> float:
+    def silent_s(self, now: float, name: str) -> float:
         """Return s since the last message of a camera, or since the begin."""
         return now - self._changed.get(name, now if self._since is None else self._since)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera_images import NOBODY
@@ -142,7 +143,8 @@ class Diagnostics:
             yield direction
         if not tracking and not unused:
             yield from live.untrackable(period)
-        yield from camera_concerns(self._pipeline, self._cameras, now)
+        cameras = self._cameras
+        yield from camera_concerns(self._pipeline, cameras.sending, partial(cameras.silent_s, now))
         yield from live.likely_wrong(period)
         if tracking:
             yield from live.unseen(period)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from lassokin_ros.core.config import TrackerConfig
@@ -14,11 +12,38 @@ from lassokin_ros.core.observation import Observation, Rejection
 from lassokin_ros.core.tracker import SMALLEST_PX
 from lassokin_ros.pipeline.concerns.rejections import advice_for
 
+FOUND = {
+    Rejection.TOO_SMALL: "the body that fits best would be smaller than the noise, or behind the camera; expected "
+    "{least_px:g} px ({SMALLEST_PX:g} noise_px) or more",
+    Rejection.NOT_CERTIFIED: "the optimum was not proved, its KKT residual is {residual:.1e}; expected "
+    "{KKT_TOLERANCE:g} or less",
+    Rejection.LATE: "the image of {image.stamp:.3f} s is not newer than the last one used, of another camera; it only "
+    "updated the tracks of its keypoints; expected images in the order of their stamps",
+    Rejection.UNPLACED: "the pose of camera '{image.camera.name}' is unknown; expected one",
+    Rejection.OLD_STAMP: "the stamp is not newer than the last one; expected a newer one",
+    Rejection.NOT_FINITE: "the stamp is {image.stamp:g} s, the focal length {image.focal:g} px; expected finite "
+    "numbers, and {FOCAL_RANGE[0]:g} to {FOCAL_RANGE[1]:g} px",
+    Rejection.WRONG_SHAPE: "{shapes}; expected one of each for every landmark of the layout '{config.landmarks}'",
+}
+"""What was found and what was expected, with the names of figures in braces."""
+
 
 def rejection_text(answer: Estimate, observation: Observation, config: TrackerConfig) -> str:
     """One line about a rejected observation: what was wrong, what was expected, what to do."""
     assert answer.rejection is not None
-    found = _FOUND[answer.rejection](answer, observation, config)
+    if answer.rejection is Rejection.TOO_FEW_LANDMARKS:
+        found = _too_few_landmarks(observation, config)
+    else:
+        found = FOUND[answer.rejection].format(
+            image=observation,
+            config=config,
+            least_px=SMALLEST_PX * config.noise_px,
+            residual=float("nan") if answer.certificate is None else answer.certificate.kkt_residual,
+            shapes=_shapes(observation),
+            SMALLEST_PX=SMALLEST_PX,
+            KKT_TOLERANCE=KKT_TOLERANCE,
+            FOCAL_RANGE=FOCAL_RANGE,
+        )
     return f"{found}: {advice_for(answer.rejection.value)}"
 
 
@@ -30,7 +55,7 @@ def frozen_text(seconds: float, config: TrackerConfig) -> str:
     )
 
 
-def _too_few_landmarks(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
+def _too_few_landmarks(observation: Observation, config: TrackerConfig) -> str:
     seen = visible(observation, config)
     count, expected = np.count_nonzero(seen), f"expected {config.min_landmarks} or more (min_landmarks)"
     found = f"{count} landmark{'' if count == 1 else 's'} at or above min_confidence {config.min_confidence:g}"
@@ -38,65 +63,10 @@ def _too_few_landmarks(_: Estimate, observation: Observation, config: TrackerCon
         return f"{found}, but some of them are far from their tracks; {expected} near them"
     confident = observation.confidence >= max(config.min_confidence, 1e-9)
     aside = np.count_nonzero(confident & np.isfinite(observation.points).all(axis=1) & ~seen)
-    if aside:
-        return f"{found}, and {aside} outside any field of view, as with camera_info of another camera; {expected}"
-    return f"{found}; {expected}"
+    beside = f", and {aside} outside any field of view, as with camera_info of another camera" if aside else ""
+    return f"{found}{beside}; {expected}"
 
 
-def _too_small(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
-    return (
-        "the body that fits best would be smaller than the noise, or behind the camera; expected "
-        f"{SMALLEST_PX * config.noise_px:g} px ({SMALLEST_PX:g} noise_px) or more"
-    )
-
-
-def _not_certified(answer: Estimate, observation: Observation, config: TrackerConfig) -> str:
-    residual = float("nan") if answer.certificate is None else answer.certificate.kkt_residual
-    return f"the optimum was not proved, its KKT residual is {residual:.1e}; expected {KKT_TOLERANCE:g} or less"
-
-
-def _late(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
-    return (
-        f"the image of {observation.stamp:.3f} s is not newer than the last one used, of another camera; it only "
-        "updated the tracks of its keypoints; expected images in the order of their stamps"
-    )
-
-
-def _unplaced(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
-    return f"the pose of camera '{observation.camera.name}' is unknown; expected one"
-
-
-def _old_stamp(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
-    return "the stamp is not newer than the last one; expected a newer one"
-
-
-def _not_finite(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
-    low, high = FOCAL_RANGE
-    return (
-        f"the stamp is {observation.stamp:g} s, the focal length {observation.focal:g} px; expected finite numbers, "
-        f"and {low:g} to {high:g} px"
-    )
-
-
-def _wrong_shape(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
-    arrays = {
-        "points": observation.points,
-        "confidence": observation.confidence,
-        "depth": observation.depth,
-        "depth_deviation": observation.depth_deviation,
-    }
-    shapes = ", ".join(f"{name} {np.shape(values)}" for name, values in arrays.items() if values is not None)
-    return f"{shapes}; expected one of each for every landmark of the layout '{config.landmarks}'"
-
-
-_FOUND: dict[Rejection, Callable[[Estimate, Observation, TrackerConfig], str]] = {
-    Rejection.TOO_FEW_LANDMARKS: _too_few_landmarks,
-    Rejection.TOO_SMALL: _too_small,
-    Rejection.NOT_CERTIFIED: _not_certified,
-    Rejection.OLD_STAMP: _old_stamp,
-    Rejection.LATE: _late,
-    Rejection.UNPLACED: _unplaced,
-    Rejection.NOT_FINITE: _not_finite,
-    Rejection.WRONG_SHAPE: _wrong_shape,
-}
-"""What was found and what was expected."""
+def _shapes(observation: Observation) -> str:
+    arrays = {name: getattr(observation, name) for name in ("points", "confidence", "depth", "depth_deviation")}
+    return ", ".join(f"{name} {np.shape(values)}" for name, values in arrays.items() if values is not None)

@@ -25,8 +25,3 @@ class WarningLog:
         """The warnings, the most frequent first, each with its number of periods of 1 s."""
         ordered = sorted(self._found.values(), key=lambda item: -item[0])
         return [raised._replace(text=f"{raised.text} (for {count} s)") for count, raised in ordered]
-
-    @property
-    def lines(self) -> list[str]:
-        """Their texts."""
-        return [raised.text for raised in self.found]

@@ -13,7 +13,7 @@ def test_warnings_that_differ_in_their_numbers_are_one():
     log.add([of_rate(30.1), say("turnover")])
     log.add([of_rate(29.0)])
     log.add([])
-    rate, turnover = log.lines
+    rate, turnover = (raised.text for raised in log.found)
     assert "have 3.01e+04 Hz, but they arrive at 30.1 Hz" in rate and rate.endswith(" (for 2 s)")
     assert turnover.endswith(" (for 1 s)") and [raised.key for raised in log.found] == ["stamp_rate", "turnover"]
 
@@ -22,4 +22,4 @@ def test_warnings_about_different_cameras_stay_apart_and_the_most_frequent_comes
     log = WarningLog()
     log.add([say("camera_silent", camera=f"cam{number}", limit=2.0) for number in (1, 2)])
     log.add([say("camera_silent", camera="cam2", limit=2.0)])
-    assert ["cam2" in log.lines[0], "cam1" in log.lines[1]] == [True, True] and WarningLog().lines == []
+    assert ["'cam2'" in log.found[0].text, "'cam1'" in log.found[1].text] == [True, True] and WarningLog().found == []
