@@ -90,8 +90,8 @@ CONCERNS: dict[str, Concern] = {
     "numbers_jump": Concern(PROBLEM, LIVE, "the detector's person numbers change owners (number {number} has moved to "
         "another person), and are not used", "turn on tracking in the detector, or set person_ids to node"),
     "numbers_index": Concern(PROBLEM, LIVE, "the detector's person numbers have been 0, 1, ... or 1, 2, ... in each "
-        "image: they may be places in a list, and identify nobody who was out of sight",
-        "set person_ids to lasting if they identify people, else to node"),
+        "image: they may be places in a list, and identify nobody who was out of sight", "set person_ids to lasting if "
+        "they identify people, else to node"),
     "unused_lock": Concern(PROBLEM, LIVE, "lock is true, but nobody is locked: each person has a topic of keypoints, "
         "and the detector says who is who", "set lock to false"),
     # Messages.

@@ -156,7 +156,7 @@ class PeopleTracker:
 
     @property
     def numbers_may_be_indices(self) -> bool:
-        """Whether people are guessed because a detector's numbers have only been 0, 1, ... or 1, 2, ... in an image."""
+        """Whether people are guessed, and a detector's numbers have only been 0, 1, ... or 1, 2, ... in each image."""
         unproven = any(view.image.lasting and not view.tracks.numbers.proven for view in self._views.values())
         return unproven and any(person.guessed for person in self._people)
 

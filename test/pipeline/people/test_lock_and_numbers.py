@@ -43,9 +43,7 @@ def numbers_in(there, kind, random):
 
 
 def follow(seed, kind, max_people):
-    """Lock the first person; return per frame of that one (index, whose detection, guessed), and whether a jump was
-    seen.
-    """
+    """Return the frames of the person who is locked (index, whose detection, guessed), and if a jump was seen."""
     there, random = SCENES[seed], np.random.default_rng(seed)
     numbers, sent = numbers_in(there, kind, random)
     bodies = [Pretended() for _ in range(max_people)]
@@ -70,6 +68,7 @@ def follow(seed, kind, max_people):
     return frames, jumped
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("max_people", [1, 3])
 @pytest.mark.parametrize("kind", ["right", "exchanged", "index", "restart"])
 def test_a_locked_person_is_never_exchanged_silently(kind, max_people):

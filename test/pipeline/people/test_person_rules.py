@@ -447,7 +447,7 @@ def test_the_rule_names_the_person_to_lock(followed):
     assert followed.tracker.lock() == "p2"
     assert followed.see(1, *people) == 3.0 and (followed.label, followed.detector_id) == ("p2", 5)
     followed.tracker.tune("p8", False)
-    with pytest.raises(NoPersonError, match="follow is 'p8', and"):
+    with pytest.raises(NoPersonError, match="no person p8 in"):
         followed.tracker.lock()
     assert followed.tracker.locked == "p2"
     followed.tracker.tune("centre", False)
