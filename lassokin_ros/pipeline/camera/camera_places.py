@@ -57,6 +57,13 @@ class CameraPlaces:
         self.faults.pop(name, None)
         return self.newest[name]
 
+    def may_reach(self, frame_id: str, stamp_ns: int | None) -> bool:
+        """Return True if TF moves a camera, and may still tell where it was at a stamp, ns. frame_id: of its images."""
+        if stamp_ns is None or not self.base or not frame_id:
+            return False
+        reach_ns = self.transforms.reach_ns(frame_id, self.base)
+        return reach_ns is not None and reach_ns < stamp_ns
+
     def others(self, names: Collection[str], stamp_ns: int) -> list[CameraPose]:
         """Return where the cameras without an image are at a time, as far as TF tells it. They may be on a robot.
 
