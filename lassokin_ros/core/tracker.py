@@ -60,6 +60,7 @@ from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.output_filter import OutputFilter
 from lassokin_ros.core.output.uncertainty import JointUncertainty, UncertaintyModel
 from lassokin_ros.core.record import record
+from lassokin_ros.core.stamp_unit import StampUnit
 
 SMALLEST_PX = 3.0
 """Height of the person in the image, in noise_px, below which a body is rejected: random keypoints fit far away."""
@@ -142,6 +143,7 @@ class Tracker:
         self._uncertainty = UncertaintyModel(self.frame_model, prior, self.learned.lengths.proportions, observed)
         self.backward: Callable[[float], Backward | None] | None = None
         """The frame at a stamp, s, by a track backward in time; `published` is then between both, see `recording`."""
+        self._stamp_unit = StampUnit()
         self.reset()
 
     def _depth_estimator(self) -> DepthEstimator | None:
@@ -307,6 +309,7 @@ class Tracker:
         self.published = []
         if not observations:
             return Estimate(self._newest, self._status, Rejection.TOO_FEW_LANDMARKS)
+        self._stamp_unit.add(observations[0].stamp)
         extrinsics, known = self.learned.extrinsics, all(one.camera.known for one in observations)
         if extrinsics is not None and (len(observations) > 1 or len(self._cameras) > 1 or not known):
             observations = [replace(one, camera=extrinsics.received(one.camera)) for one in observations]

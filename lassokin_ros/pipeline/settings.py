@@ -210,7 +210,9 @@ class NodeSettings:
             check_setting(item.name, getattr(self, item.name), item.metadata, type(item.default))
         if full_type_name(self.keypoints_type) not in ADAPTERS:
             raise ConfigurationError(
-                f"keypoints_type is '{self.keypoints_type}'; expected one of: {', '.join(ADAPTERS)}"
+                f"keypoints_type is '{self.keypoints_type}'; expected one of: {', '.join(ADAPTERS)}; publish keypoints "
+                "in another message as PointCloud2 (README: Feed your own detector), or write an adapter "
+                "(docs/extending.md)"
             )
         if full_type_name(self.people_type) not in PEOPLE_TYPES:
             raise ConfigurationError(f"people_type is '{self.people_type}'; expected one of: {', '.join(PEOPLE_TYPES)}")

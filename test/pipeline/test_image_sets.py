@@ -12,7 +12,9 @@ from lassokin_ros.pipeline.people.people_tracker import PeopleImage
 from msg_adapters.keypoints import Keypoints
 
 MS = 1_000_000
-NOTHING = PeopleImage(Keypoints(0, "", np.zeros(0, int), np.zeros((0, 2)), np.zeros(0)), 0, "", Lens(np.eye(3)), False)
+NOTHING = PeopleImage(
+    Keypoints(0, "", np.zeros(0, int), np.zeros((0, 2)), np.zeros(0)), 0, "", Lens(np.diag([500.0, 500, 1])), False
+)
 
 
 class Arrivals:

@@ -53,6 +53,11 @@ REASONS: dict[str, tuple[str, str]] = {
     ),
     "bad_stamp": ("invalid stamp", "the detector fills header.stamp with a value that is not a time"),
     "bad_frame_id": ("invalid frame_id", "check header.frame_id of the keypoints"),
+    "other_size": (
+        "camera_info of an image of another size",
+        "give the camera_info of the detector's image, in its size (ZED: `pub_resolution: NATIVE`)",
+    ),
+    "percent": ("coordinates in percent", "multiply x by the image's width / 100 and y by its height / 100"),
     "no_camera_info": (
         "no camera_info received",
         "camera_info must come before the keypoints; record it from the start, or replay with `--camera-info FILE`",

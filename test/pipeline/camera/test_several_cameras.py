@@ -1,7 +1,7 @@
 """Several cameras, and a fixed frame: what the pipeline publishes for a person whose motion is known in the map."""
 
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -518,6 +518,15 @@ def test_camera_info_of_the_other_camera_is_named():
     play.pipeline.set_camera(camera_info(BACKEND, frame_id=LEFT.frame), "right")
     play.run(1.0)
     assert "right/camera_info is of another camera" in status(play).message
+
+
+@pytest.mark.parametrize("fixed_frame", [MAP, ""])
+def test_two_cameras_with_one_frame_id_are_named(fixed_frame):
+    play = Play([LEFT, replace(RIGHT, name="left")], replace(TWO, fixed_frame=fixed_frame)).run(1.0)
+    assert "the images of 'left' and 'right' have one frame_id, 'left_optical'" in status(play).message
+    assert "one frame_id" not in status(Play([LEFT, RIGHT]).run(1.0)).message
+    placed = {"left": LEFT.pose_at(0), "right": RIGHT.pose_at(0)}  # given poses need no frame_id
+    assert "one frame_id" not in status(Play([LEFT, LEFT], poses=placed).run(1.0)).message
 
 
 def test_the_poses_are_checked_with_several_people_too():

@@ -100,7 +100,7 @@ def test_the_best_status_is_selected():
 
 
 def test_the_more_complete_of_duplicate_detections_is_kept():
-    lens = Lens(np.eye(3))
+    lens = Lens(np.diag([500.0, 500, 1]))
     full, part = Sight(0, seen(BODY), lens), Sight(0, seen(BODY + [0.05, 0], [0.5, 0.5, 0.5, 0]), lens)
     other = Sight(0, seen(BODY + [2 * SAME_BODY * 0.5, 0]), lens)
     assert _without_duplicates([part, full, other]) == [full, other]

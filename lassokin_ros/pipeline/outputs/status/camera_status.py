@@ -79,6 +79,8 @@ class CameraStatus:
         yield from pipeline.places.faults.values()
         if len(pipeline.cameras) == 1:
             return
+        if shared := pipeline.places.shared_frame:
+            yield shared
         silent = pipeline.config.silent_when_empty and pipeline.detector_connected
         for name, camera in pipeline.cameras.items():
             if camera.camera.view is None:

@@ -21,6 +21,7 @@ def input_concerns(pipeline: Pipeline, recent: Counter[str]) -> Iterator[str]:
             _unscored(recent),
             _frozen_depth(pipeline),
             _jump(pipeline, recent),
+            of_each_camera(pipeline, lambda camera: camera.image_size.warning),
             of_each_camera(pipeline, lambda camera: camera.own_depth.warning),
             of_each_camera(pipeline, lambda camera: camera.landmark_ids.warning),
         ),

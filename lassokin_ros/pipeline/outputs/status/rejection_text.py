@@ -78,8 +78,8 @@ def _old_stamp(_: Estimate, observation: Observation, config: TrackerConfig) -> 
 def _not_finite(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
     low, high = FOCAL_RANGE
     return (
-        f"the stamp is {observation.stamp:g} s, the focal length {observation.focal:g} px; expected finite numbers, "
-        f"and {low:g} to {high:g} px: check the stamp and K of camera_info"
+        f"the stamp is {observation.stamp:g} s, the focal length {observation.focal:g} px; expected a time in "
+        f"s and {low:g} to {high:g} px: check the stamp and K of camera_info"
     )
 
 
