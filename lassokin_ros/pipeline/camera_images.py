@@ -103,9 +103,9 @@ class CameraImages:
         view = self.image_size.view(keypoints, view)
         self.frame_id = keypoints.frame_id or view.intrinsics.frame_id
         decoded, keypoints = keypoints, self._remove_placeholders(keypoints, view)
-        self.image_size.refuse_outside(keypoints, view, self.tracker_config.min_confidence)
         shown = people_shown(decoded, keypoints, self.tracker_config.min_confidence)
         self._count_nobody_and_outside(keypoints, view, shown)
+        self.image_size.refuse_outside(keypoints, view, self.tracker_config.min_confidence)
         if keypoints.stamp_ns is None:
             self.counts["unstamped"] += 1
         else:

@@ -40,7 +40,7 @@ def test_every_field_of_the_uncertainty_is_in_the_table():
 
 
 def test_the_example_is_that_of_the_page_and_is_short():
-    code = EXAMPLE.read_text(encoding="utf-8").partition("TrackerConfig\n\n")[2]
+    code = EXAMPLE.read_text(encoding="utf-8").partition("observation_from_pixels\n\n")[2]
     assert re.sub("^", "    ", code.rstrip(), flags=re.MULTILINE) in PAGE
     assert len(code.splitlines()) == 13
 

@@ -179,9 +179,9 @@ def cloud_depth(message, random, now_ns):
 
 def cloud_types(message, random, now_ns):
     """Other types of numbers for the fields, in either byte order."""
-    if not message.fields:
-        return
     points = cloud_array(message)
+    if [field.name for field in message.fields] != list(points.dtype.names):
+        return
     codes, order = {1: "i1", 4: "u2", 5: "i4", 7: "f4", 8: "f8", 9: "i8", 10: "u8"}, "<>"[random.integers(2)]
     kinds = random.choice(list(codes), len(points.dtype.names)).tolist()
     other = np.dtype([(name, order + codes[kind]) for name, kind in zip(points.dtype.names, kinds)])
