@@ -58,6 +58,8 @@ class IncrementSolver:
         self._frame_model = frame_model
         self._motion = np.maximum(prior.motion, LEAST_MOTION)[frame_model.live]
         self._guess: np.ndarray | None = None
+        self.warm_start = True
+        """Start each lasso from the last answer, which saves time and changes no answer; False to measure that."""
 
     def reset(self) -> None:
         """Forget the last answer, and all problems before."""
@@ -85,7 +87,7 @@ class IncrementSolver:
             else:
                 linearised = self._relinearised(start, omega, x, frame)
             problem = Lasso(linearised.columns[:-3].T, linearised.columns[-3:].T, linearised.z, alpha)
-            solution = self.lasso.solve(problem, self._guess if config.warm_start else None)
+            solution = self.lasso.solve(problem, self._guess if self.warm_start else None)
             if not (solution.exact or solution.certified):  # the tracker checks the certificate of the last one
                 break
             self._guess = solution.omega  # for the next problem, or the first problem of the next frame

@@ -193,7 +193,7 @@ class CameraImages:
     def _is_back_in_time(self, image: PeopleImage, arrival_ns: int) -> bool:
         """Return True if the people must be forgotten. Raises AdapterError for an old stamp, see `StampWatch.check`."""
         try:
-            return self.stamps.check(image.stamp_ns, arrival_ns, self.config.jump_back)
+            return self.stamps.check(image.stamp_ns, arrival_ns)
         except AdapterError:
             if not self.stamps.is_first_stamp(image.stamped):
                 raise

@@ -93,15 +93,6 @@ class NodeSettings:
         1,
         1000,
     )
-    jump_back: float = setting(
-        0.5,
-        "a stamp older than the newest by more than this (bag loop, seek) resets the tracker; any other old stamp is "
-        "rejected",
-        "s",
-        0.0,
-        3600.0,
-        live=True,
-    )
     max_people: int = setting(1, "people followed at once; above 1, topics are under ~/bodies/<id>/", "", 1, 20)
     person_ids: str = setting(
         MESSAGE,
@@ -148,14 +139,6 @@ class NodeSettings:
         PEOPLE_TYPES[0],
         f"message type of ~/people, one of: {', '.join(PEOPLE_TYPES)}; the last two need their packages",
     )
-    detail_rate: float = setting(
-        0.0,
-        "largest rate of ~/certificate, ~/joint_uncertainty and ~/uncertainty_markers, by stamps; 0: with every frame",
-        "Hz",
-        0.0,
-        1000.0,
-    )
-    joint_labels: bool = setting(False, "names of the joints as text in ~/markers")
     state_publisher: str = setting(
         "", "name of the robot_state_publisher that follows ~/robot_description (one person); empty for none"
     )

@@ -457,7 +457,8 @@ def test_initialisation_finds_the_way_a_person_faces(yaw):
 
 
 def test_without_warm_start_the_qp_solver_gives_the_same_answers():
-    warm, cold = Tracker(CONFIG), Tracker(replace(CONFIG, warm_start=False))
+    warm, cold = Tracker(CONFIG), Tracker(CONFIG)
+    cold._increments.warm_start = False
     for _, observation in observations(warm, 1.0):
         a, b = warm.track(observation), cold.track(observation)
         assert {a.solution.method, b.solution.method} <= {"proxqp", "zero"}

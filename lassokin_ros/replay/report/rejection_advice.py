@@ -15,7 +15,7 @@ REASONS: dict[str, tuple[str, str]] = {
     ),
     "not_certified": (
         "no certified solution",
-        "optimality could not be proved, so nothing was published: try `solver: proxqp`, `warm_start: false`",
+        "optimality could not be proved, so nothing was published: try `solver: proxqp`",
     ),
     "too_small": (
         "body too small in the image",

@@ -53,7 +53,7 @@ def _not_certified(answer: Estimate, observation: Observation, config: TrackerCo
     residual = float("nan") if answer.certificate is None else answer.certificate.kkt_residual
     return (
         f"the optimum was not proved, its KKT residual is {residual:.1e}; expected {KKT_TOLERANCE:g} or less: try "
-        "solver proxqp, warm_start false"
+        "solver proxqp"
     )
 
 
