@@ -98,9 +98,6 @@ class TrackerConfig:
         0.02, "weight of the l1 term; a larger value moves fewer joints per frame", "", 1e-4, 100.0
     )
     min_landmarks: int = live_setting(4, "smallest number of visible landmarks for a frame to be used", "", 2, 100)
-    relinearisations: int = live_setting(
-        1, "lassos solved per frame, each linearised about the previous answer", "", 1, 10
-    )
     lost_after: float = live_setting(
         1.0, "time without a usable frame after which the tracker initialises again", "s", 0.05, 3600.0
     )

@@ -6,7 +6,7 @@
 The tracker follows the paper's method frame by frame in a closed loop. It compares the observation with the projection
 of the present state (not with the last observation, which would drift), linearises the model about that state (12),
 solves the lasso for the increment of all joints and the translation, certifies the answer, and retracts it onto SO(3).
-With `relinearisations` above 1 it linearises again about the answer, with the l1 penalty on the total increment.
+After a long step it linearises again about the answer, with the l1 penalty on the total increment.
 The published pose is the solved state, smoothed over a few frames (`output_filter`); the next frame starts from the
 state as solved.
 """

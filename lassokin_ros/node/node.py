@@ -49,7 +49,7 @@ UNUSED_MESSAGES = 60
 """Number of messages whose keypoints are all below `min_confidence`. If there are as many before the first result, the
 log reports it."""
 SHORTEST_WAIT_S = 1e-3
-"""s: period of the timer of `camera_wait`."""
+"""s: period of the timer of `wait`."""
 DIFFERENT_FAULTS = 4
 """Number of lines about rejected messages with one reason and different faults that are logged in a few seconds."""
 KEY_LENGTH = 20
@@ -369,8 +369,9 @@ class TrackerNode(Node):
         return response
 
     def _on_save_cameras(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        name = self.get_fully_qualified_name()[1:].replace("/", "_")
         try:
-            path = save_cameras(self._pipeline, Path(self._pipeline.config.cameras_output))
+            path = save_cameras(self._pipeline, Path(f"~/.ros/{name}_cameras.sh"))
             response.success, response.message = True, f"written: {path.absolute()}"
         except LassokinError as error:
             response.success, response.message = False, str(error)

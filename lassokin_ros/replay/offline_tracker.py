@@ -43,7 +43,7 @@ LAST_PERIOD_NS = 700_000_000
 RECORDED = {topic.name for topic in (*topics.FRAME_OUTPUTS, topics.ROI_OUTPUT, topics.TF_OUTPUT)}
 """Topics of an accepted frame that are written."""
 DEPTH_WAIT_NS = 100_000_000
-"""ns of recording time for which a keypoint message waits for its depth image; `depth_wait` if that is longer."""
+"""ns of recording time for which a keypoint message waits for its depth image; `wait` if that is longer."""
 UNREADABLE = "not_deserialised"
 LINK_AS_FRAME = "frame_id is a link's name"
 """Key of the count of frames whose frame_id robot_description cannot use as its base."""

@@ -1,7 +1,7 @@
 """Depth images, and the keypoint messages that wait a moment for them.
 
 A depth image is large and often arrives a few milliseconds after the small keypoint message of the same time. The
-keypoint message then waits, at most `depth_wait`. After that the depth image of the period before is used (see
+keypoint message then waits, at most `wait`. After that the depth image of the period before is used (see
 `DepthImages`). If most images are later than that, messages no longer wait.
 """
 

@@ -102,7 +102,7 @@ class CameraStatus:
         if (apart := delays[last] - delays[first]) > APART_S:
             yield (
                 f"keypoints of '{last}' arrive {apart:.2f} s later after their stamps than those of '{first}': its "
-                "clock differs, or its detector is slower; then set camera_wait to that"
+                "clock differs, or its detector is slower; then set wait to that"
             )
 
     def _wrong_poses(self) -> Iterator[str]:
