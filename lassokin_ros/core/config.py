@@ -79,8 +79,8 @@ class TrackerConfig:
     )
     tilt_deviation: float = live_setting(
         0.0,
-        "standard deviation of the camera's tilt; above 0, feet on the floor measure the height if that is 0, where "
-        "the tilt allows 5 %",
+        "1-sigma tilt error of the camera; above 0 and with height 0, the height is estimated from the floor if its "
+        "error is below 5 %",
         "rad",
         0.0,
         0.2,

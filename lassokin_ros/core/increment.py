@@ -19,6 +19,7 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver
+from lassokin_ros.core.observation import is_longer
 from lassokin_ros.core.record import record
 
 SHORT_STEP, LONG_STEP = 1 / 30, 0.06
@@ -121,4 +122,4 @@ def for_step(step: float, sparsity: float) -> tuple[int, float]:
     """Linearisations and sparsity for a frame `step` s after the last one; the setting is for 30 Hz or more."""
     if not np.isfinite(step) or step <= SHORT_STEP:
         return 1, sparsity
-    return 1 + MORE_LINEARISATIONS * (step > LONG_STEP), sparsity * SHORT_STEP / step
+    return 1 + MORE_LINEARISATIONS * is_longer(step, LONG_STEP), sparsity * SHORT_STEP / step

@@ -8,9 +8,9 @@ from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.image.gating import LATEST_STAMP
 from lassokin_ros.core.observation import HERE, CameraPose, Observation
 from lassokin_ros.pipeline.camera.lens import Lens
-from lassokin_ros.pipeline.detections import detection
 from lassokin_ros.pipeline.input_checks.image_size import refuse_outside
 from lassokin_ros.pipeline.placeholders import checked_positions
+from lassokin_ros.pipeline.seen import people_in
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
@@ -57,7 +57,7 @@ def observation_from_pixels(
     try:
         keypoints = checked_positions(keypoints, lens)
         refuse_outside(keypoints, lens)
-        found = detection(keypoints, None, len(points), lens)
+        (found,) = people_in(keypoints, len(points), lens)
     except AdapterError as error:
         raise KeypointError(str(error)) from None
     return Observation(

@@ -117,7 +117,7 @@ def bad_observations(good):
         (Rejection.WRONG_SHAPE, broken(good, points=np.zeros((17, 3)))),
         (Rejection.WRONG_SHAPE, broken(good, confidence=confidence[:-1])),
         (Rejection.WRONG_SHAPE, broken(good, confidence=None)),
-        (Rejection.WRONG_SHAPE, broken(good, points=np.zeros((0, 2)), confidence=np.zeros(0))),
+        (Rejection.TOO_FEW_LANDMARKS, broken(good, points=np.zeros((0, 2)), confidence=np.zeros(0))),
         (Rejection.WRONG_SHAPE, broken(good, depth=np.full(16, 3.0), depth_of_surface=True)),
         (Rejection.WRONG_SHAPE, broken(good, depth=np.full(17, 3.0), depth_deviation=np.full(3, 0.03))),
         (Rejection.WRONG_SHAPE, broken(good, points=points.tolist())),

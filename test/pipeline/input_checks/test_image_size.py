@@ -14,7 +14,6 @@ from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
-from lassokin_ros.pipeline.outputs.status.input_concerns import input_concerns  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
@@ -90,7 +89,7 @@ def test_the_detectors_3d_points_tell_the_size_of_its_image(kind, factor, distan
     pipeline, results = run(kind, info(factor), distance, aside=-0.4 if distance > 5 else 0.0)
     assert all(result.accepted for result in results)
     assert pelvis(results[-1])[2] == pytest.approx(distance, rel=0.05)
-    words = " ".join(input_concerns(pipeline, pipeline.counts))
+    words = pipeline.first.image_size.warning
     if factor == 1.0:
         assert not words
     else:
@@ -120,7 +119,7 @@ def test_another_camera_info_is_compared_anew():
     assert pipeline.set_camera(info(1.0)) is None
     (result,) = [pipeline.process(zed(int(6e9), landmarks("zed38", 3.76)[-1]), int(6e9))]
     assert result.accepted and pelvis(result)[2] == pytest.approx(3.76, rel=0.05)
-    assert not list(input_concerns(pipeline, pipeline.counts))
+    assert not pipeline.first.image_size.warning
 
 
 def test_a_single_message_with_other_3d_points_changes_nothing():

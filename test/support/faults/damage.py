@@ -412,6 +412,7 @@ WAYS = {
         "length": array_length,
         "offset": array_offset,
     },
+    "std_msgs/msg/Float64MultiArray": {"values": array_values, "length": array_length, "offset": array_offset},
     "hri_msgs/msg/Skeleton2D": {"values": hri_values, **HEADER},
     "yolo_msgs/msg/DetectionArray": {
         "values": yolo_values,
