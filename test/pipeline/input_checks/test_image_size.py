@@ -136,9 +136,10 @@ def test_a_single_message_with_other_3d_points_changes_nothing():
 
 def test_a_person_who_is_outside_of_the_image_is_refused():
     pipeline, results = run("sensor_msgs/msg/PointCloud2", info(0.5), 3.76)  # the person is at 960 of 960 px
-    assert {result.rejection for result in results} == {"other_size"}
-    assert "are outside of camera_info's image of 960 x 540 px" in results[0].detail
-    assert "pub_resolution: NATIVE" in results[0].detail
+    refused = [result for result in results if not result.accepted]
+    assert len(refused) > 10 and {result.rejection for result in refused} == {"other_size"}
+    assert "are outside of camera_info's image of 960 x 540 px" in refused[0].detail
+    assert "pub_resolution: NATIVE" in refused[0].detail
     inside = pixels_alone(int(6e9), landmarks("coco17", 6.96, -4.0)[0])
     after = pipeline.process(inside, int(6e9))  # it is certain now, wherever people are
     assert after.rejection == "other_size"
