@@ -468,7 +468,8 @@ class Pipeline:
         """Return the answers of messages of a camera that wait no longer. now_ns: None if nothing follows."""
         answers, self._ready = self._ready, []
         view = self.cameras[camera].camera.view
-        for message, arrival_ns in self._waiting[camera].ready(now_ns, "" if view is None else view.intrinsics.frame_id):
+        frame_id = "" if view is None else view.intrinsics.frame_id
+        for message, arrival_ns in self._waiting[camera].ready(now_ns, frame_id):
             self.counts["received"] += 1
             if self.enabled:
                 answers += self._answers(message, arrival_ns, self.cameras[camera])

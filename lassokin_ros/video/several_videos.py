@@ -298,9 +298,7 @@ def _play(
         (seconds, camera, keypoints)
         for camera in cameras
         if camera.detections is not None
-        for seconds, keypoints in (
-            camera.detections.of_everybody() if everybody else camera.detections.of_all()
-        )
+        for seconds, keypoints in (camera.detections.of_everybody() if everybody else camera.detections.of_all())
     ]
     for seconds, camera, keypoints in sorted(found, key=lambda one: one[0]):
         before(camera)

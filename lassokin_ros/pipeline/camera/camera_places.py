@@ -108,6 +108,22 @@ class CameraPlaces:
         """Why the last images of cameras could not be placed, in words; empty if they could."""
         return "; ".join(self.faults.values())
 
+    @property
+    def shared_frame(self) -> str:
+        """That cameras have one frame_id, and so one place, in words; empty if they do not."""
+        by_frame: dict[str, list[str]] = {}
+        for name, frame_id in self._frame_ids.items():
+            if self._given is None or not self._given[name].known:
+                by_frame.setdefault(frame_id, []).append(name)
+        for frame_id, names in by_frame.items():
+            if len(names) > 1:
+                listed = " and ".join(f"'{name}'" for name in names)
+                return (
+                    f"the images of {listed} have one frame_id, '{frame_id[:40]}', so that these cameras are taken to "
+                    "be at one place; expected a frame_id for each: set the names of the drivers' optical frames"
+                )
+        return ""
+
     def in_words(self) -> str:
         """Return where the poses come from."""
         return f"follow TF in the frame '{self.base}'"
