@@ -129,9 +129,11 @@ CONCERNS: dict[str, Concern] = {
     "camera_without_info": Concern(PROBLEM, LIVE, "no camera_info of camera '{camera}'",
         "remap {camera}/camera_info to its topic"),
     "camera_unplaced": Concern(PROBLEM, LIVE, "{fault}"),
+    "cameras_share_frame": Concern(PROBLEM, LIVE, "{fault}"),
+    "image_size": Concern(PROBLEM, LOGGED, "{fault}"),
     "camera_wrong": Concern(PROBLEM, LIVE, "{fault}"),
     "camera_late": Concern(PROBLEM, LIVE, "keypoints of '{last}' arrive {apart:.2f} s later after their stamps than "
-        "those of '{first}'", "its clock differs, or its detector is slower; then set camera_wait to that"),
+        "those of '{first}'", "its clock differs, or its detector is slower; then set wait to that"),
     "other_camera": Concern(PROBLEM, LOGGED, "{topic} is of another camera: its frame_id is '{camera}', that of the "
         "keypoints '{keypoints}'", "remap {topic} to the camera of the detector, or give both the frame_id of its "
         "optical frame"),

@@ -179,6 +179,7 @@ def _inputs(period: Period) -> Iterator[Raised]:
     if recent[JUMPS]:
         cameras, frame = "cameras have" if len(pipeline.cameras) > 1 else "camera has", pipeline.config.fixed_frame
         yield say("frame_jumped", cameras=cameras, frame=frame, step=pipeline.jumps.words)
+    yield from of_each_camera(pipeline, lambda camera: passed_on("image_size", camera.image_size.warning))
     yield from of_each_camera(pipeline, lambda camera: passed_on("own_depth_unused", camera.own_depth.warning))
     yield from of_each_camera(pipeline, lambda camera: passed_on("ids_from_1", camera.landmark_ids.warning))
 

@@ -318,6 +318,8 @@ class PeopleTracker:
         if view is None:
             view = self._views[name] = _View(image, self._sure)
         view.image = image
+        if image.identified:
+            return self._identified(view, found)
         if self._one and not image.numbered and self.locked is None:
             return self._only_one(view, patience)
         self._renumbered |= view.tracks.hear(stamp_ns, [one.number for one in image.people], image.lasting)
@@ -338,6 +340,20 @@ class PeopleTracker:
         elif image.camera.known:
             self._add_strangers(view, found)
         return {p: t.detection for p in self._people if (t := p.tracks.get(name)) is not None and t.seen_ns == stamp_ns}
+
+    def _identified(self, view: _View, found: Collection[_Person]) -> dict[_Person, Seen]:
+        """Return the people of an image whose numbers are their own. found: as in `_people_in`."""
+        name, stamp_ns = view.image.camera.name, view.image.stamp_ns
+        people = {person.number: person for person in self._people}
+        here: dict[_Person, Seen] = {}
+        for seen in view.image.people:
+            person = people.get(seen.number)
+            if person is None and self._is_trackable(seen):
+                person = self._add(seen.number, {*found, *here})
+            if person is not None and _has_points(seen):
+                person.tracks[name] = ImageTrack(seen, seen.points, stamp_ns, number=seen.number)
+                here[person] = seen
+        return here
 
     def _only_one(self, view: _View, patience: float) -> dict[_Person, Seen]:
         """Return the only person of a message without numbers, whoever it is.
