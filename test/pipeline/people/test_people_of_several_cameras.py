@@ -210,4 +210,4 @@ def test_a_detectors_number_is_no_id_before_the_second_camera_sends():
         found += rig.send("left", index, {17: (rig.pixels("left", index), np.full(17, 0.9))})
         if index > 5:
             found += rig.send("right", index, {17: (rig.pixels("right", index), np.full(17, 0.9))})
-    assert {(frame.person, frame.detector_id) for frame in found if frame.accepted} == {("p1", -1)}
+    assert {(frame.person, frame.detector_id) for frame in found if frame.accepted} == {("p1", 17)}
