@@ -16,7 +16,6 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.image.triangulation import triangulate
-from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.observation import CameraPose, Observation, Rejection
 from lassokin_ros.core.output import uncertainty
 from lassokin_ros.core.tracker import Tracker
@@ -346,7 +345,7 @@ def test_the_network_of_each_camera_is_told_the_vertical_in_its_own_frame():
     tracker = Tracker(CONFIG, up=np.array([0.0, 0.0, 1.0]))
     _, front, side, observe = scene(0.2)
     network = RecordingNetwork()
-    camera = Camera(tracker.kinematics, network, DepthNoise())
+    camera = Camera(tracker.kinematics, network)
     observation = observe(side, 0)
     weights = np.ones(len(observation.points))
     measurement = camera.measure(observation, weights, None, 0.0, tracker.config, alone=True)
@@ -387,8 +386,8 @@ def blind_first():
     tracker = Tracker(CONFIG)
     nothing = replace(observe(front, 0), confidence=np.zeros(tracker.kinematics.landmark_count))
     searches = []
-    search = tracker._initialiser.fit
-    tracker._initialiser.fit = lambda frame: searches.append(frame) or search(frame)
+    search = tracker._starts.initialiser.fit
+    tracker._starts.initialiser.fit = lambda frame: searches.append(frame) or search(frame)
     return tracker, tracker.track([nothing, observe(side, 0)]), side, searches
 
 
@@ -424,7 +423,7 @@ def test_a_camera_that_joins_late_has_the_given_lengths_and_not_the_learned_ones
     tracker = Tracker(CONFIG, Tracker(CONFIG).skeleton.with_bone_scales(scales))
     tracker.track(observe(front, 0))
     tracker.learned.lengths.lengths = np.linspace(-0.1, 0.1, len(tracker.learned.lengths.lengths))
-    tracker._adopt_lengths()
+    tracker._use_body()
     tracker.track([observe(front, 1), observe(side, 1)])
     first, second = (camera.network._lengths for camera in tracker._cameras)
     assert np.array_equal(first, second)

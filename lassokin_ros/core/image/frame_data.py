@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from typing import Any
@@ -119,6 +119,11 @@ class FrameData:
     def seeing(self) -> FrameData:
         """The first view with any point that has weight; this one if there is none."""
         return next((view for view in self.views if np.count_nonzero(view.weights)), self)
+
+    def with_weights(self, weights: Sequence[np.ndarray]) -> FrameData:
+        """The frame with other weights (l,) of each view."""
+        views = [replace(view, weights=one) for view, one in zip(self.views, weights)]
+        return replace(views[0], others=tuple(views[1:]))
 
     def for_size(self, ratio: float) -> FrameData:
         """The frame with the network's depths for a body that is taller by a factor."""

@@ -141,12 +141,12 @@ def followed(config, change=lambda observation: observation):
 
 def test_a_tracker_with_the_network_follows_and_is_certified():
     error, tracker = followed(CONFIG)
-    assert error < 0.1 and tracker._network.joint_depths is not None
+    assert error < 0.1 and tracker._cameras[0].network.joint_depths is not None
 
 
 def test_there_are_no_rows_if_switched_off():
     _, tracker = followed(WITHOUT_NETWORK)
-    assert tracker._network is None and tracker.published[-1].joint_depths is None
+    assert tracker._cameras[0].network is None and tracker.published[-1].joint_depths is None
     assert "learned depth" not in tracker.published[-1].rows
 
 

@@ -65,7 +65,7 @@ def test_initialisation_finds_a_body_of_any_orientation_from_one_frame(orientati
     rotations = exponential(prior.mean)
     rotations[0] = lean @ START_ROTATIONS[orientation] @ exponential(np.array([0, np.radians(side), 0]))
     truth = BodyState(rotations, PLACE)
-    fit = tracker._initialiser.fit(FrameData(seen(kinematics, truth, side), WEIGHTS))
+    fit = tracker._starts.initialiser.fit(FrameData(seen(kinematics, truth, side), WEIGHTS))
     assert error(kinematics, fit.state, truth) < 0.08
 
 
@@ -83,7 +83,7 @@ def test_an_upright_body_needs_no_other_start_orientations(monkeypatch):
     def tried(turn, up):
         orientations.clear()
         points = seen(tracker.kinematics, turned(upright, turn))
-        fit = tracker._initialiser.fit(FrameData(points, WEIGHTS, up))
+        fit = tracker._starts.initialiser.fit(FrameData(points, WEIGHTS, up))
         assert error(tracker.kinematics, fit.state, turned(upright, turn)) < 0.15
         return orientations
 
@@ -96,11 +96,11 @@ def test_an_upright_body_needs_no_other_start_orientations(monkeypatch):
 def test_the_fit_is_the_start_with_the_lowest_cost():
     tracker = Tracker(WITHOUT_NETWORK)
     frame = FrameData(seen(tracker.kinematics, standing(tracker)), WEIGHTS)
-    fit, model = tracker._initialiser.fit(frame), tracker.frame_model
+    fit, model = tracker._starts.initialiser.fit(frame), tracker.frame_model
     assert fit.cost == pytest.approx(float(model.cost(model.evaluate(fit.state), frame)))
-    states = tracker._initialiser._starts(range(SIDES), [0], frame)
+    states = tracker._starts.initialiser._starts(range(SIDES), [0], frame)
     costs = model.cost(model.evaluate(states), frame)
-    best = tracker._initialiser.best(states, frame)
+    best = tracker._starts.initialiser.best(states, frame)
     assert best.cost == pytest.approx(costs.min()) and fit.cost < 0.2 * best.cost
     assert np.array_equal(best.state.rotations, states.rotations[costs.argmin()])
 
@@ -110,7 +110,9 @@ def test_a_fit_from_a_near_state_finds_the_body():
     truth = standing(tracker)
     frame = FrameData(seen(tracker.kinematics, truth), WEIGHTS)
     near = truth.retract(0.15 * np.random.default_rng(0).normal(size=72), np.zeros(3))
-    fit = tracker._initialiser.fit_near(BodyState(near.rotations, np.zeros(3)), frame)  # its translation is not used
+    fit = tracker._starts.initialiser.fit_near(
+        BodyState(near.rotations, np.zeros(3)), frame
+    )  # its translation is not used
     assert error(tracker.kinematics, fit.state, truth) < 0.6 * error(tracker.kinematics, near, truth)
     assert np.abs(fit.state.translation - PLACE).max() < 0.2
 
@@ -119,8 +121,8 @@ def test_the_translation_places_a_body_where_its_image_is():
     tracker = Tracker(WITHOUT_NETWORK)
     truth = standing(tracker)
     frame = FrameData(project(tracker.kinematics.pose(truth).landmarks), np.where(np.arange(17) == 4, 0.0, 300.0))
-    rotations = np.stack([truth.rotations, tracker._initialiser.mean_pose])
-    placed = tracker._initialiser.with_translation(rotations, frame)
+    rotations = np.stack([truth.rotations, tracker._starts.initialiser.mean_pose])
+    placed = tracker._starts.initialiser.with_translation(rotations, frame)
     assert placed.rotations is rotations and placed.translation.shape == (2, 3)
     assert np.abs(placed.translation[0] - PLACE).max() < 1e-9
     again = tracker.kinematics.pose(BodyState(placed.rotations[0], placed.translation[0])).landmarks
@@ -136,7 +138,7 @@ def test_a_body_that_fits_behind_the_camera_is_flipped_to_its_front(side):
     frame = FrameData(project(tracker.kinematics.pose(truth).landmarks), WEIGHTS)
     half_turn = truth.rotations.copy()
     half_turn[0] = np.diag([-1.0, -1.0, 1.0]) @ half_turn[0]  # both image axes are reversed
-    placed = tracker._initialiser.with_translation(half_turn[None], frame).translation[0]
+    placed = tracker._starts.initialiser.with_translation(half_turn[None], frame).translation[0]
     assert placed[2] > 2.0 and np.abs(placed[:2] / placed[2] - place[:2] / place[2]).max() < 0.1
 
 
@@ -147,7 +149,7 @@ def test_no_iteration_takes_a_body_behind_the_camera():
     random = np.random.default_rng(0)
     states = BodyState(np.tile(truth.rotations, (8, 1, 1, 1)), random.normal(size=(8, 3)) + [0, 0, 0.5])
     for _ in range(5):
-        states = tracker._initialiser.iterate(states, frame, [8.0])
+        states = tracker._starts.initialiser.iterate(states, frame, [8.0])
         assert states.translation[:, 2].min() >= LEAST_DEPTH and np.isfinite(states.rotations).all()
 
 
