@@ -16,7 +16,7 @@ from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.body.surface import surface_depths
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.depth_gating import of_own_surface
-from lassokin_ros.core.image.frame_data import FrameData, JointDepths
+from lassokin_ros.core.image.frame_data import FrameData, JointDepths, View
 from lassokin_ros.core.image.gating import gate_observation
 from lassokin_ros.core.image.measurement import Measurement, MeasurementFilter
 from lassokin_ros.core.image.projection import NEAREST_DEPTH, carried
@@ -92,7 +92,7 @@ class Camera:
         self._count_presence(measurement.stamp, alone)
         return self.depth_noise.update(measurement, observation.depth_age)
 
-    def view(self, measurement: Measurement, vertical: Vertical, sized: bool) -> FrameData:
+    def view(self, measurement: Measurement, vertical: Vertical, sized: bool) -> View:
         """The view of an image. sized: whether the person's size is known; measured depths are left out otherwise."""
         depth, depth_weights = (measurement.depth, measurement.depth_weights) if sized else (None, None)
         if self.network is not None:
@@ -104,21 +104,21 @@ class Camera:
                     up, mount = self.pose.rotation @ up, self.pose.rotation @ mount
                 known = up if vertical.known else None
                 self.network.update(measurement.stamp, measurement.points, measurement.used, known, mount)
-        points, weights, up = measurement.points, self._presence * measurement.weights, vertical.direction
-        return FrameData(points, weights, up, depth, depth_weights, self._joint_depths(), camera=self.pose)
+        weights = self._presence * measurement.weights
+        return View(measurement.points, weights, depth, depth_weights, self._joint_depths(), self.pose)
 
-    def predicted_view(self, stamp: float, vertical: Vertical, body: BodyPose | None, model_error: float) -> FrameData:
+    def predicted_view(self, stamp: float, body: BodyPose | None, model_error: float) -> View:
         """The view at a stamp, s, without an image."""
         if not np.isfinite(self.newest):  # never
             nothing = np.zeros((self._kinematics.landmark_count, 2))
-            return FrameData(nothing, nothing[:, 0], vertical.direction, camera=self.pose)
+            return View(nothing, nothing[:, 0], camera=self.pose)
         depth = None if body is None else _in_front(self.pose.into_camera(body.positions[0]))
         points, weights = self.measurements.predicted(stamp, depth, model_error)
         if (motion := self._motion(body)) is not None:
             points = carried(points, *motion)
         weights = self._presence_at(stamp) * weights
         depths = self._joint_depths() if weights.any() else None
-        return FrameData(points, weights, vertical.direction, joint_depths=depths, camera=self.pose)
+        return View(points, weights, joint_depths=depths, camera=self.pose)
 
     def speeds(self, places: np.ndarray, points: np.ndarray) -> np.ndarray:
         """(k,) m/s across the line of sight, of the fastest keypoint at each of k places (k, 3) m; NaN without any.
@@ -298,23 +298,23 @@ class Cameras(list[Camera]):
     ) -> FrameData:
         """The views of all cameras at a stamp, s, without measured depths as long as the person's size is unknown."""
         vertical, sized = self._learned.vertical, self._learned.is_sized
-        main, *others = (
-            camera.view(measured[camera], vertical, sized)
-            if camera in measured
-            else self._predicted(camera, stamp, body)
-            for camera in self
+        views = tuple(
+            [
+                camera.view(measured[camera], vertical, sized)
+                if camera in measured
+                else self._predicted(camera, stamp, body)
+                for camera in self
+            ]
         )
-        if floor is None and not (extra or others):
-            return main
-        return replace(main, extra=extra, floor=floor, others=tuple(others))
+        return FrameData(views, vertical.direction, extra, floor=floor)
 
-    def seen_at(self, stamp: float, body: BodyPose | None) -> FrameData:
+    def seen_at(self, stamp: float, body: BodyPose | None) -> View:
         """What the first camera that sees the person sees at a stamp, s, predicted by its tracks."""
         seeing = next((camera for camera in self if camera.seen_lately(stamp)), self[0])
         return self._predicted(seeing, stamp, body)
 
-    def _predicted(self, camera: Camera, stamp: float, body: BodyPose | None) -> FrameData:
-        return camera.predicted_view(stamp, self._learned.vertical, body, self._learned.model_error.deviation)
+    def _predicted(self, camera: Camera, stamp: float, body: BodyPose | None) -> View:
+        return camera.predicted_view(stamp, body, self._learned.model_error.deviation)
 
 
 def _same(one: CameraPose, other: CameraPose) -> bool:

@@ -247,7 +247,7 @@ class Tracker:
         together = cameras.together(measured, self.config.lost_after)
         frame = cameras.frame(measured, together.stamp, body, self.floor, first.extra)
         extrinsics = self.learned.extrinsics
-        if extrinsics is not None and frame.others and not together.repeated:  # also if the lasso has no answer
+        if extrinsics is not None and len(cameras) > 1 and not together.repeated:  # also if the lasso has no answer
             extrinsics.update(together.stamp, frame)
         if frame.point_count < self.config.min_landmarks:
             return self._reject(first, Rejection.TOO_FEW_LANDMARKS)

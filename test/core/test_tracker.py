@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import FACING, copied_body, relative_error
+from cases import FACING, copied_body, one_view, relative_error
 from sequences import CONFIG, FOCAL, NOISE_PX, RATE, aligned_error, frame, observations, same
 
 from lassokin_ros.core.body.kinematics import BodyState
@@ -20,7 +20,6 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.initialisation import Initialiser
 from lassokin_ros.core.hypotheses.start import FIT_AFTER
-from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.certificate import certify
 from lassokin_ros.core.observation import Observation, Rejection, Status
@@ -450,7 +449,7 @@ def test_initialisation_finds_the_way_a_person_faces(yaw):
     random = np.random.default_rng(yaw)
     points = project(truth.landmarks) + random.normal(size=(17, 2)) * NOISE_PX / FOCAL
     weights = np.full(17, FOCAL / NOISE_PX)
-    fit = Initialiser(kinematics, prior, FrameModel(kinematics, prior)).fit(FrameData(points, weights))
+    fit = Initialiser(kinematics, prior, FrameModel(kinematics, prior)).fit(one_view(points, weights))
     front = fit.state.rotations[0] @ [0, 0, 1]
     angle = np.degrees(np.arccos(np.clip(front @ (rotations[0] @ [0, 0, 1]), -1, 1)))
     assert angle < 30

@@ -171,7 +171,7 @@ class Learned:
             floor = self._floor_size(answer, height, tilt_deviation)
         elif not answer.repeated:
             lately = [camera.seen_lately(answer.stamp) for camera in answer.cameras]
-            places = triangulate(answer.seen(self._of_known_size(answer.frame), lately))
+            places = triangulate(answer.seen(self._of_known_size(answer.frame), lately).views)
             limbs = self.size_check.lengths(places, np.isfinite(places[:, 0]))
         camera, one = max(answer.measured.items(), key=lambda item: item[1].depth_count > 0)
         changed = self.height.update(one, answer.solved, camera.pose, height, limbs, floor)
