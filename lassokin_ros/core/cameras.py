@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from lassokin_ros.core.learned.learned import Learned
 
 RECENT = 0.1
-"""s for which the person is where the last image of a camera has shown."""
+"""How long (s) a camera counts as seeing the person."""
 SILENT_SHARE = 0.3
 """Share of `camera_timeout` without an image after which the rows of a camera begin to fade."""
 

@@ -220,7 +220,7 @@ class Tracker:
             self.learned.vertical.set_mount(config.camera_roll, config.camera_pitch)
 
     def track(self, observation: Observation | Sequence[Observation]) -> Estimate:
-        """Process one observation, or those of several cameras, whose rows then stand in one lasso.
+        """Process one observation, or those of several cameras, which are solved jointly.
 
         Observations that are given together are of one instant: their stamps differ by 5 ms at most. Other cameras take
         part with keypoints predicted to that instant. Bad input does not raise: see `Estimate.rejection`.
@@ -374,7 +374,9 @@ class Tracker:
             joint_depths=frame.seeing.joint_depths,
             cameras=frame.seen_by,
             centre=frame.seeing.camera.centre,
-            contacts=self.learned.contacts,
+            still=self.learned.still,
+            contacts=self.learned.contacts(pose.positions),
+            up=self.learned.vertical.direction,
             prior_cost=0.5 * float(squared_norm(solved.posture.residual)),
             network_distance=math.nan if network_pose is None else network_pose.distance(solved.pose),
         )

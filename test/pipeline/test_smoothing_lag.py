@@ -12,6 +12,7 @@ from recordings import contents, read, write_recording  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -44,8 +45,8 @@ def test_late_frames_have_their_own_messages_and_continuous_joint_states():
         assert all(f.held_s == pytest.approx(LAG) for f in due)
         frames += due
     assert pipeline.counts["accepted"] == len(PIXELS)
-    frames += pipeline.flush()
-    assert [f.stamp_ns for f in frames] == [stamp(i) for i in range(len(PIXELS))] and pipeline.flush() == []
+    frames += frames_of(pipeline.finish())
+    assert [f.stamp_ns for f in frames] == [stamp(i) for i in range(len(PIXELS))] and pipeline.finish() == []
     for i, frame in enumerate(frames):
         assert np.allclose(frame.detected, PIXELS[i], atol=1e-3)
         assert np.array_equal(frame.positions[:3], frame.estimate.state.translation)
@@ -84,7 +85,7 @@ def test_each_person_has_a_separate_lag_and_absent_people_are_published_too():
             assert frame.accepted and frame.held_s == pytest.approx(LAG)
             got.setdefault(frame.person, []).append(frame.stamp_ns)
     assert got["p4"] == [stamp(i) for i in range(30 - WAITING)] and got["p5"] == [stamp(i) for i in range(20)]
-    assert [(f.person, f.stamp_ns) for f in pipeline.flush()] == [("p4", stamp(i)) for i in range(27, 30)]
+    assert [(f.person, f.stamp_ns) for f in frames_of(pipeline.finish())] == [("p4", stamp(i)) for i in range(27, 30)]
 
 
 def loop(pipeline):
@@ -100,7 +101,7 @@ def test_a_reset_drops_waiting_frames(forget):
         pipeline.frames(cloud(BACKEND, stamp(i), PIXELS[i]), 0)
     forget(pipeline)
     assert pipeline.counts["resets"] >= 1
-    assert all(frame.stamp_ns < START_NS for frame in pipeline.flush())
+    assert all(frame.stamp_ns < START_NS for frame in frames_of(pipeline.finish()))
 
 
 def away(stamps, pixels, confidence):

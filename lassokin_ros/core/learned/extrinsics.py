@@ -23,14 +23,12 @@ from lassokin_ros.core.learned.size_check import SizeCheck
 from lassokin_ros.core.observation import CameraPose, has_passed
 
 GIVEN_DEVIATION = np.array([0.035, 0.035, 0.035, 0.03, 0.03, 0.03])
-"""rad and m: standard deviation of a given pose, for rotation and translation. Two cameras, one of them 3 cm and 2
-degrees off, 10 s of the validation people: the absolute error is 103 mm with the given pose, 48 mm with the learned
-one."""
+"""rad and m: standard deviation of a given pose, for rotation and translation. Absolute error, one of two cameras 3 cm
+and 2 degrees off: 48 mm with the learned pose, 103 with the given one."""
 EXACT = 0.3
 """Size of a correction, in GIVEN_DEVIATION, of which half is used. Those of exact poses are noise, of 0.1 to 0.3; poses
-that are 3 cm and 2 degrees off give 0.7 to 1.0. Absolute error of the validation people: from exact poses 19.2 instead
-of 21.0 mm (18.5 with the given ones), from those poses 47.7 instead of 48.8, with half of that error 35.0 instead of
-32.8."""
+that are 3 cm and 2 degrees off give 0.7 to 1.0. Absolute error from exact poses: 19.2 mm with, 21.0 without; from
+those poses 47.7 and 48.8."""
 FOUND_DEVIATION = np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])
 """rad and m: the same of a pose that was found from the person: it does not count."""
 TURNED, SHIFTED = np.array(3 * [1.0] + 3 * [1e-6]), np.array(3 * [1e-6] + 3 * [3.0])
@@ -60,7 +58,7 @@ WRONG, RIGHT = 0.15, 0.1
 half the logarithm of the person's size in space), above which it is said to be wrong, and below which another
 explanation is right. A detector's errors cause 0.01, an unknown height 0.05."""
 FOUND = 0.015
-"""Misfit below which a pose that was found from the person is used. It is at most 0.011 for validation people and the
+"""Misfit below which a pose that was found from the person is used. It is at most 0.011 in validation and for the
 pairs of cameras of Shelf's recording, and 0.02 or more (42 pairs of people) if each camera sees another person."""
 LEAST_SHARE = 0.5
 """Share of the limbs that must have a plausible length, so that an explanation counts."""
@@ -201,7 +199,7 @@ class Extrinsics:
         else:
             off, done = f"about {self._explained(name)}", "not "
         done = f"this is {done}corrected (see extrinsics)"
-        return f"camera '{name}' is {off} off its given pose, as the person shows; {done}"
+        return f"camera '{name}': the keypoints suggest that its pose is off by {off}; {done}"
 
     def _explained(self, name: str) -> str:
         """Return by how much a camera is turned or shifted, in words: both values if it cannot be told which."""

@@ -36,8 +36,8 @@ CORRELATED_S = 0.1
 LARGEST_FLOOR_DEVIATION = 0.05
 """Standard deviation of the logarithm, by tilt and distance, above which feet on the floor do not measure the size."""
 FLOOR_AFTER = 0.5
-"""s after the first foot on the floor before the floor is used: with the poses and lengths before, validation people
-are 2 to 3 % too tall."""
+"""s after the first foot on the floor before the floor is used: with the poses and lengths before, people are 2 to 3 %
+too tall."""
 TIME_CONSTANT_S = 5.0
 """s: time constant of the average. The first frames' poses are the least exact."""
 LEAST_DEVIATION = 0.035

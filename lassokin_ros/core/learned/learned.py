@@ -16,7 +16,7 @@ from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.learned.adaptive_mean import AdaptiveMean
 from lassokin_ros.core.learned.bone_lengths import OBSERVED_STATURE_DEVIATION, Calibration
 from lassokin_ros.core.learned.extrinsics import Extrinsics
-from lassokin_ros.core.learned.foot_contacts import FootContacts
+from lassokin_ros.core.learned.foot_contacts import FootContacts, on_floor
 from lassokin_ros.core.learned.height import PEOPLE_DEVIATION, FloorSize, HeightEstimator, floor_size
 from lassokin_ros.core.learned.model_error import ModelError
 from lassokin_ros.core.learned.size_check import SizeCheck
@@ -97,11 +97,18 @@ class Learned:
         return body, self.lengths.certain or not self._built_in
 
     @property
-    def contacts(self) -> np.ndarray:
+    def still(self) -> np.ndarray:
         """(n,) bool: the ankles of the feet that stand still."""
-        contacts = np.zeros(self._frame_model.kinematics.joint_count, dtype=bool)
+        still = np.zeros(self._frame_model.kinematics.joint_count, dtype=bool)
         if self.feet.anchors is not None:
-            contacts[self._ankles] = np.isfinite(self.feet.anchors[:, 0])
+            still[self._ankles] = np.isfinite(self.feet.anchors[:, 0])
+        return still
+
+    def contacts(self, positions: np.ndarray) -> np.ndarray:
+        """(n,) bool: the ankles of the feet that stand still on the floor. positions: (n, 3) m, of the joints."""
+        contacts = self.still
+        if self.feet.anchors is not None and contacts.any():
+            contacts[self._ankles] &= on_floor(positions[self._ankles], self.vertical.direction)
         return contacts
 
     def received(self, pose: CameraPose) -> CameraPose:
@@ -188,5 +195,6 @@ class Learned:
         """The size by the feet that stand on the floor; None if it is not asked for, or none does."""
         if answer.frame.floor is None or not tilt_deviation:
             return None
-        ankles, centre = answer.solved.pose.positions[self.contacts], answer.frame.seeing.camera.centre
+        positions, centre = answer.solved.pose.positions, answer.frame.seeing.camera.centre
+        ankles = positions[self.contacts(positions)]
         return floor_size(ankles, answer.frame.floor, centre, height, tilt_deviation)
