@@ -37,7 +37,7 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
-from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.frame_data import View
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.observation import CameraPose, Observation
@@ -153,11 +153,10 @@ def triangulated(views: Sequence[tuple[np.ndarray, np.ndarray, CameraPose]]) -> 
     frames = []
     for frame in range(len(views[0][0])):
         seen = [
-            FrameData(np.nan_to_num(points[frame]), (confidence[frame] > CONFIDENT).astype(float), camera=pose)
+            View(np.nan_to_num(points[frame]), (confidence[frame] > CONFIDENT).astype(float), camera=pose)
             for points, confidence, pose in views
         ]
-        one, *others = seen
-        frames.append(triangulate(FrameData(one.points, one.weights, camera=one.camera, others=tuple(others))))
+        frames.append(triangulate(seen))
     return np.stack(frames)
 
 

@@ -6,7 +6,9 @@ The rows of a camera that has fallen silent fade out, and fade in when it return
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,13 +16,18 @@ from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.body.surface import surface_depths
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.depth_gating import of_own_surface
-from lassokin_ros.core.image.frame_data import FrameData, JointDepths
+from lassokin_ros.core.image.frame_data import FrameData, JointDepths, View
+from lassokin_ros.core.image.gating import gate_observation
 from lassokin_ros.core.image.measurement import Measurement, MeasurementFilter
 from lassokin_ros.core.image.projection import NEAREST_DEPTH, carried
 from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
-from lassokin_ros.core.observation import HERE, CameraPose, Observation, has_passed, is_longer
+from lassokin_ros.core.network.depth_network import shipped_network
+from lassokin_ros.core.observation import HERE, CameraPose, Observation, Rejection, has_passed, is_longer
+
+if TYPE_CHECKING:
+    from lassokin_ros.core.learned.learned import Learned
 
 RECENT = 0.1
 """How long (s) a camera counts as seeing the person."""
@@ -33,11 +40,10 @@ SILENT_SHARE = 0.3
 class Camera:
     """One camera of a tracker."""
 
-    def __init__(
-        self, kinematics: Kinematics, network: DepthEstimator | None, depth_noise: DepthNoise, name: str | None = None
-    ) -> None:
+    def __init__(self, kinematics: Kinematics, network: DepthEstimator | None, name: str | None = None) -> None:
         """name: None for the first camera until it is seen."""
-        self._kinematics, self.network, self.depth_noise, self.name = kinematics, network, depth_noise, name
+        self._kinematics, self.network, self.name = kinematics, network, name
+        self.depth_noise = DepthNoise()
         self.measurements = MeasurementFilter(kinematics)
         self.pose = self._last_pose = HERE
         self.given = self._last_given = HERE
@@ -88,7 +94,7 @@ class Camera:
         self._count_presence(measurement.stamp, alone)
         return self.depth_noise.update(measurement, observation.depth_age)
 
-    def view(self, measurement: Measurement, vertical: Vertical, sized: bool) -> FrameData:
+    def view(self, measurement: Measurement, vertical: Vertical, sized: bool) -> View:
         """The view of an image. sized: whether the person's size is known; measured depths are left out otherwise."""
         depth, depth_weights = (measurement.depth, measurement.depth_weights) if sized else (None, None)
         if self.network is not None:
@@ -100,21 +106,21 @@ class Camera:
                     up, mount = self.pose.rotation @ up, self.pose.rotation @ mount
                 known = up if vertical.known else None
                 self.network.update(measurement.stamp, measurement.points, measurement.used, known, mount)
-        points, weights, up = measurement.points, self._presence * measurement.weights, vertical.direction
-        return FrameData(points, weights, up, depth, depth_weights, self._joint_depths(), camera=self.pose)
+        weights = self._presence * measurement.weights
+        return View(measurement.points, weights, depth, depth_weights, self._joint_depths(), self.pose)
 
-    def predicted_view(self, stamp: float, vertical: Vertical, body: BodyPose | None, model_error: float) -> FrameData:
+    def predicted_view(self, stamp: float, body: BodyPose | None, model_error: float) -> View:
         """The view at a stamp, s, without an image."""
         if not np.isfinite(self.newest):  # never
             nothing = np.zeros((self._kinematics.landmark_count, 2))
-            return FrameData(nothing, nothing[:, 0], vertical.direction, camera=self.pose)
+            return View(nothing, nothing[:, 0], camera=self.pose)
         depth = None if body is None else _in_front(self.pose.into_camera(body.positions[0]))
         points, weights = self.measurements.predicted(stamp, depth, model_error)
         if (motion := self._motion(body)) is not None:
             points = carried(points, *motion)
         weights = self._presence_at(stamp) * weights
         depths = self._joint_depths() if weights.any() else None
-        return FrameData(points, weights, vertical.direction, joint_depths=depths, camera=self.pose)
+        return View(points, weights, joint_depths=depths, camera=self.pose)
 
     def speeds(self, places: np.ndarray, points: np.ndarray) -> np.ndarray:
         """(k,) m/s across the line of sight, of the fastest keypoint at each of k places (k, 3) m; NaN without any.
@@ -178,6 +184,139 @@ class Camera:
             grown = min(stamp - self.newest, silent_after) / (self._timeout - silent_after)
             self._presence = min(self._presence_at(stamp) + grown, 1.0)
         self.newest = stamp
+
+
+class Cameras(list[Camera]):
+    """The cameras of a tracker, in the order in which they were first seen; the first one always exists."""
+
+    def __init__(
+        self, kinematics: Kinematics, with_network: bool, learned: Learned, add_rows: Callable[[], None]
+    ) -> None:
+        """with_network: whether the depth network is used if it fits the skeleton and the layout. add_rows: called for
+        each camera after the first, whose rows are added to the lasso.
+        """
+        self._kinematics, self._learned, self._add_rows = kinematics, learned, add_rows
+        self._with_network = with_network and DepthEstimator.fits(kinematics)
+        super().__init__([Camera(kinematics, self._estimator())])
+
+    def _estimator(self) -> DepthEstimator | None:
+        return DepthEstimator(shipped_network(), self._kinematics) if self._with_network else None
+
+    @property
+    def newest(self) -> float:
+        """s: stamp of the last frame that was used, -inf before the first."""
+        return max(camera.measurements.newest for camera in self)
+
+    def named(self, name: str) -> Camera | None:
+        """The camera of this name; None if it has had no image."""
+        return next((camera for camera in self if camera.name == name), None)
+
+    def of(self, pose: CameraPose) -> Camera:
+        """The camera of this pose's name. A new one gets a filter, a depth network, and rows in the lasso."""
+        if self[0].name is None:
+            self[0].name, self[0].pose = pose.name, pose
+        camera = self.named(pose.name)
+        if camera is None:
+            camera = Camera(self._kinematics, self._estimator(), pose.name)
+            camera.pose = pose
+            self.append(camera)
+            self.use_lengths()
+            self._add_rows()
+        return camera
+
+    def place(self, poses: Iterable[CameraPose]) -> None:
+        """See `Tracker.place_cameras`."""
+        for pose in poses:
+            if (camera := self.named(pose.name)) is not None:
+                camera.pose, camera.given = self._learned.received(pose), self._learned.given(pose)
+
+    def use_lengths(self) -> None:
+        """Input the lengths to the networks; those of a skeleton without the built-in ones stay as given."""
+        if self._with_network:
+            body, known = self._learned.lengths_for_network
+            for camera in self:
+                assert camera.network is not None
+                camera.network.use_lengths(body, known)
+
+    def network_places(self) -> np.ndarray | None:
+        """The places by the network of the first camera that sees the person and has them, in the skeleton's frame."""
+        newest = max(camera.newest for camera in self)
+        lately = (camera for camera in self if camera.seen_lately(newest))
+        return next((found for camera in lately if (found := camera.network_places()) is not None), None)
+
+    def measure(
+        self, observations: Iterable[Observation], body: BodyPose | None, config: TrackerConfig
+    ) -> tuple[dict[Camera, Measurement], Rejection | None]:
+        """The measurements of the cameras whose observations can be used; the reason to reject if there are none.
+
+        body: the solved pose of the last frame.
+        """
+        measured: dict[Camera, Measurement] = {}
+        first: Rejection | None = None
+        for observation in observations:
+            camera = self.of(observation.camera)
+            newest = camera.measurements.newest
+            rejection, weights = gate_observation(observation, newest, self._kinematics.layout, config)
+            if rejection is not None or camera in measured:
+                first = first or rejection or Rejection.OLD_STAMP
+                continue
+            others = (other for other in self if other is not camera)
+            alone = body is None or not any(other.seen_at(observation.stamp) for other in others)
+            camera.given = self._learned.given(observation.camera)
+            error = self._learned.model_error.deviation
+            measurement = camera.measure(observation, weights, body, error, config, alone)
+            if len(self) > 1 and observation.stamp <= self.newest:  # a later image has been used
+                camera.measurements.mark_used(measurement)
+                first = first or Rejection.LATE
+                continue
+            measured[camera] = measurement
+        return measured, None if measured else first
+
+    def together(self, measured: Mapping[Camera, Measurement], lost_after: float) -> Measurement:
+        """The measurement of the first camera with an image, with the times and the speed of all."""
+        measurement = next(iter(measured.values()))
+        if len(self) == 1:
+            return measurement
+        stamp, newest = max(one.stamp for one in measured.values()), self.newest
+        before = max(camera.measurements.last_new_stamp for camera in self)
+        repeated = min(one.repeated for one in measured.values())
+        return replace(
+            measurement,
+            stamp=stamp,
+            speed=float(np.mean([one.speed for one in measured.values()])),
+            repeated=repeated,
+            step=stamp - newest,
+            since_new_keypoints=0.0 if repeated else stamp - before,
+            lost=is_longer(stamp - (newest if repeated else before), lost_after),
+        )
+
+    def frame(
+        self,
+        measured: Mapping[Camera, Measurement],
+        stamp: float,
+        body: BodyPose | None,
+        floor: np.ndarray | None,
+        extra: Mapping[str, Any],
+    ) -> FrameData:
+        """The views of all cameras at a stamp, s, without measured depths as long as the person's size is unknown."""
+        vertical, sized = self._learned.vertical, self._learned.is_sized
+        views = tuple(
+            [
+                camera.view(measured[camera], vertical, sized)
+                if camera in measured
+                else self._predicted(camera, stamp, body)
+                for camera in self
+            ]
+        )
+        return FrameData(views, vertical.direction, extra, floor=floor)
+
+    def seen_at(self, stamp: float, body: BodyPose | None) -> View:
+        """What the first camera that sees the person sees at a stamp, s, predicted by its tracks."""
+        seeing = next((camera for camera in self if camera.seen_lately(stamp)), self[0])
+        return self._predicted(seeing, stamp, body)
+
+    def _predicted(self, camera: Camera, stamp: float, body: BodyPose | None) -> View:
+        return camera.predicted_view(stamp, body, self._learned.model_error.deviation)
 
 
 def _same(one: CameraPose, other: CameraPose) -> bool:

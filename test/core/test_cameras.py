@@ -12,11 +12,10 @@ from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import has_built_in_proportions
 from lassokin_ros.core.cameras import Camera
 from lassokin_ros.core.errors import CameraError, ConfigurationError
-from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.frame_data import FrameData, View
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.image.triangulation import triangulate
-from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.observation import CameraPose, Observation, Rejection
 from lassokin_ros.core.output import uncertainty
 from lassokin_ros.core.tracker import Tracker
@@ -166,12 +165,12 @@ def test_a_corrected_pose_does_not_move_the_keypoints(moves):
     tracker = Tracker(CONFIG, up=LEVEL_UP)
     for frame in range(len(truth.positions)):
         tracker.track([observe(front, frame), observe(side, frame)])
-    camera, vertical = tracker._cameras[1], tracker.learned.vertical
-    before = camera.predicted_view(0.3, vertical, tracker._body, 0.0).points
+    camera = tracker._cameras[1]
+    before = camera.predicted_view(0.3, tracker._body, 0.0).points
     turn = exponential(np.array([0.0, 0.02, 0.0]))
     camera.pose = replace(camera.pose, rotation=turn @ camera.pose.rotation, translation=turn @ camera.pose.translation)
     camera.given = camera.pose if moves else camera.given
-    after = camera.predicted_view(0.3, vertical, tracker._body, 0.0).points
+    after = camera.predicted_view(0.3, tracker._body, 0.0).points
     assert (np.abs(after - before).max() > 0.01) == moves
 
 
@@ -183,8 +182,7 @@ def test_rows_of_a_second_camera_are_derivatives_of_its_image():
     state = type(state)(state.rotations[0], state.translation[0])
     count = tracker.kinematics.landmark_count
     points = project(side.into_camera(tracker.kinematics.pose(state).landmarks)) + 0.001
-    view = FrameData(points, np.full(count, 300.0), camera=side)
-    frame = FrameData(points, np.zeros(count), others=(view,))
+    frame = FrameData((View(points, np.zeros(count)), View(points, np.full(count, 300.0), camera=side)))
     linearised = model.linearise(model.evaluate(state), frame, huber_weights)
     own = linearised.rows["image 2"]
     assert own.stop - own.start == 2 * count and not linearised.columns[:, linearised.rows["image"]].any()
@@ -322,8 +320,7 @@ def test_triangulation_is_exact_and_needs_two_views():
     cameras = [CameraPose(str(k), exponential(0.3 * random.normal(size=3)), random.normal(size=3)) for k in range(3)]
     weights = np.full((3, 6), 100.0)
     weights[1:, 0], weights[:, 1] = 0.0, 0.0
-    one, *others = (FrameData(project(c.into_camera(points)), w, camera=c) for c, w in zip(cameras, weights))
-    found = triangulate(replace(one, others=tuple(others)))
+    found = triangulate([View(project(c.into_camera(points)), w, camera=c) for c, w in zip(cameras, weights)])
     assert np.isnan(found[:2]).all() and np.allclose(found[2:], points[2:], atol=1e-9)
 
 
@@ -346,7 +343,7 @@ def test_the_network_of_each_camera_is_told_the_vertical_in_its_own_frame():
     tracker = Tracker(CONFIG, up=np.array([0.0, 0.0, 1.0]))
     _, front, side, observe = scene(0.2)
     network = RecordingNetwork()
-    camera = Camera(tracker.kinematics, network, DepthNoise())
+    camera = Camera(tracker.kinematics, network)
     observation = observe(side, 0)
     weights = np.ones(len(observation.points))
     measurement = camera.measure(observation, weights, None, 0.0, tracker.config, alone=True)
@@ -387,8 +384,8 @@ def blind_first():
     tracker = Tracker(CONFIG)
     nothing = replace(observe(front, 0), confidence=np.zeros(tracker.kinematics.landmark_count))
     searches = []
-    search = tracker._initialiser.fit
-    tracker._initialiser.fit = lambda frame: searches.append(frame) or search(frame)
+    search = tracker._starts.initialiser.fit
+    tracker._starts.initialiser.fit = lambda frame: searches.append(frame) or search(frame)
     return tracker, tracker.track([nothing, observe(side, 0)]), side, searches
 
 
@@ -424,7 +421,7 @@ def test_a_camera_that_joins_late_has_the_given_lengths_and_not_the_learned_ones
     tracker = Tracker(CONFIG, Tracker(CONFIG).skeleton.with_bone_scales(scales))
     tracker.track(observe(front, 0))
     tracker.learned.lengths.lengths = np.linspace(-0.1, 0.1, len(tracker.learned.lengths.lengths))
-    tracker._adopt_lengths()
+    tracker._use_body()
     tracker.track([observe(front, 1), observe(side, 1)])
     first, second = (camera.network._lengths for camera in tracker._cameras)
     assert np.array_equal(first, second)

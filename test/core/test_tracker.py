@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import FACING, copied_body, relative_error
+from cases import FACING, copied_body, one_view, relative_error
 from sequences import CONFIG, FOCAL, NOISE_PX, RATE, aligned_error, frame, observations, same
 
 from lassokin_ros.core.body.kinematics import BodyState
@@ -19,11 +19,11 @@ from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.initialisation import Initialiser
-from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.hypotheses.start import FIT_AFTER
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.certificate import certify
 from lassokin_ros.core.observation import Observation, Rejection, Status
-from lassokin_ros.core.tracker import FIT_AFTER, Tracker
+from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 
 
@@ -81,7 +81,7 @@ def test_after_long_steps_frames_start_from_a_fit(monkeypatch):
     """At 2 Hz the last state is a poor start: half a second later people have another pose."""
     errors = []
     for fit_after in (FIT_AFTER, np.inf):
-        monkeypatch.setattr("lassokin_ros.core.tracker.FIT_AFTER", fit_after)
+        monkeypatch.setattr("lassokin_ros.core.hypotheses.start.FIT_AFTER", fit_after)
         tracker = Tracker(replace(CONFIG, calibrate=False))
         estimates = [(x, tracker.track(o)) for x, o in list(observations(tracker, 20.0))[:: round(RATE / 2)]]
         assert all(estimate.accepted and estimate.certificate.kkt_residual <= 1e-6 for _, estimate in estimates)
@@ -359,8 +359,8 @@ def test_a_new_height_reaches_the_network_of_a_skeleton_in_metres():
     given = replace(Skeleton.load("anthropometric", 1.75), metric=True)
     tracker, fresh = Tracker(replace(CONFIG, height=1.75), given), Tracker(CONFIG, given.at_height(1.6))
     tracker.tune(replace(CONFIG, height=1.6))
-    assert np.array_equal(tracker._network._lengths, fresh._network._lengths)
-    assert tracker._network._lengths_known and fresh._network._lengths_known
+    assert np.array_equal(tracker._cameras[0].network._lengths, fresh._cameras[0].network._lengths)
+    assert tracker._cameras[0].network._lengths_known and fresh._cameras[0].network._lengths_known
     for _, observation in observations(fresh, 0.2):
         assert np.allclose(tracker.track(observation).pose.positions, fresh.track(observation).pose.positions)
 
@@ -449,7 +449,7 @@ def test_initialisation_finds_the_way_a_person_faces(yaw):
     random = np.random.default_rng(yaw)
     points = project(truth.landmarks) + random.normal(size=(17, 2)) * NOISE_PX / FOCAL
     weights = np.full(17, FOCAL / NOISE_PX)
-    fit = Initialiser(kinematics, prior, FrameModel(kinematics, prior)).fit(FrameData(points, weights))
+    fit = Initialiser(kinematics, prior, FrameModel(kinematics, prior)).fit(one_view(points, weights))
     front = fit.state.rotations[0] @ [0, 0, 1]
     angle = np.degrees(np.arccos(np.clip(front @ (rotations[0] @ [0, 0, 1]), -1, 1)))
     assert angle < 30

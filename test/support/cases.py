@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, right_jacobian_inverse
 from lassokin_ros.core.body.skeleton import AXIS_ORDERS, Skeleton
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
+from lassokin_ros.core.image.frame_data import LEVEL_CAMERA_UP, FrameData, View
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.stacked_model import stacked_matrices
 from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
@@ -25,6 +27,17 @@ def body(layout: str = "coco17", height: float = 1.75) -> Kinematics:
     """The built-in skeleton with a built-in layout."""
     skeleton = Skeleton.load("anthropometric", height)
     return Kinematics(skeleton, Layout.load(layout, skeleton))
+
+
+def one_view(points: np.ndarray, weights: np.ndarray, up: np.ndarray = LEVEL_CAMERA_UP, **more: Any) -> FrameData:
+    """The frame of one camera. more: further fields of its view and of the frame."""
+    own = {field.name: more.pop(field.name) for field in fields(View) if field.name in more}
+    return FrameData((View(points, weights, **own),), up, **more)
+
+
+def with_view(frame: FrameData, **changes: Any) -> FrameData:
+    """The frame of one camera with other values of its view."""
+    return replace(frame, views=(replace(frame.views[0], **changes),))
 
 
 def posed(kinematics: Kinematics, state: BodyState, offsets: np.ndarray) -> BodyPose:

@@ -137,7 +137,4 @@ class FrameModel:
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(...,) negative log-likelihood of each state, all evidence together."""
-        compiled = self._compiled.cost(states, frame)
-        cost, done = (0.0, ()) if compiled is None else (compiled, self._compiled.names)
-        others = (piece for name, piece in self.pieces.items() if name not in done and piece.present(frame))
-        return np.asarray(cost + sum(piece.cost(states, frame) for piece in others))
+        return np.asarray(sum(piece.cost(states, frame) for piece in self.pieces.values() if piece.present(frame)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import field, replace
 from functools import cached_property
 from typing import Any
@@ -38,38 +38,26 @@ class JointDepths:
 
 
 @record
-class FrameData:
-    """The measurements of one frame, as arrays.
+class View:
+    """What one camera sees of the person.
 
     points: (l, 2) normalised image coordinates, any finite value where the weight is 0.
     weights: (l,) 1 / standard deviation in that unit, 0 = missing.
-    up: (3,) unit vector, the vertical in the frame of the skeleton.
     depth: (l,) m, of each landmark along the optical axis, and depth_weights: (l,) 1 / standard deviation, 0 = not
-    measured; None in a frame without any. joint_depths: the network's estimate; None without one.
-    extra: data for the user's own evidence, by name, as in `Observation.extra`.
-    anchors: (2, 3) m, where the left and the right ankle stand still, NaN for one that does not; None without any.
-    anchor_deviation: (2,) m, standard deviation of these ankles about their anchors, in each direction.
-    floor: (4,) n and h: a point p (3,) m is n p + h m above a flat floor; None if it is not known.
-    camera: the camera that saw this. others: the same of the other cameras; their `up` and `extra` are not used.
+    measured; None in a frame without any. joint_depths: the network's estimate; None without one. camera: its pose.
     """
 
     points: np.ndarray
     weights: np.ndarray
-    up: np.ndarray = field(default_factory=lambda: LEVEL_CAMERA_UP)
     depth: np.ndarray | None = None
     depth_weights: np.ndarray | None = None
     joint_depths: JointDepths | None = None
-    extra: Mapping[str, Any] = field(default_factory=dict)
-    anchors: np.ndarray | None = None
-    anchor_deviation: np.ndarray | None = None
-    floor: np.ndarray | None = None
     camera: CameraPose = HERE
-    others: tuple[FrameData, ...] = ()
 
-    @property
-    def views(self) -> tuple[FrameData, ...]:
-        """The views of all cameras, this one first."""
-        return (self, *self.others)
+    @cached_property
+    def point_count(self) -> int:
+        """Number of image points with weight."""
+        return int(np.count_nonzero(self.weights))
 
     def ray_rows(self) -> np.ndarray:
         """(l, 2, 3) weighted rows x - u z and y - v z of each landmark; they are 0 for places in the camera that the
@@ -81,6 +69,41 @@ class FrameData:
         rows *= self.weights[:, None, None]
         return rows
 
+    def for_size(self, ratio: float) -> View:
+        """The view with the network's depths for a body that is taller by a factor."""
+        given = self.joint_depths
+        if given is None:
+            return self
+        return replace(
+            self, joint_depths=replace(given, depths=ratio * given.depths, whitening=given.whitening / ratio)
+        )
+
+    def with_larger_noise(self, factor: float) -> View:
+        """See `FrameData.with_larger_noise`."""
+        depth_weights = self.depth_weights
+        if depth_weights is not None:
+            depth_weights = depth_weights / factor if factor < WITHOUT_DEPTH else np.zeros_like(depth_weights)
+        return replace(self, weights=self.weights / factor, depth_weights=depth_weights)
+
+
+@record
+class FrameData:
+    """The measurements of one frame, as arrays.
+
+    views: of all cameras, at least one. up: (3,) unit vector, the vertical in the frame of the skeleton.
+    extra: data for the user's own evidence, by name, as in `Observation.extra`.
+    anchors: (2, 3) m, where the left and the right ankle stand still, NaN for one that does not; None without any.
+    anchor_deviation: (2,) m, standard deviation of these ankles about their anchors, in each direction.
+    floor: (4,) n and h: a point p (3,) m is n p + h m above a flat floor; None if it is not known.
+    """
+
+    views: tuple[View, ...]
+    up: np.ndarray = field(default_factory=lambda: LEVEL_CAMERA_UP)
+    extra: Mapping[str, Any] = field(default_factory=dict)
+    anchors: np.ndarray | None = None
+    anchor_deviation: np.ndarray | None = None
+    floor: np.ndarray | None = None
+
     @cached_property
     def observes_depth(self) -> bool:
         """Whether the depth of half of the landmarks is measured, or several cameras see the person."""
@@ -90,7 +113,7 @@ class FrameData:
     def depth_covers(self) -> bool:
         """Whether half of a camera's used keypoints or more have a measured depth."""
         return any(
-            2 * np.count_nonzero(view.depth_weights) >= np.count_nonzero(view.weights)
+            2 * np.count_nonzero(view.depth_weights) >= view.point_count
             for view in self.views
             if view.depth_weights is not None
         )
@@ -98,16 +121,16 @@ class FrameData:
     @cached_property
     def seen_by(self) -> int:
         """Number of cameras whose rows have weight, without those beside one that is counted, see `NARROW`."""
-        counted: list[FrameData] = []
+        counted: list[View] = []
         for view in self.views:
-            if np.count_nonzero(view.weights) and not any(_beside(view, other) for other in counted):
+            if view.point_count and not any(_beside(view, other) for other in counted):
                 counted.append(view)
         return len(counted)
 
     @property
     def point_count(self) -> int:
         """Number of image points with weight, of all cameras."""
-        return sum(int(np.count_nonzero(view.weights)) for view in self.views)
+        return sum(view.point_count for view in self.views)
 
     @property
     def count(self) -> int:
@@ -115,17 +138,18 @@ class FrameData:
         depths = (view.depth_weights for view in self.views if view.depth_weights is not None)
         return self.point_count + sum(int(np.count_nonzero(weights)) for weights in depths)
 
-    @property
-    def seeing(self) -> FrameData:
-        """The first view with any point that has weight; this one if there is none."""
-        return next((view for view in self.views if np.count_nonzero(view.weights)), self)
+    @cached_property
+    def seeing(self) -> View:
+        """The first view with any point that has weight; the first one if there is none."""
+        return next((view for view in self.views if view.point_count), self.views[0])
+
+    def with_weights(self, weights: Iterable[np.ndarray]) -> FrameData:
+        """The frame with other weights (l,) of each view."""
+        return replace(self, views=tuple(replace(view, weights=one) for view, one in zip(self.views, weights)))
 
     def for_size(self, ratio: float) -> FrameData:
         """The frame with the network's depths for a body that is taller by a factor."""
-        given = self.joint_depths
-        if given is not None:
-            given = replace(given, depths=ratio * given.depths, whitening=given.whitening / ratio)
-        return replace(self, joint_depths=given, others=tuple(view.for_size(ratio) for view in self.others))
+        return replace(self, views=tuple(view.for_size(ratio) for view in self.views))
 
     def with_larger_noise(self, factor: float) -> FrameData:
         """The frame with the keypoints' noise made larger by a factor.
@@ -133,14 +157,10 @@ class FrameData:
         Depth is not used while the factor is `WITHOUT_DEPTH` or more: the image places the body first. Otherwise the
         body could settle between an occluder and the person.
         """
-        depth_weights = self.depth_weights
-        if depth_weights is not None:
-            depth_weights = depth_weights / factor if factor < WITHOUT_DEPTH else np.zeros_like(depth_weights)
-        others = tuple(view.with_larger_noise(factor) for view in self.others)
-        return replace(self, weights=self.weights / factor, depth_weights=depth_weights, others=others)
+        return replace(self, views=tuple(view.with_larger_noise(factor) for view in self.views))
 
 
-def _beside(one: FrameData, other: FrameData) -> bool:
+def _beside(one: View, other: View) -> bool:
     """Whether two cameras see the person from nearly the same place."""
     if math.dist(one.camera.centre, other.camera.centre) > NEARBY:
         return False

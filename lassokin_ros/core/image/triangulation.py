@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.frame_data import View
 
 LEAST_CONDITION = 1e-3
 """Ratio of the smallest to the largest eigenvalue of a landmark's normal equations below which its place is unknown."""
 
 
-def triangulate(frame: FrameData) -> np.ndarray:
-    """(l, 3) m, by weighted least squares on x_i + t_i = u (z + t_z) of all views; NaN if fewer than two see a
+def triangulate(given: Sequence[View]) -> np.ndarray:
+    """(l, 3) m, by weighted least squares on x_i + t_i = u (z + t_z) of the given views; NaN if fewer than two see a
     landmark, or from the same direction.
     """
-    count = len(frame.points)
+    count = len(given[0].points)
     H, g, views = np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros(count)
-    for view in frame.views:
+    for view in given:
         rows = view.ray_rows()
         right = -(rows @ view.camera.translation)
         rows = rows @ view.camera.rotation

@@ -12,7 +12,7 @@ from collections import deque
 
 import numpy as np
 
-from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.frame_data import View
 from lassokin_ros.core.observation import CameraPose, has_passed
 
 FEWEST, EVERY = 50, 10
@@ -26,10 +26,10 @@ class CameraFinder:
         """period: s between two frames that are kept; longest: number of frames that are kept."""
         self._period, self._newest, self._count = period, -math.inf, 0
         self._joints: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=longest)
-        self.views: deque[tuple[FrameData, FrameData]] = deque(maxlen=longest)
+        self.views: deque[tuple[View, View]] = deque(maxlen=longest)
         """Both views of each kept frame: of the placed camera, and of the one without a pose."""
 
-    def add(self, stamp: float, views: tuple[FrameData, FrameData], joints: tuple[np.ndarray, np.ndarray]) -> bool:
+    def add(self, stamp: float, views: tuple[View, View], joints: tuple[np.ndarray, np.ndarray]) -> bool:
         """Add a frame. Returns True if it is time to compute the pose.
 
         views: of a camera with a pose, and of the one without, at a stamp, s. joints: (n, 3) m, in the frame of the

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lassokin_ros.core.body.rotations import exponential
-from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.frame_data import FrameData, View
 from lassokin_ros.core.image.robust_loss import MEDIAN_OF_NORMAL
 from lassokin_ros.core.learned.camera_finder import CameraFinder
 from lassokin_ros.core.learned.size_check import SizeCheck
@@ -159,9 +159,7 @@ class Extrinsics:
         same = np.array_equal(pose.rotation, found.rotation) and np.array_equal(pose.translation, found.translation)
         return not same
 
-    def find(
-        self, name: str, stamp: float, views: tuple[FrameData, FrameData], joints: tuple[np.ndarray, np.ndarray]
-    ) -> None:
+    def find(self, name: str, stamp: float, views: tuple[View, View], joints: tuple[np.ndarray, np.ndarray]) -> None:
         """Use a frame of a camera without a pose, see `CameraFinder.add`. The pose is used if the keypoints fit it."""
         finder = self._finders.setdefault(name, CameraFinder(PERIOD_S, LONGEST))
         if not finder.add(stamp, views, joints):
@@ -244,7 +242,7 @@ class Extrinsics:
             wanted = solution if name in self.found else _significant(solution)
             self.corrections[name] = before + FOLLOWING * (wanted - before)
 
-    def _anchor_of(self, frame: FrameData) -> FrameData | None:
+    def _anchor_of(self, frame: FrameData) -> View | None:
         """Return the view of the camera whose pose is not corrected: the chosen one, None if it has none; without a
         choice the one in whose frame the skeleton is, or the first.
         """
@@ -353,7 +351,7 @@ def _entries(finder: CameraFinder, pose: CameraPose) -> deque[Pairs]:
     return deque(filter(None, pairs), maxlen=LONGEST)
 
 
-def _pair(a: FrameData, b: FrameData, pose: CameraPose, first: CameraPose) -> Pairs | None:
+def _pair(a: View, b: View, pose: CameraPose, first: CameraPose) -> Pairs | None:
     """The landmarks that both views show; None for too few. pose, first: of their cameras."""
     both = (a.weights > 0) & (b.weights > 0)
     if np.count_nonzero(both) < FEWEST_POINTS:

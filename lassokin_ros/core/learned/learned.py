@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from functools import reduce
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyState
-from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.answer import Answer
+from lassokin_ros.core.body.roles import ANKLES
+from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.measurement import Measurement
-from lassokin_ros.core.increment import Increment
+from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.learned.adaptive_mean import AdaptiveMean
-from lassokin_ros.core.learned.bone_lengths import Calibration
-from lassokin_ros.core.learned.depth_noise import DepthNoise
+from lassokin_ros.core.learned.bone_lengths import OBSERVED_STATURE_DEVIATION, Calibration
 from lassokin_ros.core.learned.extrinsics import Extrinsics
-from lassokin_ros.core.learned.foot_contacts import FootContacts
-from lassokin_ros.core.learned.height import HeightEstimator
+from lassokin_ros.core.learned.foot_contacts import FootContacts, on_floor
+from lassokin_ros.core.learned.height import PEOPLE_DEVIATION, FloorSize, HeightEstimator, floor_size
 from lassokin_ros.core.learned.model_error import ModelError
 from lassokin_ros.core.learned.size_check import SizeCheck
 from lassokin_ros.core.learned.vertical import Vertical
+from lassokin_ros.core.observation import CameraPose
 
 
 class Learned:
-    """The learners of one tracker, each with `update` and `reset`.
+    """The learners of one tracker. The tracker calls `update` with each answer, `reset` and `resize`.
 
     height: None if it is given. vertical: in the skeleton's frame. extrinsics: None if the cameras' given poses are not
     checked. feet: which stand still.
@@ -34,64 +33,168 @@ class Learned:
 
     def __init__(self, frame_model: FrameModel, config: TrackerConfig, up: np.ndarray | None = None) -> None:
         """up: (3,) the vertical if it is given; it is learned otherwise."""
-        skeleton, self._frame_model = frame_model.kinematics.skeleton, frame_model
+        self._frame_model, kinematics = frame_model, frame_model.kinematics
+        self._built_in = has_built_in_proportions(kinematics.skeleton)
         self.lengths, self.mean_pose = Calibration(frame_model), AdaptiveMean(frame_model.prior)
-        self.model_error, self.depth_noise = ModelError(skeleton.height), DepthNoise()
+        self.model_error = ModelError(kinematics.skeleton.height)
         self.vertical = Vertical(config.camera_roll, config.camera_pitch, up)
-        self.size_check = SizeCheck(frame_model.kinematics)
+        self.size_check = SizeCheck(kinematics)
         self.extrinsics = None
         if config.extrinsics != GIVEN:
             self.extrinsics = Extrinsics(self.size_check, config.height > 0, config.extrinsics == LEARN)
         self.height = HeightEstimator() if config.height == 0 else None
         self.feet = FootContacts()
+        named = ANKLES if frame_model.foot_contact else ()
+        self._ankles = np.array([kinematics.skeleton.index(ankle) for ankle in named], dtype=int)
+        self._ankle_points = np.equal.outer(self._ankles, kinematics.layout.joints)  # (2, l)
 
     def reset(self, same_camera: bool = False) -> None:
         """Forget what was learned. same_camera: keep the vertical and the corrections of the cameras' poses."""
-        known = self.lengths, self.mean_pose, self.model_error, self.depth_noise, self.size_check, self.feet
-        learners: tuple[Any, ...] = *known, self.height, None if same_camera else self.vertical
-        for learner in filter(None, learners):
-            learner.reset()
+        for learner in (self.lengths, self.mean_pose, self.model_error, self.size_check, self.feet, self.height):
+            if learner is not None:
+                learner.reset()
+        if not same_camera:
+            self.vertical.reset()
         if self.extrinsics is not None:
             self.extrinsics.reset(same_camera)
 
-    def resize(self, ratio: float) -> None:
-        """Scale what is known to a body that is taller by a factor."""
+    def resize(self, ratio: float, centre: np.ndarray | None = None) -> None:
+        """Scale what is known to a body that is taller by a factor.
+
+        centre: (3,) m, of the only camera; None if several observe where the body is.
+        """
         self.lengths.resize(ratio)
         self.model_error.resize(ratio)
         self.size_check.use(self.lengths.proportions.given)
         self.feet.reset()  # they are elsewhere
+        if self.extrinsics is not None:
+            self.extrinsics.resize(ratio, centre)
 
     def use_body(self, given: Skeleton, measured: bool) -> None:
         """Use another given body with the same tree. measured: whether its height is to be measured."""
         self.resize(given.height / self.lengths.proportions.given.height)
         self.lengths.proportions.use(given)
         self.size_check.use(given)
+        self._built_in = has_built_in_proportions(given)
         self.height = HeightEstimator() if measured else None
         if self.extrinsics is not None:
             self.extrinsics.size_known = not measured
 
-    def update(
-        self,
-        measurement: Measurement,
-        seen: Callable[[], FrameData],
-        start: BodyState,
-        initialised: bool,
-        increment: Increment,
-        solved: BodyState,
-    ) -> bool:
-        """Use a tracked frame for all but lengths and size. Returns True if the prior's mean has changed.
+    @property
+    def is_sized(self) -> bool:
+        """Whether the person's height is given or measured."""
+        return self.height is None or self.height.measured
 
-        seen: gives the frame with the landmarks that were seen. start, solved: before and after the `increment`.
+    @property
+    def size_deviation(self) -> float:
+        """Standard deviation of the logarithm of a measured height, 0 for a given one."""
+        return 0.0 if self.height is None else self.height.deviation / self.height.height
+
+    @property
+    def lengths_for_network(self) -> tuple[Skeleton, bool]:
+        """The body whose lengths are input to the depth network, and whether they are known."""
+        body = self.lengths.skeleton if self._built_in else self.lengths.proportions.given
+        return body, self.lengths.certain or not self._built_in
+
+    @property
+    def still(self) -> np.ndarray:
+        """(n,) bool: the ankles of the feet that stand still."""
+        still = np.zeros(self._frame_model.kinematics.joint_count, dtype=bool)
+        if self.feet.anchors is not None:
+            still[self._ankles] = np.isfinite(self.feet.anchors[:, 0])
+        return still
+
+    def contacts(self, positions: np.ndarray) -> np.ndarray:
+        """(n,) bool: the ankles of the feet that stand still on the floor. positions: (n, 3) m, of the joints."""
+        contacts = self.still
+        if self.feet.anchors is not None and contacts.any():
+            contacts[self._ankles] &= on_floor(positions[self._ankles], self.vertical.direction)
+        return contacts
+
+    def received(self, pose: CameraPose) -> CameraPose:
+        """The pose of a camera with a new observation, as learned; see `Extrinsics.received`."""
+        return pose if self.extrinsics is None else self.extrinsics.received(pose)
+
+    def given(self, pose: CameraPose) -> CameraPose:
+        """The same without what was learned; see `Extrinsics.given`."""
+        return pose if self.extrinsics is None else self.extrinsics.given(pose)
+
+    def follow_feet(self, answer: Answer, replaced: bool, held: bool) -> None:
+        """Note which feet stand still. replaced: whether the pose does not continue the last one. held: see
+        `hold_feet`.
         """
-        stamp, problem, rows = measurement.stamp, increment.problem, increment.rows
-        if measurement.repeated:
-            return False
-        if not initialised:
-            self.vertical.update(solved.rotations[0], measurement.since_new_keypoints)
-        if self.model_error.due(stamp):
-            views, place = seen().views, solved.translation
-            weights = np.concatenate([view.weights for view in views])
-            depths = [np.full(len(view.weights), view.camera.into_camera(place)[2]) for view in views]
-            image = self._frame_model.image_rows(rows)
-            self.model_error.update(stamp, problem, image, increment.solution.omega, weights, np.concatenate(depths))
-        return not initialised and self.mean_pose.update(stamp, start, problem, rows)
+        held = held and len(self._ankles) > 0
+        if replaced or not held:
+            self.feet.reset()
+        if held and not answer.repeated:
+            ankles = answer.solved.pose.positions.take(self._ankles, axis=0)
+            speeds = reduce(np.fmax, [camera.speeds(ankles, self._ankle_points) for camera in answer.measured])
+            self.feet.update(answer.stamp, ankles, speeds)
+
+    def update(self, answer: Answer, restarted: bool, config: TrackerConfig) -> tuple[bool, float]:
+        """Use an answer. Returns whether body or prior have changed, and the ratio of a new height to the one in use.
+
+        restarted: see `Calibration.update`.
+        """
+        self._note_what_observes_size(answer)
+        changed, problem = False, answer.increment.problem
+        if config.calibrate and (answer.initialised or not answer.repeated):
+            changed = self.lengths.update(answer.stamp, answer.solved.state, answer.frame, restarted)
+        if not answer.repeated:
+            if not answer.initialised:
+                root, step = answer.solved.state.rotations[0], answer.together.since_new_keypoints
+                self.vertical.update(root, step)
+            if self.model_error.due(answer.stamp):
+                self._update_model_error(answer)
+            if not answer.initialised:
+                start, rows = answer.start.state, answer.increment.rows
+                changed |= self.mean_pose.update(answer.stamp, start, problem, rows)
+        if self.height is None:
+            for one in answer.measured.values():
+                self.size_check.update(one)
+            return changed, 1.0
+        return changed, self._new_height(answer, config.tilt_deviation)
+
+    def _note_what_observes_size(self, answer: Answer) -> None:
+        frame = answer.frame
+        if self.height is not None and self._of_known_size(frame).seen_by > 1:
+            self.lengths.stature_deviation = PEOPLE_DEVIATION
+        elif self.height is None and (frame.observes_depth or frame.floor is not None):
+            self.lengths.stature_deviation = OBSERVED_STATURE_DEVIATION
+
+    def _update_model_error(self, answer: Answer) -> None:
+        views, place = answer.seen().views, answer.solved.state.translation
+        weights = np.concatenate([view.weights for view in views])
+        depths = np.concatenate([np.full(len(view.weights), view.camera.into_camera(place)[2]) for view in views])
+        increment = answer.increment
+        image, omega = self._frame_model.image_rows(increment.rows), increment.solution.omega
+        self.model_error.update(answer.stamp, increment.problem, image, omega, weights, depths)
+
+    def _new_height(self, answer: Answer, tilt_deviation: float) -> float:
+        """Ratio of a newly measured height to the one in use, 1 if it stays."""
+        assert self.height is not None
+        limbs, floor, height = None, None, self._frame_model.kinematics.skeleton.height
+        if not answer.several and not answer.repeated:
+            floor = self._floor_size(answer, height, tilt_deviation)
+        elif not answer.repeated:
+            lately = [camera.seen_lately(answer.stamp) for camera in answer.cameras]
+            places = triangulate(answer.seen(self._of_known_size(answer.frame), lately).views)
+            limbs = self.size_check.lengths(places, np.isfinite(places[:, 0]))
+        camera, one = max(answer.measured.items(), key=lambda item: item[1].depth_count > 0)
+        changed = self.height.update(one, answer.solved, camera.pose, height, limbs, floor)
+        return self.height.height / height if changed else 1.0
+
+    def _of_known_size(self, frame: FrameData) -> FrameData:
+        """The frame without the points of cameras that were found from the person, whose size sets their distances."""
+        found = () if self.extrinsics is None else self.extrinsics.found
+        if not found:
+            return frame
+        return frame.with_weights([(view.camera.name not in found) * view.weights for view in frame.views])
+
+    def _floor_size(self, answer: Answer, height: float, tilt_deviation: float) -> FloorSize | None:
+        """The size by the feet that stand on the floor; None if it is not asked for, or none does."""
+        if answer.frame.floor is None or not tilt_deviation:
+            return None
+        positions, centre = answer.solved.pose.positions, answer.frame.seeing.camera.centre
+        ankles = positions[self.contacts(positions)]
+        return floor_size(ankles, answer.frame.floor, centre, height, tilt_deviation)

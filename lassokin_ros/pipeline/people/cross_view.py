@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.frame_data import View
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.learned.size_check import SizeCheck
@@ -57,11 +57,11 @@ def compared(one: Sight, other: Sight, size: SizeCheck, places: np.ndarray) -> f
 def triangulated(one: Sight, other: Sight) -> np.ndarray:
     """Return the places of the landmarks (l, 3) m, NaN if unknown, in the frame in which the cameras are placed."""
     views = [
-        FrameData(np.where(seen, sight.seen.points, 0.0), seen[:, 0].astype(float), camera=sight.camera)
+        View(np.where(seen, sight.seen.points, 0.0), seen[:, 0].astype(float), camera=sight.camera)
         for sight in (one, other)
         for seen in (np.isfinite(sight.seen.points) & (sight.seen.confidence > 0)[:, None],)
     ]
-    return triangulate(FrameData(views[0].points, views[0].weights, camera=one.camera, others=(views[1],)))
+    return triangulate(views)
 
 
 def same_person(one: Sight, candidates: Sequence[Sight], size: SizeCheck, rival: float) -> Sight | None:

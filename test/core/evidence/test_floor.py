@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import body, random_state
+from cases import body, one_view, random_state
 from sequences import CONFIG, FOCAL, RATE, aligned_error
 
 from lassokin_ros.core.body.kinematics import BodyState
@@ -13,7 +13,6 @@ from lassokin_ros.core.body.roles import ANKLES
 from lassokin_ros.core.evidence.floor import ANKLE_HEIGHT, DEVIATION, SCALE, Floor
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.learned.vertical import level_from_camera, vertical_of
@@ -33,7 +32,7 @@ def scene():
     up = np.cross(ankles[1] - ankles[0], random.normal(size=3))  # both are at one height
     up /= np.linalg.norm(up)
     floor = np.append(up, ANKLE_HEIGHT * kinematics.skeleton.height - 0.02 - ankles[0] @ up)
-    return model, state, FrameData(np.zeros((17, 2)), np.ones(17), floor=floor)
+    return model, state, one_view(np.zeros((17, 2)), np.ones(17), floor=floor)
 
 
 def moved(model, state, step):

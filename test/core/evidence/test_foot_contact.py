@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from cases import body, random_body, random_state
+from cases import body, one_view, random_body, random_state
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.roles import ANKLES
 from lassokin_ros.core.evidence.foot_contact import SCALE, FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import huber_weights
 
 DEVIATION = 0.02
@@ -24,7 +23,7 @@ def scene():
     anchors = np.full((2, 3), np.nan)
     anchors[0] = kinematics.pose(state).positions[kinematics.skeleton.index(ANKLES[0])] + (0.01, -0.02, 0.0)
     deviation = np.array([DEVIATION, 0.03])
-    return model, state, FrameData(np.zeros((17, 2)), np.ones(17), anchors=anchors, anchor_deviation=deviation)
+    return model, state, one_view(np.zeros((17, 2)), np.ones(17), anchors=anchors, anchor_deviation=deviation)
 
 
 def moved(model, state, step):
@@ -52,7 +51,7 @@ def test_a_foot_without_an_anchor_has_no_rows_and_no_cost(scene):
     assert not rows.columns[:, right].any() and not rows.z[right].any()
     square = (0.01**2 + 0.02**2) / DEVIATION**2
     assert model.foot_contact.cost(about, frame) == pytest.approx(0.5 * square / (1 + square / SCALE**2))
-    free = FrameData(frame.points, frame.weights)
+    free = one_view(frame.views[0].points, frame.views[0].weights)
     assert FootContact.name not in model.linearise(about, free, huber_weights).rows
 
 

@@ -4,14 +4,13 @@ from copy import copy
 
 import numpy as np
 import pytest
-from cases import body, image_rows, prior_rows, random_state
+from cases import body, image_rows, one_view, prior_rows, random_state
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import right_jacobian
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.evidence.upright import upright_rows
-from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import capped_weights, huber_weights
 
@@ -62,7 +61,7 @@ def all_of(balance):
 @pytest.mark.parametrize("robust", [huber_weights, capped_weights])
 def test_rows_equal_those_of_each_evidence_for_each_state(rows, frame, robust):
     states, points, weights = frame
-    together = rows.linearise(rows.evaluate(states), FrameData(points, weights, UP), robust)
+    together = rows.linearise(rows.evaluate(states), one_view(points, weights, UP), robust)
     chosen = np.append(rows.live, [72, 73, 74])
     for i in range(STATES):
         J, z = rows_of_the_parts(rows, BodyState(states.rotations[i], states.translation[i]), points, weights, robust)
@@ -75,10 +74,10 @@ def test_a_right_jacobian_is_applied_to_the_columns_of_each_joint(rows, frame):
     states, points, weights = frame
     about = rows.evaluate(BodyState(states.rotations[0], states.translation[0]))
     turn = right_jacobian(0.3 * np.random.default_rng(4).normal(size=(24, 3)))
-    turned = rows.linearise(about, FrameData(points, weights, UP), huber_weights, turn)
+    turned = rows.linearise(about, one_view(points, weights, UP), huber_weights, turn)
     J, z = rows_of_the_parts(rows, about.state, points, weights, huber_weights)
     J[:, :-3] = (J[:, :-3].reshape(len(J), 24, 1, 3) @ turn)[:, :, 0].reshape(len(J), -1)
     chosen = np.append(rows.live, [72, 73, 74])
     assert np.abs(turned.columns.T - J[:, chosen]).max() < 1e-12 * np.abs(J).max()
-    assert np.allclose(turned.z, rows.linearise(about, FrameData(points, weights, UP), huber_weights).z, rtol=1e-12)
+    assert np.allclose(turned.z, rows.linearise(about, one_view(points, weights, UP), huber_weights).z, rtol=1e-12)
     assert np.allclose(turned.z, z)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import body, central_difference, posed, random_state, relative_error, scaled_forearms
+from cases import body, central_difference, one_view, posed, random_state, relative_error, scaled_forearms, with_view
 from sequences import CONFIG, FOCAL, RATE, WITHOUT_NETWORK, aligned_error, observations
 
 from lassokin_ros.core.body.kinematics import BodyState
@@ -14,7 +14,7 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.learned_depth import TAIL, WEIGHT_WITH_DEPTH
 from lassokin_ros.core.evidence.pose_prior import WEIGHT_WITH_DEPTH as PRIOR_WEIGHT_WITH_DEPTH
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.image.frame_data import FrameData, JointDepths
+from lassokin_ros.core.image.frame_data import JointDepths
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.network.depth_network import DEPTHS, LENGTHS, Network
@@ -33,7 +33,7 @@ def scene():
     whitening = np.tril(random.normal(size=(DEPTHS, DEPTHS))) * 5 + 10 * np.eye(DEPTHS)
     given = JointDepths(sight / np.linalg.norm(sight), 0.2 * random.normal(size=DEPTHS), whitening)
     landmarks = kinematics.pose(state).landmarks
-    return model, learned, state, FrameData(project(landmarks), np.full(17, 300.0), joint_depths=given)
+    return model, learned, state, one_view(project(landmarks), np.full(17, 300.0), joint_depths=given)
 
 
 def moved(model, state, step):
@@ -45,12 +45,12 @@ def moved(model, state, step):
 def test_length_rows_are_the_derivatives_of_all_errors(scene):
     """Of image, measured and learned depth. Weights are constants of a linearisation."""
     model, learned, state, frame = scene
-    frame = replace(frame, depth=np.full(17, 3.0), depth_weights=np.full(17, 0.01))
+    frame = with_view(frame, depth=np.full(17, 3.0), depth_weights=np.full(17, 0.01))
     proportions = Proportions(model.kinematics)
     about = model.evaluate(state)
     rows = model.linearise(about, frame, huber_weights)
     C = model.length_rows(rows, about, frame, proportions.motion(about.pose, np.zeros(proportions.count)))
-    given = replace(frame.joint_depths, whitening=WEIGHT_WITH_DEPTH * frame.joint_depths.whitening)
+    given = replace(frame.views[0].joint_depths, whitening=WEIGHT_WITH_DEPTH * frame.views[0].joint_depths.whitening)
     weight = np.sqrt((TAIL + 1) / (TAIL + learned._whitened(learned._points(about.pose), given) ** 2))
     errors = {
         model.image: (lambda pose: project(pose.landmarks).ravel(), 300.0),
@@ -76,7 +76,9 @@ def test_rows_are_the_derivative_of_the_whitened_errors(scene):
     J, z = rows.columns[:, which].T, rows.z[which]
 
     def errors(step):
-        return learned._whitened(learned._points(model.kinematics.pose(moved(model, state, step))), frame.joint_depths)
+        return learned._whitened(
+            learned._points(model.kinematics.pose(moved(model, state, step))), frame.views[0].joint_depths
+        )
 
     steps = 1e-6 * np.eye(J.shape[1])
     slopes = np.stack([(errors(step) - errors(-step)) / 2e-6 for step in steps], axis=1)
@@ -92,7 +94,7 @@ def test_the_pull_of_the_rows_is_the_gradient_of_the_cost(scene, piece, measured
     model, learned, state, frame = scene
     evidence = learned if piece == "learned" else model.prior
     if measured:
-        frame = replace(frame, depth=np.full(17, 3.0), depth_weights=np.where(np.arange(17) < measured, 30.0, 0.0))
+        frame = with_view(frame, depth=np.full(17, 3.0), depth_weights=np.where(np.arange(17) < measured, 30.0, 0.0))
     rows = model.linearise(model.evaluate(state), frame, huber_weights)
     which = rows.rows[evidence.name]
 
@@ -109,7 +111,7 @@ def test_priors_have_less_weight_if_half_of_the_landmarks_have_a_depth(scene):
     model, learned, state, frame = scene
     about = model.evaluate(state)
     weights = [np.where(np.arange(17) < count, 30.0, 0.0) for count in (8, 9)]
-    frames = [frame, *(replace(frame, depth=np.full(17, 3.0), depth_weights=weight) for weight in weights)]
+    frames = [frame, *(with_view(frame, depth=np.full(17, 3.0), depth_weights=weight) for weight in weights)]
     for one, factor in zip(frames, (1.0, 1.0, PRIOR_WEIGHT_WITH_DEPTH)):
         rows = model.linearise(about, one, huber_weights)
         assert np.allclose(rows.z[rows.rows["pose prior"]], factor * about.posture.residual, rtol=1e-14)
@@ -141,12 +143,12 @@ def followed(config, change=lambda observation: observation):
 
 def test_a_tracker_with_the_network_follows_and_is_certified():
     error, tracker = followed(CONFIG)
-    assert error < 0.1 and tracker._network.joint_depths is not None
+    assert error < 0.1 and tracker._cameras[0].network.joint_depths is not None
 
 
 def test_there_are_no_rows_if_switched_off():
     _, tracker = followed(WITHOUT_NETWORK)
-    assert tracker._network is None and tracker.published[-1].joint_depths is None
+    assert tracker._cameras[0].network is None and tracker.published[-1].joint_depths is None
     assert "learned depth" not in tracker.published[-1].rows
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import body, random_state
+from cases import body, one_view, random_state, with_view
 from sequences import CONFIG, FOCAL, RATE, aligned_error, observations
 
 from lassokin_ros.core.body.kinematics import BodyState
@@ -13,7 +13,6 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.measured_depth import LARGEST_COST
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.depth_gating import gate_depth
-from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.observation import Observation
@@ -33,7 +32,7 @@ def scene():
     weights = np.full(17, 1 / DEVIATION)
     weights[3] = 0.0
     depth = landmarks[:, 2] + 0.02 * random.normal(size=17)
-    return model, state, FrameData(project(landmarks), np.full(17, 300.0), depth=depth, depth_weights=weights)
+    return model, state, one_view(project(landmarks), np.full(17, 300.0), depth=depth, depth_weights=weights)
 
 
 def test_rows_are_the_derivative_of_the_depth(scene):
@@ -50,7 +49,9 @@ def test_rows_are_the_derivative_of_the_depth(scene):
 
     steps = 1e-6 * np.eye(J.shape[1])
     slopes = np.stack([(depths(step) - depths(-step)) / 2e-6 for step in steps], axis=1)
-    factor = np.divide(z, frame.depth - depths(0 * steps[0]), out=np.zeros(17), where=frame.depth_weights > 0)
+    factor = np.divide(
+        z, frame.views[0].depth - depths(0 * steps[0]), out=np.zeros(17), where=frame.views[0].depth_weights > 0
+    )
     assert np.abs(J - factor[:, None] * slopes).max() < 1e-5
     assert not J[3].any() and z[3] == 0
 
@@ -59,7 +60,7 @@ def test_cost_and_rows_agree(scene):
     """J^T z of the rows equals the gradient of the cost up to the loss' curvature; both vanish for large errors."""
     model, state, frame = scene
     near = float(model.measured_depth.cost(model.evaluate(state), frame))
-    far, behind = (replace(frame, depth=frame.depth + shift) for shift in (-5.0, 5.0))
+    far, behind = (with_view(frame, depth=frame.views[0].depth + shift) for shift in (-5.0, 5.0))
     bounded, limit = (float(model.measured_depth.cost(model.evaluate(state), there)) for there in (far, behind))
     assert near < bounded < limit == pytest.approx(16 * LARGEST_COST)
     rows = model.linearise(model.evaluate(state), far, huber_weights)
@@ -71,19 +72,19 @@ def test_a_body_that_comes_nearer_is_no_occluder(scene):
     model, state, frame = scene
 
     def weights(depth):
-        rows = model.linearise(model.evaluate(state), replace(frame, depth=depth), huber_weights)
+        rows = model.linearise(model.evaluate(state), with_view(frame, depth=depth), huber_weights)
         return rows.columns[-1, rows.rows["measured depth"]] * DEVIATION
 
-    all_of_them = weights(frame.depth - 0.12)
-    one = weights(frame.depth - 0.24 * (np.arange(17) == 5))
+    all_of_them = weights(frame.views[0].depth - 0.12)
+    one = weights(frame.views[0].depth - 0.24 * (np.arange(17) == 5))
     seen = np.delete(np.arange(17), 3)
     assert all_of_them[seen].min() > 0.7 and one[5] < 0.6 and np.delete(one, [3, 5]).min() > 0.7
-    assert weights(frame.depth + 2.5).max() == 0.0  # the wall behind
+    assert weights(frame.views[0].depth + 2.5).max() == 0.0  # the wall behind
 
 
 def test_without_depth_there_are_no_rows(scene):
     model, state, frame = scene
-    without = FrameData(frame.points, frame.weights)
+    without = one_view(frame.views[0].points, frame.views[0].weights)
     rows = model.linearise(model.evaluate(state), without, huber_weights)
     with_depth = model.linearise(model.evaluate(state), frame, huber_weights)
     assert with_depth.z.shape[-1] == rows.z.shape[-1] + 17

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import FACING, body, central_difference
+from cases import FACING, body, central_difference, one_view
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import exponential, right_jacobian
@@ -10,7 +10,6 @@ from lassokin_ros.core.evidence.evidence import LinearisationPoint
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.evidence.upright import LEAN_DEVIATION, upright_rows
-from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.learned.vertical import vertical_of
 
@@ -28,7 +27,7 @@ def leaning(model, root):
 
 
 def seen(up):
-    return FrameData(np.zeros((17, 2)), np.ones(17), np.asarray(up))
+    return one_view(np.zeros((17, 2)), np.ones(17), np.asarray(up))
 
 
 def drawn(seed):

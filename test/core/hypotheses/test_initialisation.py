@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import FACING, random_body
+from cases import FACING, one_view, random_body
 from sequences import FOCAL, NOISE_PX, WITHOUT_NETWORK
 
 from lassokin_ros.core.body.kinematics import BodyState
@@ -10,7 +10,6 @@ from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.initialisation import LEAST_DEPTH, SIDES, START_ROTATIONS, Initialiser
-from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.vertical import vertical_of
 from lassokin_ros.core.tracker import Tracker
@@ -65,7 +64,7 @@ def test_initialisation_finds_a_body_of_any_orientation_from_one_frame(orientati
     rotations = exponential(prior.mean)
     rotations[0] = lean @ START_ROTATIONS[orientation] @ exponential(np.array([0, np.radians(side), 0]))
     truth = BodyState(rotations, PLACE)
-    fit = tracker._initialiser.fit(FrameData(seen(kinematics, truth, side), WEIGHTS))
+    fit = tracker._starts.initialiser.fit(one_view(seen(kinematics, truth, side), WEIGHTS))
     assert error(kinematics, fit.state, truth) < 0.08
 
 
@@ -83,7 +82,7 @@ def test_an_upright_body_needs_no_other_start_orientations(monkeypatch):
     def tried(turn, up):
         orientations.clear()
         points = seen(tracker.kinematics, turned(upright, turn))
-        fit = tracker._initialiser.fit(FrameData(points, WEIGHTS, up))
+        fit = tracker._starts.initialiser.fit(one_view(points, WEIGHTS, up))
         assert error(tracker.kinematics, fit.state, turned(upright, turn)) < 0.15
         return orientations
 
@@ -95,12 +94,12 @@ def test_an_upright_body_needs_no_other_start_orientations(monkeypatch):
 
 def test_the_fit_is_the_start_with_the_lowest_cost():
     tracker = Tracker(WITHOUT_NETWORK)
-    frame = FrameData(seen(tracker.kinematics, standing(tracker)), WEIGHTS)
-    fit, model = tracker._initialiser.fit(frame), tracker.frame_model
+    frame = one_view(seen(tracker.kinematics, standing(tracker)), WEIGHTS)
+    fit, model = tracker._starts.initialiser.fit(frame), tracker.frame_model
     assert fit.cost == pytest.approx(float(model.cost(model.evaluate(fit.state), frame)))
-    states = tracker._initialiser._starts(range(SIDES), [0], frame)
+    states = tracker._starts.initialiser._starts(range(SIDES), [0], frame)
     costs = model.cost(model.evaluate(states), frame)
-    best = tracker._initialiser.best(states, frame)
+    best = tracker._starts.initialiser.best(states, frame)
     assert best.cost == pytest.approx(costs.min()) and fit.cost < 0.2 * best.cost
     assert np.array_equal(best.state.rotations, states.rotations[costs.argmin()])
 
@@ -108,9 +107,11 @@ def test_the_fit_is_the_start_with_the_lowest_cost():
 def test_a_fit_from_a_near_state_finds_the_body():
     tracker = Tracker(WITHOUT_NETWORK)
     truth = standing(tracker)
-    frame = FrameData(seen(tracker.kinematics, truth), WEIGHTS)
+    frame = one_view(seen(tracker.kinematics, truth), WEIGHTS)
     near = truth.retract(0.15 * np.random.default_rng(0).normal(size=72), np.zeros(3))
-    fit = tracker._initialiser.fit_near(BodyState(near.rotations, np.zeros(3)), frame)  # its translation is not used
+    fit = tracker._starts.initialiser.fit_near(
+        BodyState(near.rotations, np.zeros(3)), frame
+    )  # its translation is not used
     assert error(tracker.kinematics, fit.state, truth) < 0.6 * error(tracker.kinematics, near, truth)
     assert np.abs(fit.state.translation - PLACE).max() < 0.2
 
@@ -118,9 +119,9 @@ def test_a_fit_from_a_near_state_finds_the_body():
 def test_the_translation_places_a_body_where_its_image_is():
     tracker = Tracker(WITHOUT_NETWORK)
     truth = standing(tracker)
-    frame = FrameData(project(tracker.kinematics.pose(truth).landmarks), np.where(np.arange(17) == 4, 0.0, 300.0))
-    rotations = np.stack([truth.rotations, tracker._initialiser.mean_pose])
-    placed = tracker._initialiser.with_translation(rotations, frame)
+    frame = one_view(project(tracker.kinematics.pose(truth).landmarks), np.where(np.arange(17) == 4, 0.0, 300.0))
+    rotations = np.stack([truth.rotations, tracker._starts.initialiser.mean_pose])
+    placed = tracker._starts.initialiser.with_translation(rotations, frame)
     assert placed.rotations is rotations and placed.translation.shape == (2, 3)
     assert np.abs(placed.translation[0] - PLACE).max() < 1e-9
     again = tracker.kinematics.pose(BodyState(placed.rotations[0], placed.translation[0])).landmarks
@@ -133,21 +134,21 @@ def test_a_body_that_fits_behind_the_camera_is_flipped_to_its_front(side):
     tracker = Tracker(WITHOUT_NETWORK)
     place = np.array([side, -0.2, 3.5])
     truth = BodyState(standing(tracker).rotations, place)
-    frame = FrameData(project(tracker.kinematics.pose(truth).landmarks), WEIGHTS)
+    frame = one_view(project(tracker.kinematics.pose(truth).landmarks), WEIGHTS)
     half_turn = truth.rotations.copy()
     half_turn[0] = np.diag([-1.0, -1.0, 1.0]) @ half_turn[0]  # both image axes are reversed
-    placed = tracker._initialiser.with_translation(half_turn[None], frame).translation[0]
+    placed = tracker._starts.initialiser.with_translation(half_turn[None], frame).translation[0]
     assert placed[2] > 2.0 and np.abs(placed[:2] / placed[2] - place[:2] / place[2]).max() < 0.1
 
 
 def test_no_iteration_takes_a_body_behind_the_camera():
     tracker = Tracker(WITHOUT_NETWORK)
     truth = standing(tracker)
-    frame = FrameData(seen(tracker.kinematics, truth), WEIGHTS)
+    frame = one_view(seen(tracker.kinematics, truth), WEIGHTS)
     random = np.random.default_rng(0)
     states = BodyState(np.tile(truth.rotations, (8, 1, 1, 1)), random.normal(size=(8, 3)) + [0, 0, 0.5])
     for _ in range(5):
-        states = tracker._initialiser.iterate(states, frame, [8.0])
+        states = tracker._starts.initialiser.iterate(states, frame, [8.0])
         assert states.translation[:, 2].min() >= LEAST_DEPTH and np.isfinite(states.rotations).all()
 
 
@@ -156,5 +157,5 @@ def test_a_skeleton_of_other_names_is_fitted():
     prior = PoseDistribution.load(kinematics.skeleton)
     initialiser = Initialiser(kinematics, prior, FrameModel(kinematics, prior))
     points = 0.1 * np.random.default_rng(1).normal(size=(kinematics.landmark_count, 2))
-    fit = initialiser.fit(FrameData(points, np.full(len(points), 300.0)))
+    fit = initialiser.fit(one_view(points, np.full(len(points), 300.0)))
     assert np.isfinite(fit.cost) and np.isfinite(fit.state.rotations).all()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import body, random_body, random_state
+from cases import body, one_view, random_body, random_state
 from sequences import WITHOUT_NETWORK, observations
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
@@ -12,7 +12,6 @@ from lassokin_ros.core.body.rotations import exponential, least_turn
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.mirrored_limbs import BONES, MirroredLimbs
-from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.observation import HERE, CameraPose
 from lassokin_ros.core.tracker import Tracker
 
@@ -24,7 +23,7 @@ def evaluated(kinematics, state):
 
 
 def seen_from(camera):
-    return FrameData(np.zeros((17, 2)), np.zeros(17), camera=camera)
+    return one_view(np.zeros((17, 2)), np.zeros(17), camera=camera)
 
 
 def mirrored(kinematics, tracked, turn, camera=HERE):

@@ -96,9 +96,9 @@ def test_the_networks_pose_is_near_the_person():
     tracker = Tracker(CONFIG)
     for truth, observation in observations(tracker, 1.0):
         estimate = tracker.track(observation)
-    positions, skeleton = dict(zip(PLACES, tracker._network.places)), tracker.skeleton
-    assert tracker._network_pose.distance(replace(estimate.pose, positions=truth)) < 0.1
+    positions, skeleton = dict(zip(PLACES, tracker._cameras[0].network.places)), tracker.skeleton
+    assert tracker._starts.network_pose.distance(replace(estimate.pose, positions=truth)) < 0.1
     left, right = truth[skeleton.index("left_hip")], truth[skeleton.index("right_hip")]
     assert np.abs(positions["right_hip"] - 0.5 * (right - left)).max() < 0.06 < np.abs(right - left).max()
-    found = tracker.kinematics.pose(tracker._network_pose.state()).positions
+    found = tracker.kinematics.pose(tracker._starts.network_pose.state()).positions
     assert np.linalg.norm((found - found[0]) - (truth - truth[0]), axis=1).mean() < 0.12

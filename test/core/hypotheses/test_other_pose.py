@@ -24,8 +24,8 @@ class Scene:
     def __init__(self, monkeypatch):
         self.tracker = Tracker(CONFIG)
         frames = []
-        start = self.tracker._start
-        monkeypatch.setattr(self.tracker, "_start", lambda m, frame: frames.append(frame) or start(m, frame))
+        start = self.tracker._starts.start
+        monkeypatch.setattr(self.tracker._starts, "start", lambda *given: frames.append(given[-1]) or start(*given))
         for _, observation in observations(self.tracker, 1.0):
             self.tracker.track(observation)
         self.frame, self.model, self.right = frames[-1], self.tracker.frame_model, self.tracker._solved
@@ -34,9 +34,9 @@ class Scene:
             omega[self.tracker.skeleton.index(name), 0] = 0.8
         self.wrong = self.model.evaluate(self.right.state.retract(omega.reshape(-1), np.zeros(3)))
         self.counts, self.proposals = [], 0
-        iterate = self.tracker._initialiser.iterate
+        iterate = self.tracker._starts.initialiser.iterate
         monkeypatch.setattr(
-            self.tracker._initialiser,
+            self.tracker._starts.initialiser,
             "iterate",
             lambda states, frame, factors: self.counts.append(len(factors)) or iterate(states, frame, factors),
         )
@@ -46,7 +46,7 @@ class Scene:
             self.proposals += 1
             return None if nothing else BodyState(self.right.state.rotations[None], np.zeros((1, 3)))
 
-        return OtherPose(self.tracker._initialiser, self.model, propose)
+        return OtherPose(self.tracker._starts.initialiser, self.model, propose)
 
     def found(self, other, tracked, cost, step=1 / 60, frames=12):
         """The answers for the same frame at a rate, up to the first state."""
@@ -134,7 +134,7 @@ def test_the_tracked_state_returns_to_the_networks_pose():
     for name in ("left_hip", "left_shoulder", "right_shoulder"):
         rotations[tracker.skeleton.index(name)] = np.diag([1.0, -1.0, -1.0]) @ rotations[tracker.skeleton.index(name)]
     tracker._solved = tracker.frame_model.evaluate(BodyState(rotations, state.translation))
-    spoiled = tracker._network_pose.distance(tracker._solved.pose)
+    spoiled = tracker._starts.network_pose.distance(tracker._solved.pose)
     for truth, observation in frames[30:45]:
         tracker.track(observation)
     own = tracker._solved.pose.positions

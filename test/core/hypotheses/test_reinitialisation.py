@@ -8,7 +8,7 @@ from sequences import FOCAL, RATE, TRACKED_WITHIN, WITHOUT_NETWORK, observations
 from test_initialisation import TURNS, error, seen, turned
 
 from lassokin_ros.core.body.kinematics import BodyState
-from lassokin_ros.core.hypotheses.reinitialisation import (
+from lassokin_ros.core.hypotheses.start import (
     HIGH_COST,
     HIGH_COST_S,
     LONGEST_INTERVAL,
@@ -76,12 +76,12 @@ def test_a_body_that_turned_over_in_a_gap_is_found_within_100_or_270_ms(orientat
 
 def test_a_fit_that_is_not_far_better_changes_nothing(monkeypatch):
     plain, fitted = Tracker(WITHOUT_NETWORK), Tracker(WITHOUT_NETWORK)
-    attempts, fit = [], fitted._initialiser.fit
-    monkeypatch.setattr(fitted._initialiser, "fit", lambda frame: attempts.append(1) or fit(frame))
+    attempts, fit = [], fitted._starts.initialiser.fit
+    monkeypatch.setattr(fitted._starts.initialiser, "fit", lambda frame: attempts.append(1) or fit(frame))
     for i, (_, observation) in enumerate(observations(plain, 1.0)):
         if i == 15:
-            monkeypatch.setattr(fitted._reinitialisation, "due", lambda *given: True)
-            monkeypatch.setattr("lassokin_ros.core.tracker.COST_SHARE", 0.0)
+            monkeypatch.setattr(fitted._starts.reinitialisation, "due", lambda *given: True)
+            monkeypatch.setattr("lassokin_ros.core.hypotheses.start.COST_SHARE", 0.0)
         a, b = plain.track(observation), fitted.track(observation)
         assert np.allclose(a.state.rotations, b.state.rotations, rtol=0, atol=1e-9)
     assert len(attempts) == 3 + 15  # three verticals at first
@@ -91,9 +91,9 @@ def test_repeated_keypoints_do_not_cause_reinitialisation(monkeypatch):
     tracker, attempts = Tracker(WITHOUT_NETWORK), []
     for _, observation in observations(tracker, 0.5):
         tracker.track(observation)
-    fit = tracker._initialiser.fit
-    monkeypatch.setattr(tracker._initialiser, "fit", lambda *of: attempts.append(of) or fit(*of))
-    monkeypatch.setattr(tracker._reinitialisation, "due", lambda *given: True)
+    fit = tracker._starts.initialiser.fit
+    monkeypatch.setattr(tracker._starts.initialiser, "fit", lambda *of: attempts.append(of) or fit(*of))
+    monkeypatch.setattr(tracker._starts.reinitialisation, "due", lambda *given: True)
     repeated = tracker.track(replace(observation, stamp=observation.stamp + 1 / RATE))
     assert repeated.repeated > 0 and not attempts
     tracker.track(replace(observation, stamp=observation.stamp + 2 / RATE, points=observation.points + 1e-3))

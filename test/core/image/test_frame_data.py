@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lassokin_ros.core.image.frame_data import LEVEL_CAMERA_UP, WITHOUT_DEPTH, FrameData, JointDepths
+from lassokin_ros.core.image.frame_data import LEVEL_CAMERA_UP, WITHOUT_DEPTH, FrameData, JointDepths, View
 from lassokin_ros.core.observation import CameraPose
 
 POINTS, WEIGHTS = np.arange(8.0).reshape(4, 2), np.array([100.0, 200.0, 0.0, 400.0])
@@ -14,30 +14,33 @@ DEPTH, DEPTH_WEIGHTS = np.full(4, 3.0), np.array([50.0, 0.0, 20.0, 10.0])
 
 def frame(**more):
     joint_depths = JointDepths(np.array([0, 0, 1.0]), np.ones(2), np.eye(2))
-    return FrameData(POINTS, WEIGHTS, joint_depths=joint_depths, extra={"imu": 1}, **more)
+    return FrameData((View(POINTS, WEIGHTS, joint_depths=joint_depths, **more),), extra={"imu": 1})
 
 
 @pytest.mark.parametrize("factor", [1.0, 2.0, 3.9])
 def test_larger_noise_divides_the_weights_of_keypoints_and_depths(factor):
     given = frame(depth=DEPTH, depth_weights=DEPTH_WEIGHTS)
     noisy = given.with_larger_noise(factor)
-    assert np.allclose(noisy.weights, WEIGHTS / factor)
-    assert np.allclose(noisy.depth_weights, DEPTH_WEIGHTS / factor)
-    for kept in ("points", "depth", "up", "joint_depths", "extra"):
-        assert getattr(noisy, kept) is getattr(given, kept)
-    assert np.array_equal(given.weights, WEIGHTS) and np.array_equal(given.depth_weights, DEPTH_WEIGHTS)
+    (view,), (before,) = noisy.views, given.views
+    assert np.allclose(view.weights, WEIGHTS / factor)
+    assert np.allclose(view.depth_weights, DEPTH_WEIGHTS / factor)
+    for kept in ("points", "depth", "joint_depths"):
+        assert getattr(view, kept) is getattr(before, kept)
+    assert noisy.up is given.up and noisy.extra is given.extra
+    assert np.array_equal(before.weights, WEIGHTS) and np.array_equal(before.depth_weights, DEPTH_WEIGHTS)
 
 
 @pytest.mark.parametrize("factor", [WITHOUT_DEPTH, 8.0])
 def test_depth_is_left_out_while_the_noise_is_large(factor):
     """The image places the body first; otherwise it could settle between an occluder and the person."""
-    noisy = frame(depth=DEPTH, depth_weights=DEPTH_WEIGHTS).with_larger_noise(factor)
+    (noisy,) = frame(depth=DEPTH, depth_weights=DEPTH_WEIGHTS).with_larger_noise(factor).views
     assert not noisy.depth_weights.any() and np.allclose(noisy.weights, WEIGHTS / factor)
 
 
 def test_a_frame_without_depth_stays_without():
     noisy = frame().with_larger_noise(2.0)
-    assert noisy.depth is None and noisy.depth_weights is None and np.array_equal(noisy.up, LEVEL_CAMERA_UP)
+    (view,) = noisy.views
+    assert view.depth is None and view.depth_weights is None and np.array_equal(noisy.up, LEVEL_CAMERA_UP)
 
 
 @pytest.mark.parametrize(("measured", "covers"), [(0, False), (1, False), (2, True), (4, True)])
@@ -50,5 +53,5 @@ def test_depth_covers_a_frame_if_half_of_the_landmarks_have_one(measured, covers
 
 @pytest.mark.parametrize(("weight", "observed"), [(0.0, False), (1.0, True)])
 def test_several_cameras_that_see_the_person_observe_depth(weight, observed):
-    other = replace(frame(), weights=np.full(4, weight), camera=CameraPose("side", translation=np.array([2.0, 0, 0])))
-    assert frame(others=(other,)).observes_depth is observed
+    other = View(POINTS, np.full(4, weight), camera=CameraPose("side", translation=np.array([2.0, 0, 0])))
+    assert replace(frame(), views=(*frame().views, other)).observes_depth is observed

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import FACING, body
+from cases import FACING, body, one_view
 from sequences import RATE, frame, observations
 
 from lassokin_ros.core.body.kinematics import BodyState
@@ -10,7 +10,6 @@ from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.learned.adaptive_mean import (
@@ -48,7 +47,7 @@ class Person:
         """(lasso about a state, for the image of the same state, its rows by name)."""
         count = self.kinematics.landmark_count
         points = project(self.kinematics.pose(state).landmarks) + NOISE * self.random.normal(size=(count, 2))
-        model, frame = self.frame_model, FrameData(points, np.full(count, weight))
+        model, frame = self.frame_model, one_view(points, np.full(count, weight))
         rows = model.linearise(model.evaluate(state), frame, np.ones_like)
         return Lasso(rows.columns[:-3].T, rows.columns[-3:].T, rows.z, np.ones(len(model.live))), rows.rows
 

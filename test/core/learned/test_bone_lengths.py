@@ -5,7 +5,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cases import FACING, body, central_difference, posed, random_body, random_state, relative_error
+from cases import (
+    FACING,
+    body,
+    central_difference,
+    one_view,
+    posed,
+    random_body,
+    random_state,
+    relative_error,
+    with_view,
+)
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.proportions import Proportions
@@ -15,7 +25,7 @@ from lassokin_ros.core.body.symmetry import LARGEST_ASYMMETRY, asymmetry, symmet
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.image.frame_data import FrameData, JointDepths
+from lassokin_ros.core.image.frame_data import JointDepths
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned import bone_lengths as calibration_module
 from lassokin_ros.core.learned.bone_lengths import (
@@ -110,7 +120,7 @@ def recovered(right, prior, seed):
     deviations = []
     for i, seen in enumerate(points):
         state = BodyState(states.rotations[i], states.translation[i])
-        if calibration.update(i * 0.14, state, FrameData(seen, np.full(17, FOCAL / 2)), restarted=i == 0):
+        if calibration.update(i * 0.14, state, one_view(seen, np.full(17, FOCAL / 2)), restarted=i == 0):
             kinematics.set_skeleton(calibration.skeleton)
             deviations.append(calibration.deviation)
     return changes, calibration, np.array(deviations)
@@ -147,7 +157,7 @@ def test_calls_between_two_pieces_of_work_change_nothing(monkeypatch):
     kinematics = body()
     prior = PoseDistribution.load(kinematics.skeleton)
     states = postures(prior, 14, 0)
-    frames = [FrameData(seen, np.full(17, FOCAL / 2)) for seen in project(kinematics.pose(states).landmarks)]
+    frames = [one_view(seen, np.full(17, FOCAL / 2)) for seen in project(kinematics.pose(states).landmarks)]
     once, often = (Calibration(FrameModel(kinematics, prior)) for _ in range(2))
     for calibration in (once, often):
         calibration._kept_at, calibration.kept_motion = -0.06, 1.05  # keep frames at once
@@ -171,7 +181,7 @@ def test_a_replaced_pose_settles_before_its_frames_are_kept():
     calibration, states, kept = Calibration(FrameModel(kinematics, prior)), postures(prior, 30, 0), {}
     for i, seen in enumerate(project(kinematics.pose(states).landmarks)):
         state, before = BodyState(states.rotations[i], states.translation[i]), calibration.kept_motion
-        calibration.update(0.04 * i, state, FrameData(seen, np.full(17, FOCAL / 2)), restarted=i in (0, 20))
+        calibration.update(0.04 * i, state, one_view(seen, np.full(17, FOCAL / 2)), restarted=i in (0, 20))
         if calibration.kept_motion > before:
             kept[i] = calibration.kept_motion - before
     assert len(kept) > 5 and not {20, 21, 22} & set(kept)  # 0.05 s, and the interval of the kept frames
@@ -185,7 +195,7 @@ def test_frames_that_cannot_be_solved_have_no_influence(monkeypatch):
     state = random_state(np.random.default_rng(0), kinematics)
     points = project(kinematics.pose(state).landmarks)
     for i in range(40):
-        calibration.update(0.25 * i, state, FrameData(points, np.full(len(points), 100.0)), restarted=i == 0)
+        calibration.update(0.25 * i, state, one_view(points, np.full(len(points), 100.0)), restarted=i == 0)
     assert np.array_equal(calibration.lengths, np.zeros(calibration.proportions.count))
     assert np.isfinite(calibration.deviation).all()
 
@@ -305,7 +315,7 @@ def test_a_new_size_keeps_the_misfit_of_the_networks_depths_in_kept_frames():
     model = calibration._frame_model
     for frame in calibration._frames:
         depths = JointDepths(np.array([0.0, 0.0, 1.0]), 0.2 * random.normal(size=DEPTHS), 10 * np.eye(DEPTHS))
-        frame.data = replace(frame.data, joint_depths=depths)
+        frame.data = with_view(frame.data, joint_depths=depths)
 
     def costs():
         model.kinematics.set_skeleton(calibration.skeleton)

@@ -10,7 +10,7 @@ from sequences import CONFIG, FOCAL
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.frame_data import FrameData, View
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.camera_finder import EVERY, FEWEST, CameraFinder
 from lassokin_ros.core.learned.extrinsics import LONGEST, PERIOD_S, Extrinsics, Pairs
@@ -42,7 +42,7 @@ def views(scene, frame, noise=0.0, shift=0.0):
     for camera, place in ((FRONT, 0.0), (side, shift)):
         points = project(camera.into_camera(truth.landmarks[frame] + place))
         points = points + noise * random.normal(size=points.shape)
-        seen.append(FrameData(points, np.full(len(points), FOCAL / 3.0), UP, camera=camera))
+        seen.append(View(points, np.full(len(points), FOCAL / 3.0), camera=camera))
     return tuple(seen)
 
 
@@ -174,5 +174,5 @@ def test_images_that_come_faster_are_left_out_so_that_the_kept_ones_are_of_the_l
         extrinsics.received(camera)
     for frame in range(61):  # 60 Hz for a second
         front, beside = views(scene, frame)
-        extrinsics.update(start + frame / 60, replace(front, others=(beside,)))
+        extrinsics.update(start + frame / 60, FrameData((front, beside), UP))
     assert extrinsics.frame_count == pytest.approx(1 / PERIOD_S, abs=2)

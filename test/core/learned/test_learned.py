@@ -52,7 +52,7 @@ def test_a_measured_height_scales_what_was_learned():
     assert height == pytest.approx(TRUE_HEIGHT, rel=0.05)
     assert np.abs(before[0]).max() > 0.01 and before[-1] > 10 and before[4] > 1
     tracker.learned.feet.anchors = np.zeros((2, 3))
-    tracker._adopt_height(1.1, np.zeros(3))
+    tracker._resize(1.1, np.zeros(3))
     assert all(np.allclose(one, other, rtol=1e-12, atol=0) for one, other in zip(before, known(tracker)))
     assert tracker.skeleton.height == pytest.approx(1.1 * height) and tracker.learned.feet.anchors is None
     assert np.array_equal(tracker._solved.state.rotations, solved.state.rotations)
@@ -80,7 +80,7 @@ def test_a_reset_forgets_the_person_and_the_camera_only_if_asked():
         assert not learned.height.measured and not learned.lengths.lengths.any()
         assert np.array_equal(learned.mean_pose.mean, fresh.learned.mean_pose.mean)
         assert learned.model_error.deviation == pytest.approx(fresh.learned.model_error.deviation)
-        assert learned.depth_noise.factor == 1.0 and learned.size_check.ratio == 1.0
+        assert tracker._cameras[0].depth_noise.factor == 1.0 and learned.size_check.ratio == 1.0
         assert np.allclose(tracker.skeleton.offsets, fresh.skeleton.offsets, rtol=1e-12)
         assert (learned.vertical.direction is direction) == same_camera
 

@@ -85,4 +85,4 @@ def test_an_image_that_the_mount_has_turned_is_not_turned_again():
     tracker = Tracker(replace(LEARNED, camera_roll=np.pi))
     for _, observation in observations(tracker, 0.1):
         tracker.track(replace(observation, points=-observation.points))
-    assert not tracker._network._roll.turned
+    assert not tracker._cameras[0].network._roll.turned
