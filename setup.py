@@ -15,21 +15,19 @@ REPLAY = ["rosbags>=0.11"]
 VIDEO = ["opencv-python-headless>=4.6", "av>=12", *REPLAY]  # PyAV encodes H.264, which browsers play
 C3D = ["ezc3d>=1.5"]
 CLUSTER = ["distributed>=2024.8", *REPLAY]
-MEDIAPIPE = ["mediapipe>=0.10.14,<0.10.22", *VIDEO]  # later releases do not contain the weights of MediaPipe Pose
+SMALL = "platform_machine != 'aarch64' and (sys_platform != 'darwin' or platform_machine != 'x86_64')"
+LARGE = "platform_machine == 'aarch64' or (sys_platform == 'darwin' and platform_machine == 'x86_64')"
+# Two releases have a small wheel for all Pythons, but not for all machines. Later ones look up a host.
+MEDIAPIPE = [f"mediapipe>=0.10.30,<0.10.32; {SMALL}", f"mediapipe>=0.10.14,<0.10.22; {LARGE}", *VIDEO]
 ONNX = ["onnxruntime>=1.17", *VIDEO]
-VIEW = [
-    "rerun-sdk>=0.23.1",
-    # mediapipe, which has no wheels for later Pythons, needs numpy 1; the newest Rerun would bring numpy 2
-    "numpy<2; python_version < '3.13'",
-    "pyarrow<25; python_version < '3.13'",  # later ones need numpy 2 without saying so
-    *VIDEO,
-]
+ROBOT = ["pin-pink>=4.4,<5", "pin>=3.1"]
+VIEW = ["rerun-sdk>=0.23.1", *VIDEO]
 DEMO = [*ROS, *REPLAY]
 TEST = [
     "pytest>=7.4,<9.2",  # 3.8 of pytest-xdist groups nothing under pytest 9.2
     "pytest-xdist>=3.6",
     "hypothesis>=6.100",
-    "pin>=2.7",
+    *ROBOT,
     "yourdfpy>=0.0.56",
     "colcon-common-extensions>=0.3",
     "clarabel>=0.6",
@@ -56,7 +54,7 @@ TEST = [
     "onnx>=1.16",
     "onnxruntime>=1.17",
     *DEMO,
-    *VIDEO,
+    *MEDIAPIPE,
     *CLUSTER,
     *C3D,
 ]
@@ -81,6 +79,7 @@ ROS_EXECUTABLES = [
     "detector = lassokin_ros.detector.command:main",
     "camera = lassokin_ros.camera.command:main",
     "viewer = lassokin_ros.viewer.command:main",
+    "imitate = lassokin_ros.robot.command:main",
     "replay = lassokin_ros.cli.replay:main",
 ]
 
@@ -118,7 +117,9 @@ setup(
         "lassokin_ros.core.body": ["skeletons/*.yaml", "layouts/*.yaml"],
         "lassokin_ros.core.evidence": ["priors/*.yaml"],
         "lassokin_ros.core.network": ["*.npz"],
+        "lassokin_ros.detector": ["*.task"],
         "lassokin_ros.skeleton_readers": ["names.yaml"],
+        "lassokin_ros.robot": ["robots/*.yaml"],
         "lassokin_ros.replay.report": ["page.html", "page.css", "*.js", "*.LICENSE"],
     },
     data_files=[
@@ -136,6 +137,7 @@ setup(
         "report": REPLAY,  # plotly.js is in the package
         "video": VIDEO,
         "view": VIEW,
+        "robot": ROBOT,
         "mediapipe": MEDIAPIPE,
         "onnx": ONNX,
         "c3d": C3D,

@@ -42,7 +42,7 @@ ARGUMENTS = {
     ),
     "fov": ("", "field of view along the longer side of the image, degrees (by OpenCV)"),
     "calibration": ("", "calibration file of ROS (ost.yaml)"),
-    "detector": ("mediapipe", "mediapipe, or the path of a .onnx file"),
+    "detector": ("mediapipe", "mediapipe, or the path of a .task or .onnx file"),
     "height": ("", "the person's height, m; empty: the value of the parameter file"),
     "rviz": ("false", "start RViz"),
 }

@@ -15,6 +15,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation, Status
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import WEBCAM, Detector, detections, exact_pixels, motion
+from lassokin_ros.pipeline.seen import Image, people_in
 
 HEIGHT, LANDMARKS = 1.75, 17
 NO_GAPS = Detector(noise_px=3.0, outliers=0.0, gaps_per_second=0.0)
@@ -124,7 +125,6 @@ def follow_people(scenes: Sequence[Scene], numbers: np.ndarray, lasting: bool) -
     from collections import Counter
 
     from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
-    from lassokin_ros.pipeline.people.people_tracker import PeopleImage
     from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
     from msg_adapters.keypoints import Keypoints
 
@@ -138,7 +138,7 @@ def follow_people(scenes: Sequence[Scene], numbers: np.ndarray, lasting: bool) -
         stamp_ns = 1 + round(1e9 * stamp)
         ids, persons = np.tile(np.arange(count), len(scenes)), np.repeat(numbers[row], count).astype(int)
         keypoints = Keypoints(stamp_ns, "camera", ids, xy, scores, persons)
-        image = PeopleImage(keypoints, stamp_ns, "camera", lens, lasting)
+        image = Image(people_in(keypoints, count, lens), stamp_ns, "camera", lens, lasting=lasting)
         for frame in people.update([image], "camera", 3.0):
             path = paths.setdefault(frame.person, np.full(len(scenes[0].times), np.nan))
             path[row] = frame.estimate.pose.positions[0, 0]

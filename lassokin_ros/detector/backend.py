@@ -44,13 +44,13 @@ class Detector(Protocol):
 
 
 def make_detector(name: str) -> Detector:
-    """Return a detector. name: "mediapipe", or the path of an ONNX file. Raises DetectorError."""
-    if name == "mediapipe":
-        from lassokin_ros.detector.mediapipe_pose import MediaPipePose
+    """Return a detector. name: "mediapipe", or the path of a MediaPipe or an ONNX file. Raises DetectorError."""
+    if name == "mediapipe" or name.endswith(".task"):
+        from lassokin_ros.detector.mediapipe_pose import MODEL, MediaPipePose
 
-        return MediaPipePose()
+        return MediaPipePose(MODEL if name == "mediapipe" else user_path(name))
     if name.endswith(".onnx"):
         from lassokin_ros.detector.onnx_pose import OnnxPose
 
         return OnnxPose(user_path(name))
-    raise DetectorError(f"detector '{name}'; expected mediapipe, or the path of a .onnx file")
+    raise DetectorError(f"detector '{name}'; expected mediapipe, or the path of a .task or .onnx file")

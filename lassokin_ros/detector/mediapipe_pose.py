@@ -1,47 +1,109 @@
-"""MediaPipe Pose, from the releases of the PyPI package that contain its weights (Apache-2.0)."""
+"""MediaPipe Pose, by its Tasks API. Its packages have no weights: these are in a file beside this module."""
 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from importlib import metadata
+from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
 from lassokin_ros.detector.backend import Detected, DetectorError
 
-NEEDED = "pip install 'mediapipe>=0.10.14,<0.10.22'"
+MODEL = Path(__file__).with_name("pose_landmarker_full.task")
+"""The model `full` of 0.10.21 (Apache-2.0); training/pose_landmarker.py makes it."""
+NEEDED = "pip install 'mediapipe>=0.10.30,<0.10.32'"
+NEWEST = (0, 10, 31)
+"""The wheels up to this one have no code that opens a connection. Later ones look up a host."""
+NETWORKS = ("pose_detector.tflite", "pose_landmarks_detector.tflite")
+"""Files in a .task file for the pose."""
 
 
 class MediaPipePose:
-    """MediaPipe Pose with tracking between images. The images must come in the order of time."""
+    """MediaPipe Pose with tracking between images. The images should come in the order of time."""
 
     landmarks = "mediapipe33"
     several = False
 
-    def __init__(self) -> None:
-        """Raises DetectorError."""
-        self._loaded = False
+    def __init__(self, path: Path = MODEL) -> None:
+        """path: a file pose_landmarker_*.task. Raises DetectorError."""
+        _check(path)
+        self._path, self._loaded = path, False
+        self._given_ms, self._clock_ms = 0, 0
         with _quiet_stderr():
-            self._pose = _pose()
-            self._pose.process(np.zeros((64, 64, 3), np.uint8))  # returns when the models are loaded
+            self._mediapipe, self._landmarker = _landmarker(path)
 
     def detect(self, image: np.ndarray, seconds: float) -> list[Detected]:
-        """See Detector.detect."""
+        """See Detector.detect. After a time that does not rise, MediaPipe's own clock goes on by 1 ms, as it must."""
+        given_ms = round(seconds * 1000.0)
+        self._clock_ms += max(given_ms - self._given_ms, 1)
+        self._given_ms = given_ms
+        shown = self._mediapipe.Image(image_format=self._mediapipe.ImageFormat.SRGB, data=np.ascontiguousarray(image))
         with nullcontext() if self._loaded else _quiet_stderr():
-            found = self._pose.process(np.ascontiguousarray(image)).pose_landmarks
-        if found is None:
+            try:
+                people = self._landmarker.detect_for_video(shown, self._clock_ms).pose_landmarks
+            except (RuntimeError, ValueError) as error:  # by the status of the C code
+                raise DetectorError(f"the model '{self._path}' cannot be run: {_short(error)}") from None
+        if not people:
             return []
         self._loaded = True
         height, width = image.shape[:2]
-        points = np.array([(p.x, p.y, p.visibility) for p in found.landmark])
+        points = np.array([(p.x, p.y, p.visibility) for p in people[0]])
         return [Detected(points[:, :2] * (width, height), np.clip(points[:, 2], 0.0, 1.0))]
 
     def close(self) -> None:
-        """See Detector.close."""
-        self._pose.close()
+        """See Detector.close. Without it, the interpreter reports an error when it ends."""
+        self._landmarker.close()
+
+
+def _check(path: Path) -> None:
+    """Raise DetectorError for a file that is missing, or no model of a pose."""
+    if not path.is_file():
+        raise DetectorError(f"there is no file '{path}'; expected a model pose_landmarker_*.task of MediaPipe")
+    try:
+        with ZipFile(path) as file:
+            names = file.namelist()
+    except BadZipFile:
+        with path.open("rb") as file:
+            pointer = file.read(12) == b"version http"
+        kind = "a pointer of Git LFS in place of the file" if pointer else "damaged, or no .task file"
+        raise DetectorError(f"'{path}' is {kind}; expected a model pose_landmarker_*.task of MediaPipe") from None
+    if not set(NETWORKS) <= set(names):
+        raise DetectorError(
+            f"'{path}' holds {', '.join(names) or 'nothing'}; expected a model of MediaPipe's pose landmarker, with "
+            f"{' and '.join(NETWORKS)}"
+        )
+
+
+def _landmarker(path: Path) -> tuple[Any, Any]:
+    """Return the package and its open landmarker."""
+    try:
+        version = metadata.version("mediapipe")
+        if tuple(map(int, re.findall(r"\d+", version)[:3])) > NEWEST:
+            raise DetectorError(
+                f"mediapipe {version} looks up a host when it runs, and images should not leave the computer; install "
+                f"a release that does not: {NEEDED}"
+            )
+        import mediapipe
+        from mediapipe.tasks.python import BaseOptions, vision
+    except (ImportError, OSError) as error:  # OSError: a library that it loads
+        raise DetectorError(f"the detector mediapipe cannot be imported ({error}); install it with: {NEEDED}") from None
+    options = vision.PoseLandmarkerOptions(
+        base_options=BaseOptions(model_asset_buffer=path.read_bytes()), running_mode=vision.RunningMode.VIDEO
+    )
+    try:
+        return mediapipe, vision.PoseLandmarker.create_from_options(options)
+    except Exception as error:  # RuntimeError, ValueError and others, by the status of the C code
+        raise DetectorError(f"'{path}' is no model of MediaPipe's pose landmarker: {_short(error)}") from None
+
+
+def _short(error: Exception) -> str:
+    return " ".join(str(error).split())[:160]
 
 
 @contextmanager
@@ -60,17 +122,3 @@ def _quiet_stderr() -> Iterator[None]:
         os.dup2(kept, 2)
         os.close(kept)
         os.close(nowhere)
-
-
-def _pose() -> Any:
-    try:
-        import mediapipe
-    except ImportError as error:
-        raise DetectorError(f"the detector mediapipe cannot be imported ({error}); install it with: {NEEDED}") from None
-    solutions = getattr(mediapipe, "solutions", None)
-    if solutions is None or not hasattr(solutions, "pose"):
-        raise DetectorError(
-            f"mediapipe {metadata.version('mediapipe')} does not contain the weights of MediaPipe Pose; install a "
-            f"release that does: {NEEDED}"
-        )
-    return solutions.pose.Pose(model_complexity=1)  # the package contains the weights of `full` only

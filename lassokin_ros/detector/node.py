@@ -34,7 +34,7 @@ class DetectorNode(Node):
     def __init__(self, node_name: str = "detector", **options: Any) -> None:
         """options: of rclpy's Node. Raises DetectorError."""
         super().__init__(node_name, **options)
-        description = ParameterDescriptor(description="mediapipe, or the path of a .onnx file", read_only=True)
+        description = ParameterDescriptor(description="mediapipe, or the path of a .task or .onnx file", read_only=True)
         self._detector = make_detector(self.declare_parameter("detector", "mediapipe", description).value)
         self._backend = RclpyBackend()
         self._counts: Counter[str] = Counter()

@@ -36,18 +36,18 @@ from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.camera.transforms import Transforms
 from lassokin_ros.pipeline.camera_images import UNREADABLE, UNREADABLE_WORDS, CameraImages
 from lassokin_ros.pipeline.depth_images import DepthImages
-from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.image_sets import LATE, LONGEST_LATE_NS, ImageSets, stamp_of_set
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.matching import is_trackable
-from lassokin_ros.pipeline.people.people_tracker import PeopleImage, PeopleTracker
+from lassokin_ros.pipeline.people.people_tracker import PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.single_person import PERSON_ABSENT, SinglePersonTracker
-from lassokin_ros.pipeline.people.tracked_person import Sight, TrackedPerson
+from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.people.untracked import untracked
+from lassokin_ros.pipeline.seen import Image, Sight, key_of
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.pipeline.waiting import Waiting
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
@@ -66,12 +66,13 @@ class Pipeline:
         node_config: NodeSettings,
         evidence: Sequence[Evidence] = (),
         poses: Mapping[str, CameraPose] | None = None,
-        bodies: Mapping[int, Skeleton] | None = None,
+        bodies: Mapping[int | None, Skeleton] | None = None,
         patience: float = 0.0,
     ) -> None:
         """evidence: the user's own, for each frame's lasso; all people share it. poses: of several cameras, by name, in
         place of those from TF. bodies: skeletons of people whose numbers in the messages are known, at most
-        max_people. patience: s, lower limit of the wait for depth images; messages in a recording have no exact order.
+        max_people; of the only person by None. patience: s, lower limit of the wait for depth images; messages in a
+        recording have no exact order.
         Raises a LassokinError if the configuration is unusable.
         """
         self.config = node_config.checked()
@@ -90,6 +91,8 @@ class Pipeline:
         self.counts: Counter[str] = Counter()
         """Number of messages by result: received, accepted, duplicated, unstamped, resets, "rejected: <reason>", and
         messages with keypoints outside the image."""
+        self.identities: Mapping[tuple[str, bytes], int] | None = None
+        """The numbers of the people in images that were seen before, by camera and `key_of`: nobody else is there."""
         self.answered = False
         """True after the first accepted result for a person."""
         self.people = _people_tracker(self._trackable, self.counts, self.config)
@@ -470,6 +473,8 @@ class Pipeline:
             self._refused.add(camera.name)
             detail = f"camera '{camera.name}': {error}" if camera.name else str(error)
             return self._refusal(camera.stamp_ns, camera.frame_id, arrival_ns, error.reason, detail)
+        if self.identities is not None:
+            image = self._identified(image, self.identities)
         before = []
         if changed:
             before = self._order.flush(self.people.flush())
@@ -483,7 +488,13 @@ class Pipeline:
         camera.stamps.follow(image.stamp_ns, arrival_ns, image.stamped)
         return before + self._track_sets(self._sets.add(camera.name, image, arrival_ns), arrival_ns)
 
-    def _track_sets(self, sets: Sequence[Sequence[PeopleImage]], arrival_ns: int) -> list[Answer]:
+    def _identified(self, image: Image, identities: Mapping[tuple[str, bytes], int]) -> Image:
+        """Return an image with those whose numbers are known."""
+        known = [(seen, identities.get((image.camera.name, key_of(seen.points)))) for seen in image.people]
+        people = [replace(seen, number=number) for seen, number in known if number is not None]
+        return replace(image, people=people, numbered=True, lasting=True)
+
+    def _track_sets(self, sets: Sequence[Sequence[Image]], arrival_ns: int) -> list[Answer]:
         """Return the answers of several sets of images. Each set counts as one accepted or rejected message."""
         return [answer for images in sets for answer in self._track(images, arrival_ns)]
 
@@ -501,7 +512,7 @@ class Pipeline:
             self.counts["duplicated"] += 1
         return frames
 
-    def _track(self, images: Sequence[PeopleImage], arrival_ns: int) -> list[Answer]:
+    def _track(self, images: Sequence[Image], arrival_ns: int) -> list[Answer]:
         """Return the answers that the images of one instant make due."""
         stamp_ns = stamp_of_set(images)
         try:
@@ -539,7 +550,7 @@ class Pipeline:
         answer = Answer(*of, arrival_ns, frames, stamps_ns, matters=matters)
         return self._order.add(answer, self.tracker.config.smoothing_lag)
 
-    def _note_people(self, images: Sequence[PeopleImage], placed: Sequence[PeopleImage], arrival_ns: int) -> None:
+    def _note_people(self, images: Sequence[Image], placed: Sequence[Image], arrival_ns: int) -> None:
         """Note how many people in each image were not tracked, and if images show somebody.
 
         placed: the images that were used, with the poses of their cameras. It is not known who is in the others.
@@ -552,7 +563,7 @@ class Pipeline:
         if any(image.shown for image in images):
             self._shown_ns = arrival_ns
 
-    def _placed(self, images: Sequence[PeopleImage]) -> tuple[Sequence[PeopleImage], str]:
+    def _placed(self, images: Sequence[Image]) -> tuple[Sequence[Image], str]:
         """Return the images whose camera has a pose, and the frame of the results.
 
         Raises AdapterError if none has one. The others are counted. Poses that are to be found from the person come
@@ -560,8 +571,8 @@ class Pipeline:
         """
         if self.places is None:
             return images, images[0].frame_id
-        placed: list[PeopleImage] = []
-        missing: list[tuple[PeopleImage, AdapterError]] = []
+        placed: list[Image] = []
+        missing: list[tuple[Image, AdapterError]] = []
         for image in images:
             try:
                 pose = self.places.pose(image.camera.name, image.frame_id, image.stamp_ns)
@@ -579,9 +590,7 @@ class Pipeline:
             self.counts[JUMPS] += 1
         return self._with_found(placed, missing), self.places.base
 
-    def _with_found(
-        self, placed: Sequence[PeopleImage], missing: Sequence[tuple[PeopleImage, AdapterError]]
-    ) -> list[PeopleImage]:
+    def _with_found(self, placed: Sequence[Image], missing: Sequence[tuple[Image, AdapterError]]) -> list[Image]:
         """Return images with a pose by TF and those whose pose was found from the person, in the order of the cameras.
 
         Those whose pose is to be found come last. Others are left out; raises AdapterError if no image remains.
@@ -605,7 +614,7 @@ class Pipeline:
         found = [one.found[name] for one in learned if one is not None and name in one.found]
         return found[0] if found else CameraPose(name, known=False)
 
-    def _agreeing(self, images: Sequence[PeopleImage]) -> Sequence[PeopleImage]:
+    def _agreeing(self, images: Sequence[Image]) -> Sequence[Image]:
         """Return the images without those of a camera that contradicts the others. These are counted."""
         if self._sets is None or self.config.several_people:
             return images
@@ -613,8 +622,7 @@ class Pipeline:
         for image in images:
             if not self.agreement.is_due(image.camera.name, image.stamp_ns):
                 continue
-            people = detections_by_person(image.keypoints, len(self.tracker.layout.names), image.lens)
-            people = [one for one in people if is_trackable(one, self.tracker.config)]
+            people = [one for one in image.people if is_trackable(one, self.tracker.config)]
             pose = image.camera if learned.extrinsics is None else learned.extrinsics.corrected(image.camera)
             if len(people) == 1 and pose.known:
                 sights.append(Sight(image.stamp_ns, people[0], image.lens, pose))
@@ -652,14 +660,13 @@ class Pipeline:
                 if len(seen):
                     self.cameras[one.camera.name].residuals.append(one.lens.focal * float(np.median(seen)))
 
-    def _check_depth(self, images: Sequence[PeopleImage], frames: Sequence[FrameResult]) -> None:
+    def _check_depth(self, images: Sequence[Image], frames: Sequence[FrameResult]) -> None:
         """Compare the depth image of each camera with the tracked people."""
         if self.tracker.config.smoothing_lag > 0:
             return
         for image in images:
-            if image.sampled is not None:
-                name = image.camera.name
-                self.cameras[name].depth_check.update(image.sampled, frames, name)
+            name = image.camera.name
+            self.cameras[name].depth_check.update(image.people, frames, name)
 
     @property
     def _floor_below(self) -> float | None:
@@ -668,7 +675,7 @@ class Pipeline:
             return None
         return 0.0 if self.first.mount is None else self.first.mount.height
 
-    def _follow_mount(self, mount: CameraMount, image: PeopleImage) -> None:
+    def _follow_mount(self, mount: CameraMount, image: Image) -> None:
         """Use the camera's mount at the time of the image. Without TF, the present one stays."""
         if (angles := mount.at(image.frame_id, image.stamp_ns)) is not None:
             for tracked in self._trackable:

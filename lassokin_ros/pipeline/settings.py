@@ -177,7 +177,7 @@ class NodeSettings:
 
     @property
     def several_cameras(self) -> bool:
-        """True if the keypoints of several cameras stand in one lasso."""
+        """True if the keypoints of several cameras are solved jointly."""
         return len(self.camera_names) > 1
 
     @property

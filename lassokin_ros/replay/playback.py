@@ -45,6 +45,8 @@ class Playback:
     def __init__(self, pipeline: Pipeline, messages: NodeMessages | None = None) -> None:
         """pipeline: see `PATIENCE_S`. messages: receives everything that the node would publish; None for nothing."""
         self.pipeline, self.messages = pipeline, messages
+        self.warnings = WarningLog() if messages is None else messages.warnings
+        """The warnings of /diagnostics, none without `messages`."""
         self.listeners: list[Listener] = []
         self.frame_seconds: list[float] = []
         """Time for decoding and tracking each message, s."""
@@ -63,11 +65,6 @@ class Playback:
     def times_lost(self) -> int:
         """The number of re-initialisations of tracked people, plus one if the recording ends in the lost state."""
         return self._reinitialised + (self.pipeline.status is Status.LOST)
-
-    @property
-    def warnings(self) -> list[str]:
-        """The warnings of /diagnostics, in words."""
-        return [] if self.messages is None else self.messages.warnings.lines
 
     def save_skeleton(self, path: Path, files: AtomicFiles) -> list[Path]:
         """Write the calibrated skeletons as part of `files`, see `skeleton_file.save_all`."""

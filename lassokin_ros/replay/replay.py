@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
@@ -32,7 +31,7 @@ from lassokin_ros.replay.camera_source import RecordedCamera, messages_of, poses
 from lassokin_ros.replay.exports.exports import Exports, is_inside_name
 from lassokin_ros.replay.motion import MotionRecorder
 from lassokin_ros.replay.output_paths import OutputError, check_output_paths, refuse_existing_files
-from lassokin_ros.replay.passes.earlier_passes import Inputs, KnownPerson, check_two_passes, learn_person
+from lassokin_ros.replay.passes.passes import Bodies, learn
 from lassokin_ros.replay.playback import PATIENCE_S, Listener, NodeMessages, Playback
 from lassokin_ros.replay.record import KEY, Figures, Record, origin_of
 from lassokin_ros.replay.recorded_images import recorded_images
@@ -40,6 +39,10 @@ from lassokin_ros.replay.recording_files import recording_name
 
 if TYPE_CHECKING:
     from lassokin_ros.replay.report.report import Report
+
+
+Inputs = Mapping[str, Callable[[Any, int], None]]
+"""By the topic's name, what processes its messages."""
 
 
 @dataclass(frozen=True)
@@ -66,21 +69,24 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     defaults = WHOLE_FILE if options.two_pass else {}
     tracker_config, node_config = offline_settings(options.params_file, options.p, defaults)
     _check_learning(options, tracker_config, node_config)
-    with BagReader(options.bag) as bag, TemporaryDirectory(prefix="lassokin_") as folder:
+    with BagReader(options.bag) as bag:
         cameras = recorded_cameras(bag, options, node_config)
         others = _other_topics(bag, node_config)
         read = [*(topic for one in cameras for topic in one.topics), *others]
         poses = poses_in(cameras)
-        given, known = None, KnownPerson(tracker_config, {})
-        if options.two_pass:
-            first = Playback(Pipeline(tracker_config, node_config, poses=poses, patience=PATIENCE_S))
-            given = first.pipeline.tracker.skeleton
-            inputs, messages = _inputs(first, cameras, others), messages_of(cameras, bag, read)
-            known = learn_person(messages, inputs, first, tracker_config, Path(folder))
-        pipeline = Pipeline(known.config, node_config, poses=poses, patience=PATIENCE_S)
-        if options.two_pass:
-            pipeline.tracker.adopt_cameras(first.pipeline.tracker)
-        pipeline.use_backward({None: known.backward})
+
+
+        def make(config: TrackerConfig, bodies: Bodies | None = None) -> Pipeline:
+            return Pipeline(config, node_config, poses=poses, bodies=bodies, patience=PATIENCE_S)
+
+        def play(playback: Playback, title: str) -> None:
+            inputs = _inputs(playback, cameras, others)
+            progress = Progress(sum(topic.count for topic in read), title, progress_on)
+            _run(messages_of(cameras, bag, read), inputs, playback, progress)
+
+        known = learn(make, play, tracker_config) if options.two_pass else None
+        given = None if known is None else known.first.tracker.given_skeleton
+        pipeline = make(tracker_config) if known is None else known.session(make)
         listeners: list[Listener] = []
         report = _report(options, pipeline, given, listeners)
         exports = _exports(options, pipeline, listeners)
@@ -99,12 +105,15 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
                 writer.note(KEY, Record(origin_of(options), figures).text)
                 written = _files(options, tracker, exports, writer, files)
                 if report is not None:
-                    report.write(files, options.bag.resolve().name, _topics_of(cameras))
+                    report.write(
+                        files, options.bag.resolve().name, _topics_of(cameras), warnings=tracker.warnings.found
+                    )
                 files.check()
             files.placed.append(output)
     written.update({f"images {n}" if n else "images": str(shown) for n, shown in enumerate(images)})
     title = f"{options.bag} -> {output} ({storage})"
-    summary = _summary(title, cameras, tracker, seconds, written, known.height)
+    height_before = "" if known is None else known.height
+    summary = _summary(title, cameras, tracker, seconds, written, height_before, report is not None)
     if report is not None:
         summary = "\n".join([summary, *report.summary_lines])
     frame_ms = 1e3 * float(np.median(tracker.frame_seconds or [np.nan]))
@@ -122,8 +131,8 @@ def _check_learning(options: argparse.Namespace, tracker: TrackerConfig, node: N
         if not tracker.calibrate:
             raise ConfigurationError("--save-skeleton needs calibration; add -p calibrate:=true")
         check_skeleton_file(options.save_skeleton, node.several_people, options.force)
-    if options.two_pass:
-        check_two_passes(tracker, node)
+    if options.two_pass and not tracker.calibrate:
+        raise ConfigurationError("--two-pass needs calibration; add -p calibrate:=true")
 
 
 def _other_topics(bag: BagReader, config: NodeSettings) -> list[RecordedTopic]:
@@ -231,8 +240,9 @@ def _summary(
     seconds: float,
     written: Mapping[str, str],
     height_before: str,
+    has_report: bool,
 ) -> str:
-    """height_before: see `KnownPerson.height`."""
+    """height_before: see `Known.height`."""
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     rejected = {key.partition(": ")[2]: n for key, n in sorted(counts.items()) if key.startswith("rejected: ")}
     times = 1e3 * np.array(tracker.frame_seconds or [np.nan])
@@ -265,7 +275,8 @@ def _summary(
         lines["height"] = height_before
     for person, height in tracker.pipeline.heights().items():
         lines[f"height of {person}" if person else "height"] = height_in_words(height)
-    lines |= {f"warned {number}": words for number, words in enumerate(tracker.warnings, 1)}
+    if not has_report:  # which has them, too
+        lines |= {f"warned {number}": raised.text for number, raised in enumerate(tracker.warnings.found, 1)}
     if counts[LINK_AS_FRAME]:
         lines["base frame"] = "frame_id is the name of a link of the body; robot_description has another base"
     lines.update(written)

@@ -98,7 +98,9 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument(
         "--save-cameras", type=Path, metavar="TOML", help="write lenses and places of several cameras, for --cameras"
     )
-    result.add_argument("--detector", default="mediapipe", metavar="NAME", help="mediapipe (default), or a .onnx file")
+    result.add_argument(
+        "--detector", default="mediapipe", metavar="NAME", help="mediapipe (default), or a .task or .onnx file"
+    )
     result.add_argument(
         "--person",
         metavar="WHO",

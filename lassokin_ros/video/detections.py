@@ -6,8 +6,6 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
 from lassokin_ros.detector.backend import Detected, Detector, DetectorError
@@ -53,8 +51,8 @@ class Detections:
                 if stopped:
                     break
                 found = self._detect(image)
-                if self._detector.several:  # who is who is not known
-                    yield image, self._keypoints(image.seconds, [(-1 - i, one) for i, one in enumerate(found)])
+                if self._detector.several:
+                    yield image, self._keypoints_of_everybody(image.seconds, found)
                 else:
                     yield image, self._keypoints_of_one(image.seconds, found)
         except (SourceError, DetectorError) as error:
@@ -70,6 +68,11 @@ class Detections:
         """Yield time in s and keypoints of each kept image, with the one person whom the detector finds."""
         for seconds, found in self.found:
             yield seconds, self._keypoints_of_one(seconds, found)
+
+    def of_everybody(self) -> Iterator[tuple[float, Keypoints]]:
+        """Yield time in s and keypoints of each kept image, with all people."""
+        for seconds, found in self.found:
+            yield seconds, self._keypoints_of_everybody(seconds, found)
 
     def of_people(self, people: Sequence[tuple[int, Seen]], numbered: bool) -> Iterator[tuple[float, Keypoints]]:
         """Yield time in s and keypoints of each kept image, with some people only.
@@ -93,21 +96,17 @@ class Detections:
             self.found.append((image.seconds, found))
         return found
 
+    def _keypoints_of_everybody(self, seconds: float, found: Sequence[Detected]) -> Keypoints:
+        """The detector does not know who is who."""
+        return self._keypoints(seconds, [(-1 - i, one) for i, one in enumerate(found)])
+
     def _keypoints_of_one(self, seconds: float, found: Sequence[Detected]) -> Keypoints:
         return replace(self._keypoints(seconds, [(0, person) for person in found[:1]]), persons=None)
 
     def _keypoints(self, seconds: float, people: Sequence[tuple[int, Detected]]) -> Keypoints:
         """Return the keypoints of several people with their numbers, below 0 if these are valid in this image only."""
-        rows = [np.flatnonzero(person.confidence > 0) for _, person in people]
-        numbers = [np.full(len(ids), number) for ids, (number, _) in zip(rows, people)]
-        return Keypoints(
-            stamp_of(seconds),
-            self._frame_id,
-            np.concatenate([np.zeros(0, dtype=int), *rows]),
-            np.concatenate([np.zeros((0, 2)), *(person.pixels[ids] for ids, (_, person) in zip(rows, people))]),
-            np.concatenate([np.zeros(0), *(person.confidence[ids] for ids, (_, person) in zip(rows, people))]),
-            np.concatenate([np.zeros(0, dtype=int), *numbers]),
-        )
+        rows = [(number, person.pixels, person.confidence) for number, person in people]
+        return Keypoints.of_people(stamp_of(seconds), self._frame_id, rows)
 
     def _check_end(self) -> None:
         """Print a note if the file ended early. The number of images may be an estimate, and so may the duration."""

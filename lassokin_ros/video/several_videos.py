@@ -9,19 +9,17 @@ import argparse
 import json
 import re
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
-from lassokin_ros.core.config import CHECK
+from lassokin_ros.core.config import CHECK, TrackerConfig
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.core.recording import WHOLE_FILE
@@ -31,11 +29,11 @@ from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.output_paths import OutputError
-from lassokin_ros.replay.passes.earlier_passes import Inputs, learn_person
+from lassokin_ros.replay.passes.passes import Bodies, learn
 from lassokin_ros.replay.playback import Playback
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.found_cameras import calibration_toml, found_poses, where_in_words
-from lassokin_ros.video.people import PersonError, people_in
+from lassokin_ros.video.people import ALL, LARGEST, MOST_PEOPLE, PersonError, people_in
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
 from lassokin_ros.video.track import HEIGHT_ASSUMED, NO_TOPICS, RAW_IMAGES, Tracked, height_given, lens_of, stop_flag
 from lassokin_ros.video.track_outputs import TrackOutputs
@@ -63,14 +61,19 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     detector = make_detector(options.detector)
     names = f"cameras:={json.dumps([camera.name for camera in cameras])}"  # quoted: `no` is a truth value in YAML
     unplaced = options.cameras is None
-    learn = ["extrinsics:=learn"] if unplaced else []
-    chosen = [f"landmarks:={detector.landmarks}", names, RAW_IMAGES, *learn, *options.p, *height, *NO_TOPICS]
+    search = ["extrinsics:=learn"] if unplaced else []
+    who = [f"max_people:={MOST_PEOPLE}"] if options.person == ALL else []
+    chosen = [f"landmarks:={detector.landmarks}", names, RAW_IMAGES, *search, *who, *options.p, *height, *NO_TOPICS]
     tracker_config, node_config = offline_settings(options.params_file, chosen, {} if options.causal else WHOLE_FILE)
     _check(options, node_config, [camera.name for camera in cameras])
     if unplaced and tracker_config.height == 0:
         raise CameraError("height is 0, and without the places of the cameras nothing shows the size; give --height")
     poses = {camera.name: camera.pose for camera in cameras}
-    first = Playback(Pipeline(tracker_config, node_config, poses=poses))
+
+    def make(config: TrackerConfig, bodies: Bodies | None = None) -> Pipeline:
+        return Pipeline(config, node_config, poses=poses, bodies=bodies)
+
+    first = Playback(make(tracker_config))
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         views = {camera.name: (camera.calibration, camera.source.size) for camera in cameras}
         outputs = TrackOutputs(options, cameras[0].source, cameras[0].calibration, first, stack, views)
@@ -83,34 +86,32 @@ def track_videos(options: argparse.Namespace) -> Tracked:
                 _detect(camera, detector, outputs, stopped)
         if stopped:
             _keep_common_part(cameras)
-        remarks = [_begins(cameras), *(_keep_largest(camera) for camera in cameras if detector.several)]
+        everybody = node_config.several_people
+        remarks = [_begins(cameras)]
+        if detector.several and not everybody:
+            remarks += map(_keep_largest, cameras)
         outputs.remarks += filter(None, remarks)
         if (unplaced or tracker_config.calibrate and tracker_config.height > 0) and not options.causal:
-            with TemporaryDirectory(prefix="lassokin_") as folder:
-                inputs = _inputs(first, cameras)
-                known = learn_person(_messages(cameras), inputs, first, tracker_config, Path(folder))
-                tracker_config = known.config
-                if unplaced:
-                    try:
-                        poses = found_poses(first.pipeline)
-                    except CameraError:
-                        if stopped:
-                            raise KeyboardInterrupt from None
-                        raise
-                    tracker_config = replace(tracker_config, extrinsics=CHECK)
-                second = Playback(Pipeline(tracker_config, node_config, poses=poses))
-            second.pipeline.use_backward({None: known.backward})
-            second.pipeline.tracker.adopt_cameras(first.pipeline.tracker)
+            known = learn(make, partial(_play, cameras, everybody), tracker_config)
+            if unplaced:
+                try:
+                    poses = found_poses(known.first)
+                except CameraError:
+                    if stopped:
+                        raise KeyboardInterrupt from None
+                    raise
+                known = replace(known, config=replace(known.config, extrinsics=CHECK))
+            second = Playback(known.session(make))
         else:
-            second = Playback(Pipeline(tracker_config, node_config, poses=poses))
+            second = first
         outputs.follow(second)
-        inputs = _inputs(second, cameras)
         images = _images_together(cameras, options) if outputs.needs_images else iter(())
-        for topic, time_ns, message in _messages(cameras):
-            if outputs.needs_images and topic == f"{cameras[0].name}/keypoints":
+
+        def show(camera: Filmed) -> None:
+            if outputs.needs_images and camera is cameras[0]:
                 outputs.add_images(_next(images))
-            inputs[topic](message, time_ns)
-        second.finish()
+
+        _play(cameras, everybody, second, before=show)
         written = outputs.write(files)
         if options.save_cameras is not None:
             poses = found_poses(second.pipeline)
@@ -126,10 +127,8 @@ def track_videos(options: argparse.Namespace) -> Tracked:
 
 def _check(options: argparse.Namespace, node: NodeSettings, names: Sequence[str]) -> None:
     """Raise a LassokinError for settings that several videos have no use for, before anything is detected."""
-    if options.person is not None or node.several_people:
-        raise PersonError(
-            "several videos are tracked with one person in view; expected no --person, max_people 1 and rep155 false"
-        )
+    if options.person not in (None, LARGEST, ALL):
+        raise PersonError(f"--person {options.person} with several videos; expected {LARGEST} or {ALL}")
     if list(node.camera_names) != list(names):
         raise CameraError(
             f"cameras is {', '.join(node.camera_names)}; expected no setting: the videos name the cameras"
@@ -275,26 +274,31 @@ def _next(images: Iterator[dict[str, Image]]) -> dict[str, Image]:
     return found
 
 
-def _messages(cameras: list[Filmed]) -> Iterator[tuple[str, int, Any]]:
-    """Yield (topic, time in ns, arrays): the lens of each camera, then the keypoints in the order of their times."""
+def _play(
+    cameras: list[Filmed],
+    everybody: bool,
+    tracker: Playback,
+    title: str = "",
+    before: Callable[[Filmed], None] = lambda camera: None,
+) -> None:
+    """Play the keypoints of all cameras in the order of their times.
+
+    everybody: with all people in the images; False for one. before: called with the camera of each image.
+    """
     for camera in cameras:
-        yield f"{camera.name}/camera_info", FIRST_STAMP_NS, camera.calibration.intrinsics(camera.name)
+        tracker.camera_info(camera.calibration.intrinsics(camera.name), FIRST_STAMP_NS, camera.name)
     found = [
-        (seconds, f"{camera.name}/keypoints", keypoints)
+        (seconds, camera, keypoints)
         for camera in cameras
         if camera.detections is not None
-        for seconds, keypoints in camera.detections.of_all()
+        for seconds, keypoints in (
+            camera.detections.of_everybody() if everybody else camera.detections.of_all()
+        )
     ]
-    for seconds, topic, keypoints in sorted(found, key=lambda one: one[0]):
-        yield topic, stamp_of(seconds), keypoints
-
-
-def _inputs(tracker: Playback, cameras: list[Filmed]) -> Inputs:
-    inputs: dict[str, Any] = {}
-    for camera in cameras:
-        inputs[f"{camera.name}/camera_info"] = partial(tracker.camera_info, camera=camera.name)
-        inputs[f"{camera.name}/keypoints"] = partial(tracker.keypoints, camera=camera.name)
-    return inputs
+    for seconds, camera, keypoints in sorted(found, key=lambda one: one[0]):
+        before(camera)
+        tracker.keypoints(keypoints, stamp_of(seconds), camera.name)
+    tracker.finish()
 
 
 def _summary(

@@ -73,13 +73,6 @@ def test_the_home_folder_of_a_model_may_be_written_as_a_tilde(monkeypatch):
         make_detector("~/none.onnx")
 
 
-def test_mediapipe_without_weights_is_refused(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "mediapipe", SimpleNamespace())
-    monkeypatch.setattr("importlib.metadata.version", lambda _: "1.2.3")
-    with pytest.raises(DetectorError, match="mediapipe 1.2.3 does not contain the weights.*pip install"):
-        make_detector("mediapipe")
-
-
 def test_images_that_are_all_refused_are_not_reported_as_missing(monkeypatch):
     rclpy = pytest.importorskip("rclpy")
     from live import NO_HANDLERS

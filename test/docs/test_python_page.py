@@ -1,6 +1,5 @@
 """docs/python.md: the table of an estimate's fields is complete, and the example is the file's and runs."""
 
-import os
 import re
 import runpy
 import struct
@@ -40,9 +39,9 @@ def test_every_field_of_the_uncertainty_is_in_the_table():
 
 
 def test_the_example_is_that_of_the_page_and_is_short():
-    code = EXAMPLE.read_text(encoding="utf-8").partition("TrackerConfig\n\n")[2]
+    code = EXAMPLE.read_text(encoding="utf-8").partition("make_detector\n\n")[2]
     assert re.sub("^", "    ", code.rstrip(), flags=re.MULTILINE) in PAGE
-    assert len(code.splitlines()) == 13
+    assert len(code.splitlines()) == 14
 
 
 def test_the_example_turns_the_video_of_a_phone(tmp_path, monkeypatch):
@@ -63,9 +62,8 @@ def test_the_example_turns_the_video_of_a_phone(tmp_path, monkeypatch):
     place = data.index(b"tkhd") + 44  # the track's transformation, ISO 14496-12
     data[place : place + 36] = struct.pack(">9i", 0, 1 << 16, 0, -(1 << 16), 0, 0, 96 << 16, 0, 1 << 30)
     file.write_bytes(data)
-    pose = SimpleNamespace(process=lambda image: shapes.append(image.shape) or SimpleNamespace(pose_landmarks=None))
-    solutions = SimpleNamespace(pose=SimpleNamespace(Pose=lambda: pose))
-    monkeypatch.setitem(sys.modules, "mediapipe", SimpleNamespace(solutions=solutions))
+    detector = SimpleNamespace(detect=lambda image, _: shapes.append(image.shape) or [], close=lambda: None)
+    monkeypatch.setattr("lassokin_ros.detector.backend.make_detector", lambda name: detector)
     monkeypatch.setattr(cv2, "VideoCapture", unturned)
     monkeypatch.setattr(sys, "argv", [str(EXAMPLE), str(file), "1.7"])
     runpy.run_path(str(EXAMPLE))
@@ -74,11 +72,8 @@ def test_the_example_turns_the_video_of_a_phone(tmp_path, monkeypatch):
 
 def test_the_example_runs():
     pytest.importorskip("mediapipe", reason="the example is for MediaPipe")
-    video = Path(os.environ.get("LASSOKIN_DATA", "none")) / "video" / "balancing_cam03.mp4"
-    if not video.is_file():
-        pytest.skip("LASSOKIN_DATA has no video")
-    done = subprocess.run(
-        [sys.executable, EXAMPLE, video, "1.64"], capture_output=True, text=True, cwd=ROOT, timeout=300
-    )
+    video = ROOT / "examples" / "balancing.mp4"
+    command = [sys.executable, EXAMPLE, video, "1.72"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=300)
     lines = [line for line in done.stdout.splitlines() if re.match(r"\d\.\d\d s \[", line)]
     assert done.returncode == 0 and len(lines) > 90, done.stderr[-300:]

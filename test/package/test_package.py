@@ -133,7 +133,7 @@ def test_pip_installs_one_command_and_ros2_run_has_the_others(monkeypatch, comma
     runpy.run_path("setup.py")
     names = [line.partition(" = ")[0] for line in setup[0]["entry_points"]["console_scripts"]]
     assert names[0] == "lassokin" and len(names) == 1 + others
-    assert set(names) <= {"lassokin", "tracker", "detector", "camera", "viewer", "replay"}
+    assert set(names) <= {"lassokin", "tracker", "detector", "camera", "viewer", "imitate", "replay"}
 
 
 def test_the_slow_tests_exist():

@@ -256,6 +256,15 @@ def test_keypoints_that_cannot_be_used_do_not_say_that_nobody_is_there(pipeline,
         assert pipeline.is_informed_at(empty_ns) == (empty_ns - now_ns > stale_ns)
 
 
+def test_whole_pixels_of_a_still_person_are_not_frozen(pipeline):
+    """A detector that rounds: the confidences change, so the keypoints are those of new images."""
+    pixels = np.round(PIXELS[0])
+    for index in range(60):
+        stamp_ns, confidence = START_NS + index * PERIOD_NS, np.full(17, 0.9 - 0.001 * index)
+        (frame,) = pipeline.frames(message(index, stamp_ns, confidence, pixels), stamp_ns)
+        assert frame.accepted and frame.estimate.repeated == 0.0
+
+
 def test_nobody_is_locked_who_was_seen_long_ago(pipeline):
     pipeline.frames(message(0), START_NS)
     assert pipeline.lock(START_NS + SECOND // 5) == "p1"

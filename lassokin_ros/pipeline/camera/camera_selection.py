@@ -181,14 +181,15 @@ class Camera:
         return stays
 
     def update(self, message: Any) -> bool:
-        """Apply a CameraInfo message, or Intrinsics. Return True if the present camera changes to another frame_id.
+        """Apply a CameraInfo message, Intrinsics or a Lens. Return True if the camera changes to another frame_id.
 
         Raises AdapterError if the message is refused; the last good camera then stays.
         """
         before = self.view
-        if isinstance(message, Intrinsics):
-            self._newest = self._viewed(message, 0), self._newest[0]
-            return before is not None and before.intrinsics.frame_id != message.frame_id
+        if isinstance(message, (Intrinsics, Lens)):
+            arrays = message if isinstance(message, Intrinsics) else message.intrinsics
+            self._newest = self._viewed(arrays, 0), self._newest[0]
+            return before is not None and before.intrinsics.frame_id != arrays.frame_id
         frame, key = message.header.frame_id.lstrip("/"), _key(message)
         shared = frame in self._by_frame and self._alternates(frame)
         self._note_message(frame, key, _stamp_ns(message))

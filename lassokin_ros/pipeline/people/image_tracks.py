@@ -14,7 +14,7 @@ import numpy as np
 from lassokin_ros.pipeline.people.assignment import assign
 from lassokin_ros.pipeline.people.choice import GUESS_AFTER_S
 from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, match_radius
-from lassokin_ros.pipeline.people.tracked_person import Detection
+from lassokin_ros.pipeline.seen import Seen
 
 RIVAL = 0.7
 """The followed person gets a detection that a bystander's track explains, too, if its cost is below this share of the
@@ -40,7 +40,7 @@ class ImageTrack:
     was found by place, not by a persistent number.
     """
 
-    detection: Detection
+    detection: Seen
     points: np.ndarray
     seen_ns: int
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(2))
@@ -56,7 +56,7 @@ class ImageTrack:
         shifted: np.ndarray = self.points + self.velocity * min(self.unseen_s(stamp_ns), LONGEST_PREDICTION_S)
         return shifted
 
-    def see(self, detection: Detection, stamp_ns: int, by_place: bool) -> None:
+    def see(self, detection: Seen, stamp_ns: int, by_place: bool) -> None:
         """Continue the track with a detection."""
         step = _mean(detection.points - self.points)
         self.gap_s, self.by_place = self.unseen_s(stamp_ns), by_place
@@ -91,7 +91,7 @@ class ImageTracks:
     def update(
         self,
         stamp_ns: int,
-        detections: Sequence[Detection],
+        detections: Sequence[Seen],
         persistent: bool,
         forget_after: float,
         followed: ImageTrack | None = None,
@@ -116,7 +116,7 @@ class ImageTracks:
         kept = [t for t in self._tracks if t is followed or 0 <= t.unseen_s(stamp_ns) <= forget_after]
         self._tracks = kept
 
-    def _continue_numbers(self, stamp_ns: int, detections: Sequence[Detection]) -> list[Detection]:
+    def _continue_numbers(self, stamp_ns: int, detections: Sequence[Seen]) -> list[Seen]:
         """Continue the tracks by number. Return the detections with other numbers."""
         by_number = {track.detection.number: track for track in self._tracks}
         rest = []
@@ -132,10 +132,10 @@ class ImageTracks:
         self,
         stamp_ns: int,
         tracks: Sequence[ImageTrack],
-        detections: Sequence[Detection],
+        detections: Sequence[Seen],
         followed: ImageTrack | None,
         expected: Callable[[], np.ndarray | None],
-    ) -> list[tuple[ImageTrack, Detection]]:
+    ) -> list[tuple[ImageTrack, Seen]]:
         """Return the tracks with their detections by least total cost. In doubt the followed person gets none."""
         if not tracks or not detections:
             return []
@@ -154,7 +154,7 @@ class ImageTracks:
                 pairs[rival] = pairs.pop(row)
         return [(tracks[i], detections[j]) for i, j in pairs.items()]
 
-    def _begin(self, stamp_ns: int, detections: Sequence[Detection]) -> None:
+    def _begin(self, stamp_ns: int, detections: Sequence[Seen]) -> None:
         """Begin a track for each detection that is no duplicate of another one in the image."""
         for detection in sorted(detections, key=lambda d: -int(np.count_nonzero(d.confidence))):
             others = [track.detection for track in self.seen_at(stamp_ns)]
@@ -177,7 +177,7 @@ def _reach(track: ImageTrack, stamp_ns: int, followed: bool) -> float:
     return min(radius, FARTHEST_FOLLOWED) if followed else radius
 
 
-def pair_costs(predicted: np.ndarray, detections: Sequence[Detection]) -> np.ndarray:
+def pair_costs(predicted: np.ndarray, detections: Sequence[Seen]) -> np.ndarray:
     """Return the cost (p, d) of each pair of predicted points (p, l, 2) and a detection: distance, and ratio of sizes.
 
     Infinite with too few common points.

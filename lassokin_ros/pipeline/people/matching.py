@@ -8,7 +8,7 @@ import numpy as np
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.robust_loss import norm
-from lassokin_ros.pipeline.people.tracked_person import Detection
+from lassokin_ros.pipeline.seen import Seen
 
 FARTHEST = 1.0
 """Upper limit of one point's distance, as a fraction of the person's size. It limits the effect of an outlier."""
@@ -24,7 +24,7 @@ FEWEST_POINTS = 3
 
 
 def distances(
-    predicted: np.ndarray, detections: Sequence[Detection], min_confidence: float, fewest: int = FEWEST_POINTS
+    predicted: np.ndarray, detections: Sequence[Seen], min_confidence: float, fewest: int = FEWEST_POINTS
 ) -> np.ndarray:
     """Return (p, d) mean distances of detections from predicted points (p, l, 2), as fractions of the person's size.
 
@@ -43,12 +43,12 @@ def distances(
     return np.where(counts < fewest, np.inf, mean)
 
 
-def distance(predicted: np.ndarray, detection: Detection, min_confidence: float) -> float:
+def distance(predicted: np.ndarray, detection: Seen, min_confidence: float) -> float:
     """Return the distance of one detection from predicted points (l, 2), see `distances`."""
     return float(distances(predicted[None], [detection], min_confidence)[0, 0])
 
 
-def is_trackable(detection: Detection, config: TrackerConfig) -> bool:
+def is_trackable(detection: Seen, config: TrackerConfig) -> bool:
     """Return True if the detection has enough landmarks for a tracker with these settings."""
     finite = np.isfinite(detection.points)
     good = (detection.confidence >= max(config.min_confidence, 1e-9)) & finite[:, 0] & finite[:, 1]

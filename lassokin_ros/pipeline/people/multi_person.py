@@ -11,7 +11,6 @@ from typing import Iterable, Sequence
 import numpy as np
 
 from lassokin_ros.core.observation import Rejection, Status
-from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.people.assignment import assign
@@ -25,9 +24,10 @@ from lassokin_ros.pipeline.people.choice import (
 )
 from lassokin_ros.pipeline.people.cross_view import SAME_PERSON, cross_view_cost
 from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, is_trackable, match_radius
-from lassokin_ros.pipeline.people.people_tracker import GONE, PeopleImage
+from lassokin_ros.pipeline.people.people_tracker import GONE
 from lassokin_ros.pipeline.people.presence import Presence, best, reported_status
-from lassokin_ros.pipeline.people.tracked_person import Detection, Sight, TrackedPerson
+from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.seen import Image, Seen, Sight
 
 CONFIRMING_MESSAGES = 3
 """A person without a persistent number is added after this many detections; one message in between may miss them."""
@@ -80,7 +80,7 @@ class MultiPersonTracker:
         self._locked: int | None = None
         self._gone = False  # whether the locked person was forgotten
         self._guessed: set[int] = set()
-        self._newest: dict[int, Detection] = {}  # the newest detection, by person
+        self._newest: dict[int, Seen] = {}  # the newest detection, by person
         self._newest_ns = 0
         self._several_cameras = several_cameras
         self._idle = list(people)
@@ -93,7 +93,7 @@ class MultiPersonTracker:
         self._next = 1
         self._made: set[int] = set()  # people whose number is not the detector's
         self._count = people[0].tracker.kinematics.landmark_count
-        self._nothing = Detection(np.full((self._count, 2), np.nan), np.zeros(self._count))
+        self._nothing = Seen(np.full((self._count, 2), np.nan), np.zeros(self._count))
 
     @property
     def ids(self) -> list[str]:
@@ -156,7 +156,7 @@ class MultiPersonTracker:
         left, self._left = self._left, []
         return [*left, *(result for person in self._present.values() for result in person.flush())]
 
-    def sights_at(self, stamp_ns: int) -> dict[int, dict[str, Detection]]:
+    def sights_at(self, stamp_ns: int) -> dict[int, dict[str, Seen]]:
         """Return the detections of each person in the images of a stamp, by number and by camera."""
         return {
             number: {name: sight.seen for name, sight in newest.items() if sight.stamp_ns == stamp_ns}
@@ -177,16 +177,15 @@ class MultiPersonTracker:
         self._gone = self.locked is not None and not unlock
         self._locked, self._lock_next = None, self._lock_first and not self._gone
 
-    def update(self, images: Sequence[PeopleImage], frame_id: str, forget_after: float) -> list[FrameResult]:
+    def update(self, images: Sequence[Image], frame_id: str, forget_after: float) -> list[FrameResult]:
         """Track the people of one image, or of one instant; see PeopleTracker.update. Returns accepted results only."""
-        persistent = images[0].persistent and not self._several_cameras
+        persistent = images[0].lasting and not self._several_cameras
         stamp_ns = max(image.stamp_ns for image in images)
         for number in [n for n, person in self._present.items() if person.unseen_s(stamp_ns) > forget_after]:
             self._remove(number)
         sights: dict[int, list[Sight]] = {}
         for image in images:
-            seen = detections_by_person(image.keypoints, self._count, image.lens)
-            view = [Sight(image.stamp_ns, one, image.lens, image.camera) for one in seen]
+            view = [Sight(image.stamp_ns, one, image.lens, image.camera) for one in image.people]
             view = view if persistent else [sight for sight in view if self._is_trackable(sight.seen)]
             self._crowds[image.camera.name] = image.stamp_ns, len(view)
             if not image.camera.known:
@@ -204,7 +203,7 @@ class MultiPersonTracker:
         left, self._left = self._left, []
         return left + results
 
-    def _only_one(self, image: PeopleImage, view: Sequence[Sight], sights: dict[int, list[Sight]]) -> dict[int, Sight]:
+    def _only_one(self, image: Image, view: Sequence[Sight], sights: dict[int, list[Sight]]) -> dict[int, Sight]:
         """Return the sight of a camera whose place is not known, if it is that of the only person in view.
 
         If any camera sees several people, it is not known who is who. sights: of other cameras at the same instant.
@@ -257,9 +256,7 @@ class MultiPersonTracker:
             if self._locked == number:
                 self._locked, self._gone = None, True
 
-    def _track(
-        self, image: PeopleImage, frame_id: str, pairs: dict[int, list[Sight]], persistent: bool
-    ) -> list[FrameResult]:
+    def _track(self, image: Image, frame_id: str, pairs: dict[int, list[Sight]], persistent: bool) -> list[FrameResult]:
         stamp_ns = self._newest_ns
         lost = {number for number, person in self._present.items() if person.status_at(stamp_ns) is Status.LOST}
         results, found = [], 0
@@ -276,7 +273,7 @@ class MultiPersonTracker:
         return results
 
     def _results_of(
-        self, number: int, image: PeopleImage, frame_id: str, seen: Sequence[Sight] | None, detector_id: int
+        self, number: int, image: Image, frame_id: str, seen: Sequence[Sight] | None, detector_id: int
     ) -> list[FrameResult]:
         """The accepted results of one person; rejections are counted. seen: None for a person not in the images."""
         person = self._present[number]
@@ -295,7 +292,7 @@ class MultiPersonTracker:
             self._remove(number)
         return [result for result in answers if result.accepted]
 
-    def _match(self, image: PeopleImage, view: Sequence[Sight], sights: dict[int, list[Sight]]) -> dict[int, Sight]:
+    def _match(self, image: Image, view: Sequence[Sight], sights: dict[int, list[Sight]]) -> dict[int, Sight]:
         """Match the sights of one image to present people by the least total cost, then add new people.
 
         view: those who can be tracked. sights: those of other cameras at the same instant, by person.
@@ -321,7 +318,7 @@ class MultiPersonTracker:
         return pairs
 
     def _compare_views(
-        self, image: PeopleImage, usable: Sequence[Sight], costs: np.ndarray, sights: dict[int, list[Sight]]
+        self, image: Image, usable: Sequence[Sight], costs: np.ndarray, sights: dict[int, list[Sight]]
     ) -> None:
         """Replace the costs of people whom this camera has not seen for a while by those of `cross_view_cost`.
 
@@ -378,7 +375,7 @@ class MultiPersonTracker:
         self._candidates[camera] = kept + fresh
         return [candidate.sight for candidate in confirmed]
 
-    def _is_trackable(self, detection: Detection) -> bool:
+    def _is_trackable(self, detection: Seen) -> bool:
         return is_trackable(detection, next(iter([*self._idle, *self._present.values()])).tracker.config)
 
     def _add(self, number: int, stamp_ns: int, pairs: Iterable[int]) -> bool:

@@ -6,38 +6,14 @@ import math
 from collections.abc import Sequence
 from typing import Protocol
 
-from lassokin_ros.core.observation import HERE, CameraPose, Status
-from lassokin_ros.core.record import record
-from lassokin_ros.pipeline.camera.lens import Lens
+from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
-from msg_adapters.keypoints import Keypoints
-
-
-@record
-class PeopleImage:
-    """Keypoints of all people in one image, and how to interpret them.
-
-    stamp_ns: ns; frame_id: frame of the keypoints; persistent: True if the person numbers stay the same from message to
-    message; stamped: False if the stamp is the time of arrival; camera: which camera, and where it is; sampled: the
-    keypoints with the depths of a depth image, also if these are left out; None without one. shown: number of people
-    who are in the image, also of those whose keypoints cannot be used.
-    """
-
-    keypoints: Keypoints
-    stamp_ns: int
-    frame_id: str
-    lens: Lens
-    persistent: bool
-    stamped: bool = True
-    camera: CameraPose = HERE
-    sampled: Keypoints | None = None
-    shown: int = 0
-
+from lassokin_ros.pipeline.seen import Image
 
 GONE = "gone"
-"""In place of the id of a locked person who was forgotten. Nobody is taken for that person until the lock ends."""
+"""In place of the id of a locked person who was forgotten. No detection is assigned until unlock."""
 FORGOTTEN = "the locked person was forgotten: nobody is followed until ~/lock is called"
 """What this means, in words."""
 
@@ -76,7 +52,7 @@ class PeopleTracker(Protocol):
         """Return True if the message of this stamp updated a track."""
         ...
 
-    def update(self, images: Sequence[PeopleImage], frame_id: str, forget_after: float) -> list[FrameResult]:
+    def update(self, images: Sequence[Image], frame_id: str, forget_after: float) -> list[FrameResult]:
         """Track the people in one image, or in those of several cameras at one instant.
 
         frame_id: of the results. forget_after: s. Raises AdapterError if the keypoints are unusable.

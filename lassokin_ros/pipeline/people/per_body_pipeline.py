@@ -74,7 +74,7 @@ class PerBodyPipeline(Pipeline):
 
     def lock(self, now_ns: int) -> str:
         """Raise NoPersonError."""
-        raise NoPersonError("nobody was locked: each person has a topic of keypoints, and the detector says who is who")
+        raise NoPersonError("lock failed: each person has a topic of keypoints, and the detector says who is who")
 
     def is_informed_at(self, now_ns: int) -> bool:
         """As Pipeline.is_informed_at. The detector's list says who is there; each listed body must have keypoints."""

@@ -18,7 +18,6 @@ import numpy as np
 
 from lassokin_ros.core.observation import HERE, Status
 from lassokin_ros.pipeline.camera.lens import Lens
-from lassokin_ros.pipeline.detections import detection, detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.choice import (
     CONFIDENT,
@@ -32,9 +31,10 @@ from lassokin_ros.pipeline.people.choice import (
 from lassokin_ros.pipeline.people.cross_view import same_person
 from lassokin_ros.pipeline.people.image_tracks import RIVAL, ImageTrack, ImageTracks
 from lassokin_ros.pipeline.people.matching import is_trackable
-from lassokin_ros.pipeline.people.people_tracker import GONE, PeopleImage
+from lassokin_ros.pipeline.people.people_tracker import GONE
 from lassokin_ros.pipeline.people.presence import Presence, reported_status
-from lassokin_ros.pipeline.people.tracked_person import Detection, Sight, TrackedPerson
+from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.seen import Image, Seen, Sight
 
 PERSON_ABSENT = "person_absent"
 """Rejection of a message that contains people, but not the followed person."""
@@ -145,7 +145,7 @@ class SinglePersonTracker:
         """See PeopleTracker.release."""
         self._locked = self._gone = self._lock_next = False
 
-    def update(self, images: Sequence[PeopleImage], frame_id: str, forget_after: float) -> list[FrameResult]:
+    def update(self, images: Sequence[Image], frame_id: str, forget_after: float) -> list[FrameResult]:
         """Track the followed person; see PeopleTracker.update. A refused message gives a result with the reason."""
         found = [(image, self._select(image, forget_after)) for image in images]
         if len(found) > 1:
@@ -161,29 +161,27 @@ class SinglePersonTracker:
         left, self._left = self._left, []
         return left + results
 
-    def _select(self, image: PeopleImage, forget_after: float) -> Detection:
+    def _select(self, image: Image, forget_after: float) -> Seen:
         """Return the detection of the followed person; an empty detection if the person is not in the message."""
-        keypoints, stamp_ns = image.keypoints, image.stamp_ns
+        people, stamp_ns = image.people, image.stamp_ns
         if image.camera.name not in self._views:
             self._views[image.camera.name] = _View()
         view = self._views[image.camera.name]
-        view.seen_ns, view.persistent = stamp_ns, image.persistent
+        view.seen_ns, view.persistent = stamp_ns, image.lasting
         view.lens, view.camera = image.lens, image.camera
         patience = max(forget_after, self._person.tracker.config.lost_after)
-        if keypoints.persons is None:
-            one = detection(keypoints, None, self._count, image.lens)
+        if not image.numbered:
+            (one,) = people
             if self._is_trackable(one):
                 view.unnumbered, view.unnumbered_ns = one, stamp_ns
             if not self._locked:
                 view.followed = None
                 self._count_absence(one, stamp_ns, patience)
                 return one
-            people = [one]
-        elif len(keypoints.persons) == 0:
-            return detection(keypoints, None, self._count, image.lens)
+        elif not people:
+            return self._nobody(())
         else:
             view.unnumbered = None
-            people = detections_by_person(keypoints, self._count, image.lens)
         self._update_tracks(people, image, view, patience)
         followed = view.followed
         if followed is not None and followed.seen_ns == stamp_ns and followed.by_place:
@@ -197,7 +195,7 @@ class SinglePersonTracker:
             return self._nobody(people)
         if followed.seen_ns == stamp_ns:
             return followed.detection
-        return self._nobody(() if image.persistent else people)
+        return self._nobody(() if image.lasting else people)
 
     def _number_at(self, stamp_ns: int) -> int:
         """Return the person's number in the messages of the first camera that has seen them lately; -1 without one."""
@@ -205,13 +203,13 @@ class SinglePersonTracker:
         lasting = [one.followed for one in self._views.values() if one.persistent and one.shown_ns >= since_ns]
         return next((track.detection.number for track in lasting if track is not None), -1)
 
-    def _is_followed(self, image: PeopleImage, one: Detection) -> bool:
+    def _is_followed(self, image: Image, one: Seen) -> bool:
         """Return True if a detection in an image shows the followed person, and no bystander."""
         view = self._views[image.camera.name]
         shown = view.unnumbered if view.followed is None else view.followed.detection
         return one is shown and _has_points(one)
 
-    def _count_absence(self, one: Detection, stamp_ns: int, patience: float) -> None:
+    def _count_absence(self, one: Seen, stamp_ns: int, patience: float) -> None:
         """Note that somebody without a number comes after an absence: it may be another person, so the id is new."""
         left_ns = self._person.seen_ns
         if left_ns is None or left_ns == self._left_ns or not self._is_trackable(one):
@@ -219,13 +217,13 @@ class SinglePersonTracker:
         if self._person.unseen_s(stamp_ns) > patience:
             self._number_of_person, self._left_ns = max(self._number_of_person, 1) + 1, left_ns
 
-    def _update_tracks(self, people: Sequence[Detection], image: PeopleImage, view: _View, patience: float) -> None:
+    def _update_tracks(self, people: Sequence[Seen], image: Image, view: _View, patience: float) -> None:
         usable = [one for one in people if self._is_trackable(one)]
-        if image.persistent and view.followed is not None:  # the followed person may be seen in part
+        if image.lasting and view.followed is not None:  # the followed person may be seen in part
             number = view.followed.detection.number
             usable += [one for one in people if one.number == number and one not in usable and _has_points(one)]
         expected = partial(self._person.predicted_landmarks, image.stamp_ns, image.camera)
-        view.tracks.update(image.stamp_ns, usable, image.persistent, patience, view.followed, expected)
+        view.tracks.update(image.stamp_ns, usable, image.lasting, patience, view.followed, expected)
 
     def _sight_elsewhere(self, view: _View) -> Sight | None:
         """Return the newest sight of the followed person by another camera, as it is expected at the view's stamp."""
@@ -291,20 +289,21 @@ class SinglePersonTracker:
             return next((track for track in lasting if track.detection.number == number), None)
         return tracks[preferred(self._follow, [track.detection for track in tracks])] if tracks else None
 
-    def _nobody(self, people: Sequence[Detection]) -> Detection:
+    def _nobody(self, people: Sequence[Seen]) -> Seen:
         """Return the detection with the most points of those who cannot be tracked, so that the reason is reported."""
         untrackable = [one for one in people if not self._is_trackable(one)]
         if untrackable:
             return untrackable[preferred(CONFIDENT, untrackable)]
-        return Detection(np.full((self._count, 2), np.nan), np.zeros(self._count))
+        nowhere = np.full((self._count, 2), np.nan)
+        return Seen(nowhere, np.zeros(self._count), pixels=nowhere)
 
-    def _absence(self, image: PeopleImage, forget_after: float) -> str:
+    def _absence(self, image: Image, forget_after: float) -> str:
         """Return the explanation for a message that shows other people only; empty if that is not the case.
 
         Without it the message would be refused for too few landmarks. This reason would be misleading, because it
         suggests that the detector's confidences are too low.
         """
-        keypoints, view = image.keypoints, self._views[image.camera.name]
+        view = self._views[image.camera.name]
         followed, named = view.followed, number_named(self._follow)
         chosen = self._gone or any(one.followed is not None for one in self._views.values())
         unfound = not chosen and named is not None and bool(view.tracks.seen_at(image.stamp_ns))
@@ -312,16 +311,15 @@ class SinglePersonTracker:
             return ""
         if followed is not None and followed.seen_ns == image.stamp_ns:
             return ""
-        if not image.persistent and not view.tracks.seen_at(image.stamp_ns):
+        if not image.lasting and not view.tracks.seen_at(image.stamp_ns):
             return ""  # those who are shown in part may be the followed person
         config = self._person.tracker.config
-        confident = keypoints.present & (keypoints.confidence >= config.min_confidence)
-        numbers = np.zeros(len(confident)) if keypoints.persons is None else keypoints.persons
-        others = len(np.unique(numbers[confident]))
+        limit = max(config.min_confidence, 1e-9)
+        others = sum(bool(np.count_nonzero(one.confidence >= limit)) for one in image.people)
         if not others:
             return ""
         if unfound:
-            lasting = "" if image.persistent else ", and the numbers of its people do not last"
+            lasting = "" if image.lasting else ", and the numbers of its people do not last"
             return (
                 f"follow is '{self._follow}', and no person of this number is among the {others} in the message"
                 f"{lasting}; nobody else is followed: set follow to {', '.join(RULES)}, or to a lasting number"
@@ -333,7 +331,7 @@ class SinglePersonTracker:
                 "lock to false"
             )
         number = followed.detection.number
-        who = f"person {number} is not" if image.persistent else "nobody is near the predicted position"
+        who = f"person {number} is not" if image.lasting else "nobody is near the predicted position"
         another = "another person" if named is None else f"nobody but person {named}, whom follow names,"
         waits = f"{another} is followed after forget_after {forget_after:g} s"
         if self._locked:
@@ -342,7 +340,7 @@ class SinglePersonTracker:
             f"one person is followed, and {who} among the {others} in the message; {waits} (see person_ids, max_people)"
         )
 
-    def _is_trackable(self, one: Detection) -> bool:
+    def _is_trackable(self, one: Seen) -> bool:
         return is_trackable(one, self._person.tracker.config)
 
 
@@ -352,7 +350,7 @@ class _View:
     def __init__(self) -> None:
         self.tracks = ImageTracks()
         self.followed: ImageTrack | None = None
-        self.unnumbered: Detection | None = None  # the last one who could be tracked, if messages have no numbers
+        self.unnumbered: Seen | None = None  # the last one who could be tracked, if messages have no numbers
         self.seen_ns, self.unnumbered_ns, self.persistent = 0, 0, False
         self.lens: Lens | None = None
         self.camera = HERE
@@ -364,11 +362,11 @@ class _View:
             return self.followed.seen_ns
         return -math.inf if self.unnumbered is None else self.unnumbered_ns
 
-    def sight(self, seen: Detection) -> Sight:
+    def sight(self, seen: Seen) -> Sight:
         """Return a detection as one of the last image."""
         assert self.lens is not None
         return Sight(self.seen_ns, seen, self.lens, self.camera)
 
 
-def _has_points(one: Detection) -> bool:
+def _has_points(one: Seen) -> bool:
     return bool(np.count_nonzero(np.isfinite(one.points)))

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.people.image_tracks import SAME_BODY
 from lassokin_ros.pipeline.people.matching import distances
-from lassokin_ros.pipeline.people.people_tracker import PeopleImage
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.seen import Image
 
 
-def untracked(image: PeopleImage, people: Sequence[TrackedPerson], tracked_for: float) -> int:
+def untracked(image: Image, people: Sequence[TrackedPerson], tracked_for: float) -> int:
     """Return the number of people who are in an image and not tracked.
 
     A detection where a tracked person is expected is that person: a duplicate, one with few keypoints, or one of an
@@ -26,8 +25,7 @@ def untracked(image: PeopleImage, people: Sequence[TrackedPerson], tracked_for: 
     expected = [p.predicted_landmarks(stamp_ns, image.camera) for p in people if p.unseen_s(stamp_ns) <= tracked_for]
     known = [points for points in expected if points is not None]
     if known:
-        seen = detections_by_person(image.keypoints, len(known[0]), image.lens)
         limit = people[0].tracker.config.min_confidence
-        near = distances(np.stack(known), seen, limit, fewest=1).min(axis=0, initial=np.inf) <= SAME_BODY
+        near = distances(np.stack(known), image.people, limit, fewest=1).min(axis=0, initial=np.inf) <= SAME_BODY
         matched = max(matched, int(np.count_nonzero(near)))
     return max(image.shown - matched, 0)

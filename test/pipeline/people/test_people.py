@@ -19,11 +19,11 @@ from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
-from lassokin_ros.pipeline.detections import MOST_PEOPLE  # noqa: E402
 from lassokin_ros.pipeline.outputs.people_messages import id_of  # noqa: E402
 from lassokin_ros.pipeline.people.multi_person import MOST_REINITIALISED  # noqa: E402
 from lassokin_ros.pipeline.people.presence import Presence  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.seen import MOST_PEOPLE  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[3]

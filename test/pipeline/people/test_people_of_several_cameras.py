@@ -7,8 +7,8 @@ from messages import camera_info, crowd, rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.answers import frames_of
-from lassokin_ros.pipeline.detections import MOST_PEOPLE
 from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.seen import MOST_PEOPLE
 from lassokin_ros.pipeline.settings import NodeSettings
 
 pytest.importorskip("rosbags")

@@ -12,9 +12,10 @@ from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.multi_person import MOST_REINITIALISED, MultiPersonTracker
-from lassokin_ros.pipeline.people.people_tracker import GONE, PeopleImage
+from lassokin_ros.pipeline.people.people_tracker import GONE
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.single_person import SinglePersonTracker
+from lassokin_ros.pipeline.seen import Image, people_in
 from msg_adapters.keypoints import Keypoints
 
 SECOND, PERIOD = 10**9, 10**8
@@ -88,7 +89,8 @@ class Room:
         xy = np.concatenate([np.zeros((0, 2)), *points]) * 100 + CENTRE
         ids, people = np.tile(np.arange(4), len(bodies)), np.repeat(numbers or range(len(bodies)), 4).astype(int)
         keypoints = Keypoints(1, "", ids, xy, np.where(np.isfinite(xy).all(axis=1), 0.5, 0.0), people)
-        image = PeopleImage(keypoints, index * PERIOD + SECOND, "camera", ROOM, persistent)
+        people = people_in(keypoints, 4, ROOM)
+        image = Image(people, index * PERIOD + SECOND, "camera", ROOM, lasting=persistent)
         results = self.tracker.update([image], "camera", forget_after)
         assert all(result.frame_id == "camera" and result.accepted for result in results)
         return [result.person for result in results]
@@ -391,7 +393,8 @@ class Followed:
         scores = np.repeat([score for *_, score in people], points)
         ids = np.tile(np.arange(points), len(people))
         keypoints = Keypoints(1, "", ids, xy, scores, numbers if numbered else None)
-        image = PeopleImage(keypoints, SECOND + index * PERIOD, "camera", LENS, persistent and numbered)
+        stamp_ns, lasting = SECOND + index * PERIOD, persistent and numbered
+        image = Image(people_in(keypoints, 4, LENS), stamp_ns, "camera", LENS, numbered, lasting)
         (result,) = self.tracker.update([image], "camera", 3.0)
         self.detail, self.label = result.detail, result.label
         self.detector_id, self.guessed = result.detector_id, result.guessed
@@ -522,7 +525,8 @@ def test_nobody_is_absent_before_a_person_is_tracked(followed):
 def test_a_trackable_person_has_priority_over_higher_scores(followed):
     ids, xy = np.array([0, 1, 0, 1, 2, 3]), np.vstack([100 * BODY[:2] + 100, 100 * BODY + [500, 100]])
     scores, numbers = np.array([1.0, 1, 0.4, 0.4, 0.4, 0.4]), np.array([1, 1, 2, 2, 2, 2])
-    image = PeopleImage(Keypoints(1, "", ids, xy, scores, numbers), SECOND, "camera", LENS, True)
+    people = people_in(Keypoints(1, "", ids, xy, scores, numbers), 4, LENS)
+    image = Image(people, SECOND, "camera", LENS, lasting=True)
     (result,) = followed.tracker.update([image], "camera", 3.0)
     assert result.points[0].tolist() == [5, 1]
 

@@ -3,7 +3,7 @@
     python test/support/installation/check_extras.py VIDEO [--model pose.onnx] [--only onnx]
 
 A part fails if pip prints an error line, if `pip check` finds a conflict, if numpy and OpenCV do not work together, or
-if `lassokin track` does not track a person in VIDEO. Downloads about 1 GB; the environments are removed at the end.
+if `lassokin track` does not track a person in VIDEO. Downloads about 400 MB; the environments are removed at the end.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`smoothing_lag` in the pipeline, the replay and the live node: later, in order, each frame with its own stamp."""
+"""`smoothing_lag` in the pipeline and the replay: later, in order, each frame with its own stamp."""
 
 import time
 
@@ -12,6 +12,7 @@ from recordings import contents, read, write_recording  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -44,8 +45,8 @@ def test_late_frames_have_their_own_messages_and_continuous_joint_states():
         assert all(f.held_s == pytest.approx(LAG) for f in due)
         frames += due
     assert pipeline.counts["accepted"] == len(PIXELS)
-    frames += pipeline.flush()
-    assert [f.stamp_ns for f in frames] == [stamp(i) for i in range(len(PIXELS))] and pipeline.flush() == []
+    frames += frames_of(pipeline.finish())
+    assert [f.stamp_ns for f in frames] == [stamp(i) for i in range(len(PIXELS))] and pipeline.finish() == []
     for i, frame in enumerate(frames):
         assert np.allclose(frame.detected, PIXELS[i], atol=1e-3)
         assert np.array_equal(frame.positions[:3], frame.estimate.state.translation)
@@ -84,7 +85,7 @@ def test_each_person_has_a_separate_lag_and_absent_people_are_published_too():
             assert frame.accepted and frame.held_s == pytest.approx(LAG)
             got.setdefault(frame.person, []).append(frame.stamp_ns)
     assert got["p4"] == [stamp(i) for i in range(30 - WAITING)] and got["p5"] == [stamp(i) for i in range(20)]
-    assert [(f.person, f.stamp_ns) for f in pipeline.flush()] == [("p4", stamp(i)) for i in range(27, 30)]
+    assert [(f.person, f.stamp_ns) for f in frames_of(pipeline.finish())] == [("p4", stamp(i)) for i in range(27, 30)]
 
 
 def loop(pipeline):
@@ -100,7 +101,7 @@ def test_a_reset_drops_waiting_frames(forget):
         pipeline.frames(cloud(BACKEND, stamp(i), PIXELS[i]), 0)
     forget(pipeline)
     assert pipeline.counts["resets"] >= 1
-    assert all(frame.stamp_ns < START_NS for frame in pipeline.flush())
+    assert all(frame.stamp_ns < START_NS for frame in frames_of(pipeline.finish()))
 
 
 def away(stamps, pixels, confidence):
@@ -121,39 +122,3 @@ def test_the_replay_publishes_every_frame_and_the_same_bytes_again(tmp_path):
     for topic in ("/tracker/joint_states", "/tracker/joints", "/tracker/translation", "/tracker/certificate"):
         assert [stamp_of(message) for _, message in read(runs[0], topic)] == expected
     assert "not monotonic" not in page.read_text(encoding="utf-8")
-
-
-def test_the_live_node_publishes_the_same_late_frames_as_the_pipeline():
-    pytest.importorskip("rclpy", reason="the node needs rclpy")
-    from live import NodeProcess, Peer, values_of
-    from std_srvs.srv import Trigger
-
-    from lassokin_ros.pipeline.outputs import topics
-
-    namespace, pipeline = "/lagging", pipeline_for(0.05)
-    expected = [f for i, xy in enumerate(PIXELS[:20]) for f in pipeline.frames(cloud(BACKEND, stamp(i), xy), 0)]
-    with (
-        NodeProcess(namespace, "-p", "smoothing_lag:=0.05", "-p", "stale_after:=30.0"),
-        Peer(namespace, outputs=False) as peer,
-    ):
-        joints = peer.got[topics.JOINT_STATES]
-        peer.listen(next(t for t in topics.FRAME_OUTPUTS if t.name == topics.JOINT_STATES))
-
-        def has_camera(status):
-            peer.send_camera()  # until one has come
-            return status.message == "waiting for keypoints"
-
-        peer.next_diagnostics(has_camera)
-        for i in range(20):
-            peer.send(stamp(i), PIXELS[i])
-            peer.spin_until(lambda: len(joints) == max(i + 1 - WAITING, 0), what="the frame that is due")  # noqa: B023
-        assert [stamp_of(m) for m in joints] == [f.stamp_ns for f in expected]
-        for message, frame in zip(joints, expected):
-            assert np.abs(np.array(message.position) - frame.positions).max() < 1e-9
-        status = peer.next_diagnostics(lambda s: int(values_of(s)["accepted [messages]"]) == 20)
-        assert status.message == "tracking"
-        assert peer.call(Trigger, "reset", Trigger.Request()).success
-        for i in range(20, 24):
-            peer.send(stamp(i), PIXELS[i])
-        peer.spin_until(lambda: stamp_of(joints[-1]) == stamp(20), what="the first frame after the reset")
-        assert len(joints) == 20 - WAITING + 1
