@@ -78,7 +78,7 @@ class PerBodyPipeline(Pipeline):
         raise NoPersonError("lock failed: each person has a topic of keypoints, and the detector says who is who")
 
     def scene_known_empty(self, now_ns: int) -> bool:
-        """As Pipeline.scene_known_empty. The detector's list says who is there; each listed body must have keypoints."""
+        """As Pipeline.scene_known_empty. The detector's list says who is there; each listed body needs keypoints."""
         if not (self.enabled and self.has_camera and self.detector_connected):
             return False
         return all(pipeline.scene_known_empty(now_ns) for pipeline in self._present.values())
