@@ -47,6 +47,7 @@ def pipeline():
         stamp_rate=SimpleNamespace(warning=""),
         own_depth=SimpleNamespace(warning=""),
         landmark_ids=SimpleNamespace(warning=""),
+        image_size=SimpleNamespace(warning=""),
     )
     return SimpleNamespace(
         enabled=True,
