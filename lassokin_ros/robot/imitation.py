@@ -19,6 +19,7 @@ from pink.tasks import Task
 
 from lassokin_ros import joints
 from lassokin_ros.core.body.rotations import hat
+from lassokin_ros.core.learned.foot_contacts import FLOOR_GATE
 from lassokin_ros.robot.model import RobotModel, owner_of
 from lassokin_ros.robot.person import FARS, Course, Person, Posture, posture
 from lassokin_ros.robot.robot_file import CHAINS, SIDES
@@ -262,8 +263,9 @@ class Targets(Task):  # type: ignore[misc]
         self._torso = axes["base"] @ base.T @ shown.torso @ axes["torso"].T
         if self._free:
             self._base = heading @ shown.pelvis @ axes["base"].T
-            lower = shown.heights == shown.heights.min()
-            self._stand(configuration, person.contacts if person.contacts.any() else lower)
+            heights = shown.heights - shown.heights.min()
+            standing = person.contacts & (heights <= FLOOR_GATE)
+            self._stand(configuration, standing if standing.any() else heights == 0)
 
     def _stand(self, configuration: Configuration, standing: np.ndarray) -> None:
         """Hold feet that stand where they are, on the floor, and keep the others above it. standing: (2,) bool."""
