@@ -185,7 +185,8 @@ class Imitation:
         change = change[at] * period  # of the step
         for sign, room, bound in ((1, model.highest - self.positions, high), (-1, self.positions - model.lowest, low)):
             room = np.maximum(room, 0.0)
-            count = np.floor((np.sqrt(1 + 8 * room / change) - 1) / 2)  # of the full changes with which it can still stop
+            # The longest step from which steps that shrink by `change` still end within the room.
+            count = np.floor((np.sqrt(1 + 8 * room / change) - 1) / 2)
             brake = count * change + (room - change * count * (count + 1) / 2) / (count + 1)
             bound[at] = sign * np.minimum(sign * bound[at], np.minimum(brake, room) / period)
         low[at], high[at] = np.minimum(low[at], high[at]), np.maximum(high[at], low[at])

@@ -22,6 +22,8 @@ NEEDED = sorted({*_NEAR, *_FAR, *_TRUNK})
 """Joints of the skeleton that are used."""
 LEAST = 1e-3
 """m: a bone that is shorter has no direction."""
+LEAST_SINE = 0.3
+"""Of the angles between hips and vertical, hips and trunk, shoulders and trunk: 17 degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +42,15 @@ class Person:
 
     @property
     def usable_as_a_whole(self) -> bool:
-        """False for NaN, and for a trunk without extent: nothing can be imitated."""
+        """False for NaN, and for a trunk without extent or heading (lying on a side): nothing can be imitated."""
         places = self.places[NEEDED] if self.places.shape == (len(joints.NAMES), 3) else np.array([np.nan])
-        if not (np.isfinite(places).all() and np.isfinite(self.up).all() and np.linalg.norm(self.up) > 0.5):
+        if not (np.isfinite(places).all() and np.isfinite(self.up).all()):
             return False
         hips, shoulders, trunk = _across(self.places)
-        pairs = (hips, self.up), (shoulders, trunk), (hips, trunk)
-        return all(np.linalg.norm(np.cross(a, b)) > LEAST * np.linalg.norm(b) > 0 for a, b in pairs)
+        return all(
+            np.linalg.norm(np.cross(a, b)) > max(LEAST_SINE * np.linalg.norm(a) * np.linalg.norm(b), LEAST**2)
+            for a, b in ((hips, self.up), (shoulders, trunk), (hips, trunk))
+        )
 
 
 @dataclass(frozen=True, eq=False)
