@@ -8,14 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from lassokin_ros import joints
-from lassokin_ros.robot.robot_file import CHAINS, SIDES
+from lassokin_ros.robot.robot_file import ARM_BONES, BONES, SIDES
 
-FARS = tuple(f"{side}_{joint}" for chain in CHAINS.values() for side in SIDES for joint in chain[1:])
-"""The joints at the far ends of the bones that are imitated."""
-_NEAR = [
-    joints.INDEX[f"{side}_{chain[at]}"] for chain in CHAINS.values() for side in SIDES for at in range(len(chain) - 1)
-]
-_FAR = [joints.INDEX[name] for name in FARS]
+_NEAR = [joints.INDEX[bone.near] for bone in BONES]
+_FAR = [joints.INDEX[bone.far] for bone in BONES]
 ANKLES = [joints.INDEX[f"{side}_ankle"] for side in SIDES]
 _TRUNK = [joints.PELVIS, joints.NECK, joints.LEFT_HIP, joints.RIGHT_HIP, joints.LEFT_SHOULDER, joints.RIGHT_SHOULDER]
 NEEDED = sorted({*_NEAR, *_FAR, *_TRUNK})
@@ -57,8 +53,8 @@ class Person:
 class Posture:
     """What is imitated. All axes have columns front, left, up.
 
-    level: (3, 3), with the person's heading and the vertical; pelvis, torso: (3, 3). bones: (8, 3) unit vectors to
-    FARS, in the axes of torso (arms) or pelvis (legs); NaN without direction. heights: (2,) m, of the ankles.
+    level: (3, 3), with the person's heading and the vertical; pelvis, torso: (3, 3). bones: (8, 3) unit vectors of
+    BONES, in the axes of torso (arms) or pelvis (legs); NaN without direction. heights: (2,) m, of the ankles.
     """
 
     level: np.ndarray
@@ -75,8 +71,7 @@ def posture(places: np.ndarray, up: np.ndarray) -> Posture:
     bones = places[_FAR] - places[_NEAR]
     lengths = np.linalg.norm(bones, axis=1, keepdims=True)
     bones = np.divide(bones, lengths, out=np.full_like(bones, np.nan), where=lengths > LEAST)
-    half = len(bones) // 2
-    turned = np.concatenate([bones[:half] @ torso, bones[half:] @ pelvis])
+    turned = np.concatenate([bones[:ARM_BONES] @ torso, bones[ARM_BONES:] @ pelvis])
     return Posture(axes(hips, up), pelvis, torso, turned, places[ANKLES] @ up)
 
 
