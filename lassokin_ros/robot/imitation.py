@@ -27,7 +27,7 @@ DOUBT_S = 3.0
 """s: of a hold after a motion that no person makes."""
 TURN, SWING = 10.0, 30.0
 """rad/s: largest speeds of a person's heading and of a limb's bone."""
-DAMPING, SMOOTH = 1e-6, 0.3
+DAMPING, SMOOTH = 1e-6, 0.7
 """Weights: of the step, and of its change, 1/rad."""
 
 
