@@ -26,7 +26,7 @@ from benchmarks.data.detections import layout_of
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.lens import Lens
-from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
+from lassokin_ros.pipeline.people.people_tracker import PeopleTracker
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.seen import Image, people_in
 from msg_adapters.keypoints import Keypoints
@@ -63,7 +63,7 @@ def run(file: Path, chosen: str | None) -> Record:
     poses = {c: CameraPose(str(c), R[c].astype(float), t[c].astype(float)) for c in cameras}
     layout, count = layout_of(names)
     config = TrackerConfig(landmarks=layout, height=1.7)
-    tracker = MultiPersonTracker([TrackedPerson(config) for _ in range(MOST_PEOPLE)], Counter())
+    tracker = PeopleTracker([TrackedPerson(config) for _ in range(MOST_PEOPLE)], Counter())
     found: list[tuple[int, int, int]] = []  # frame, id, true person
     for frame, stamp in enumerate(stamps.tolist()):
         stamp_ns = 1_000_000_000 + round(1e9 * stamp)

@@ -1,4 +1,4 @@
-"""Decode and check sensor_msgs/CameraInfo."""
+"""Decode sensor_msgs/CameraInfo, and check what it says, or a user, about a camera."""
 
 from __future__ import annotations
 
@@ -82,27 +82,44 @@ def decode_camera_info(message: Any, rectified: bool = False) -> Intrinsics:
         raise AdapterError(
             "camera_distortion", f"{len(message.d)} coefficients D; expected at most {MOST_COEFFICIENTS}"
         )
-    D = np.array(message.d, dtype=float)
+    D, model = np.array(message.d, dtype=float), message.distortion_model[:LONGEST_NAME]
     if rectified:
-        D = D[:0]
+        D, model = D[:0], ""
         K = P.reshape(3, 4)[:, :3].ravel() if P[0] else K
-    if not all(np.isfinite(values).all() for values in (K, R, P, D)):
+    if not (np.isfinite(R).all() and np.isfinite(P).all()):
         raise AdapterError("camera_not_finite", "camera_info holds a value that is not finite")
-    if K[0] == 0:
-        raise AdapterError("camera_uncalibrated", "camera_info has K[0] = 0: the camera is not calibrated")
-    if not (0 < K[0] and 0 < K[4] and np.abs(K).max() < LARGEST):
-        raise AdapterError("camera_matrix", f"K is {K.tolist()}; expected focal lengths above 0, in px")
-    if K[1] or K[3] or K[6] or K[7]:
-        raise AdapterError("camera_matrix", f"K is {K.tolist()}; expected [fx 0 cx, 0 fy cy, 0 0 1], without skew")
-    model, D = ("", D) if rectified else _distortion(message.distortion_model[:LONGEST_NAME], D)
-    frame_id = frame_name(message.header)
-    K, P = K.reshape(3, 3), P.reshape(3, 4)
-    K[2] = 0, 0, 1
-    warning = _check_size(K, message, model == "equidistant")
+    size = message.width, message.height
+    K, D, model, warning = checked_camera(K.reshape(3, 3), D, model, size)
+    frame_id, P = frame_name(message.header), P.reshape(3, 4)
     width, height = _apply_window(message, K, P)
     if min(K[0, 0], K[1, 1]) < 1 or np.abs(K).max() >= LARGEST:
         raise AdapterError("camera_matrix", f"after binning and region of interest K is {K.tolist()}; expected px")
     return Intrinsics(K, D, model, R.reshape(3, 3), P, width, height, frame_id, warning)
+
+
+def checked_camera(
+    K: np.ndarray, D: np.ndarray, model: str, size: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray, str, str]:
+    """Return K (3, 3), D and the model as in Intrinsics, and why K is unlikely for the image size, in words.
+
+    K: (3, 3) px. D: (c,) coefficients. model: a name in COEFFICIENTS, or another one if the number of coefficients
+    identifies the model. size: (width, height) px of the image that K is for, 0 = unknown. Raises AdapterError, see
+    `decode_camera_info`.
+    """
+    K = np.array(K, dtype=float)
+    if not (np.isfinite(K).all() and np.isfinite(D).all()):
+        raise AdapterError("camera_not_finite", "camera_info holds a value that is not finite")
+    if K[0, 0] == 0:
+        raise AdapterError("camera_uncalibrated", "camera_info has K[0] = 0: the camera is not calibrated")
+    if not (0 < K[0, 0] and 0 < K[1, 1] and np.abs(K).max() < LARGEST):
+        raise AdapterError("camera_matrix", f"K is {K.ravel().tolist()}; expected focal lengths above 0, in px")
+    if K[0, 1] or K[1, 0] or K[2, 0] or K[2, 1]:
+        raise AdapterError(
+            "camera_matrix", f"K is {K.ravel().tolist()}; expected [fx 0 cx, 0 fy cy, 0 0 1], without skew"
+        )
+    model, D = _distortion(model, D)
+    K[2] = 0, 0, 1
+    return K, D, model, _check_size(K, size, model == "equidistant")
 
 
 def intrinsics_of(
@@ -157,13 +174,13 @@ def _without_surplus_zeros(model: str, D: np.ndarray) -> np.ndarray:
     return D[: max(fitting)] if fitting else D
 
 
-def _check_size(K: np.ndarray, message: Any, fisheye: bool) -> str:
+def _check_size(K: np.ndarray, image: tuple[int, int], fisheye: bool) -> str:
     """Return why K (3, 3) px is unlikely for the full image size, in words. Raises AdapterError if it is impossible."""
-    size = np.array([message.width, message.height], dtype=float)
+    size = np.array(image, dtype=float)
     focal, centre = K[[0, 1], [0, 1]], K[:2, 2]
     numbers = (
         f"fx = {focal[0]:g}, fy = {focal[1]:g}, cx = {centre[0]:g}, cy = {centre[1]:g} px with an image of "
-        f"{message.width} x {message.height} px"
+        f"{image[0]} x {image[1]} px"
     )
     known = size.min() > 0
     smallest = SMALLEST_FISHEYE if fisheye else SMALLEST_FOCAL

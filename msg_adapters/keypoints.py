@@ -54,6 +54,8 @@ class Keypoints:
     landmarks: number of landmarks of the detector's layout, None if the message does not tell.
     depth_note: why depths in the message are not used, in words; empty if they are, or if there are none.
     unplaced: number of people whom the detector reports without keypoints.
+    rays: (k, 2) x / z and y / z in the optical frame of the detector's 3D point of each keypoint, NaN = none; None if
+        the message has no 3D points of the camera. They do not depend on the size of the image.
     """
 
     stamp_ns: int | None
@@ -69,6 +71,7 @@ class Keypoints:
     landmarks: int | None = None
     depth_note: str = ""
     unplaced: int = 0
+    rays: np.ndarray | None = None
 
     @classmethod
     def of_people(

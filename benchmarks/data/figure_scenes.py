@@ -121,15 +121,16 @@ def people_crossing(seconds: float = 4.0, rate: float = 30.0) -> tuple[Sequence[
 
 
 def follow_people(scenes: Sequence[Scene], numbers: np.ndarray, lasting: bool) -> dict[str, np.ndarray]:
-    """Id -> (f,) m, x of the pelvis. lasting: use the detector's numbers (`person_ids: message`)."""
+    """Id -> (f,) m, x of the pelvis. lasting: use the detector's numbers, wherever they are (`person_ids: lasting`)."""
     from collections import Counter
 
-    from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
+    from lassokin_ros.pipeline.people.people_tracker import PeopleTracker
     from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
     from msg_adapters.keypoints import Keypoints
 
     lens = WEBCAM.lens
-    people = MultiPersonTracker([TrackedPerson(TrackerConfig(height=HEIGHT)) for _ in range(4)], Counter())
+    bodies = [TrackedPerson(TrackerConfig(height=HEIGHT)) for _ in range(4)]
+    people = PeopleTracker(bodies, Counter(), sure=lasting)
     paths: dict[str, np.ndarray] = {}
     for row, stamp in enumerate(scenes[0].times):
         xy = np.concatenate([scene.pixels[row] for scene in scenes])

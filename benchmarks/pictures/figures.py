@@ -25,7 +25,6 @@ from benchmarks.data.figure_scenes import (  # noqa: E402
     far_off,
     follow_people,
     given,
-    milliseconds,
     people_crossing,
     run,
     scene,
@@ -141,19 +140,6 @@ def sparsity(axes: Any) -> None:
     axes[1].set(xlabel="sparsity")
 
 
-def relinearisations(axes: Any) -> None:
-    """The effect of `relinearisations`: a second lasso per frame helps at a low frame rate."""
-    values = (1, 2, 3, 4)
-    for rate, colour in zip((10, 15, 30), COLOURS):
-        scenes = [scene(12, rate, seed=seed) for seed in SEEDS]
-        label = f"{rate} frames a second"
-        for axis, curve in zip(axes, averages(scenes, "relinearisations", values, error, milliseconds)):
-            axis.plot(values, curve, "o-", color=colour, label=label)
-    axes[0].set(xlabel="relinearisations", ylabel="mean error [mm]", xticks=values, ylim=(0, None))
-    axes[1].set(xlabel="relinearisations", ylabel="time of one frame [ms]", xticks=values, ylim=(0, None))
-    axes[0].legend(fontsize=8)
-
-
 def smoothing(axes: Any) -> None:
     """The effect of `smoothing`: a longer time is steadier, but later."""
     values = (0.0, 0.01, 0.02, 0.03, 0.05, 0.1)
@@ -220,7 +206,7 @@ def person_ids(axes: Any) -> None:
             axis.plot(person.times, person.joints[:, 0, 0], color=TRUE, lw=4, label="true" * (person is scenes[0]))
         for colour, (name, path) in zip(COLOURS, follow_people(scenes, numbers, lasting).items()):
             axis.plot(scenes[0].times, path, color=colour, label=f"bodies/{name}")
-        axis.set(xlabel="time [s]", ylabel="pelvis' x [m]", title=f"person_ids: {'message' if lasting else 'node'}")
+        axis.set(xlabel="time [s]", ylabel="pelvis' x [m]", title=f"person_ids: {'lasting' if lasting else 'node'}")
         axis.legend(fontsize=8)
 
 
@@ -242,7 +228,7 @@ def frame_rate(axes: Any) -> None:
 FIGURES: dict[str, Callable[[Any], None]] = {
     drawing.__name__: drawing
     for drawing in (
-        joints, height, noise_px, smoothing, sparsity, relinearisations, min_confidence, lost_after, person_ids,
+        joints, height, noise_px, smoothing, sparsity, min_confidence, lost_after, person_ids,
         frame_rate,
     )
 }  # fmt: skip

@@ -24,8 +24,10 @@ from lassokin_ros.core.observation import HERE, CameraPose, Observation, has_pas
 
 RECENT = 0.1
 """How long (s) a camera counts as seeing the person."""
+TIMEOUT = 0.5
+"""s: a camera without keypoints is ignored after this."""
 SILENT_SHARE = 0.3
-"""Share of `camera_timeout` without an image after which the rows of a camera begin to fade."""
+"""Share of TIMEOUT without an image after which the rows of a camera begin to fade."""
 
 
 class Camera:
@@ -66,7 +68,7 @@ class Camera:
         weights: (l,) from `gate_observation`. body: the last pose, in the frame of the skeleton. model_error: m. alone:
         whether no other camera has followed the person in the meantime; the rows then have full weight at once.
         """
-        depth, self.pose, self._timeout = None, observation.camera, config.camera_timeout
+        depth, self.pose, self._timeout = None, observation.camera, TIMEOUT
         if body is not None:
             camera, into, seen = self.pose, self.pose.into_camera, body
             if not camera.is_identity:

@@ -56,13 +56,6 @@ class TrackerConfig:
     skeleton: str = setting("anthropometric", "built-in skeleton, or path of a YAML, SMPL npz, BVH or URDF file")
     landmarks: str = setting("coco17", "landmark layout of the detector, or path of a YAML file")
     depth_prior: bool = setting(True, "use the joint depths that the shipped network estimates from the keypoints")
-    camera_timeout: float = live_setting(
-        0.5,
-        "several cameras: one without keypoints is ignored after this; its weight ramps down from a third of it",
-        "s",
-        0.05,
-        10.0,
-    )
     extrinsics: str = setting(
         CHECK,
         "poses of several cameras: as given; checked against the person they see; or corrected by what is learned from "
@@ -105,9 +98,6 @@ class TrackerConfig:
         0.02, "weight of the l1 term; a larger value moves fewer joints per frame", "", 1e-4, 100.0
     )
     min_landmarks: int = live_setting(4, "smallest number of visible landmarks for a frame to be used", "", 2, 100)
-    relinearisations: int = live_setting(
-        1, "lassos solved per frame, each linearised about the previous answer", "", 1, 10
-    )
     lost_after: float = live_setting(
         1.0, "time without a usable frame after which the tracker initialises again", "s", 0.05, 3600.0
     )
@@ -120,10 +110,6 @@ class TrackerConfig:
     )
     smoothing_lag: float = live_setting(
         0.0, "publish the pose this much later, smoothed with the later frames", "s", 0.0, 0.25
-    )
-    warm_start: bool = live_setting(
-        True,
-        "start the QP solver from the solution on the last answer's support; this saves time and changes no answer",
     )
     hold_feet: bool = live_setting(
         True,

@@ -59,6 +59,8 @@ class IncrementSolver:
         self._frame_model = frame_model
         self._motion = np.maximum(prior.motion, LEAST_MOTION)[frame_model.live]
         self._guess: np.ndarray | None = None
+        self.warm_start = True
+        """Start each lasso from the last answer, which saves time and changes no answer; False to measure that."""
 
     def reset(self) -> None:
         """Forget the last answer, and all problems before."""
@@ -74,19 +76,19 @@ class IncrementSolver:
         With measured depth, the answer is linearised about once more if it is far from `start`: about `start`, the
         depths of a limb that moved fast have large errors, and hence little weight.
         """
-        relinearisations, sparsity = for_step(step, config.relinearisations, config.sparsity)
+        count, sparsity = for_step(step, config.sparsity)
         live, alpha = self._frame_model.live, sparsity / self._motion
         omega, x = np.zeros(3 * start.state.rotations.shape[-3]), np.zeros(3)
         again = int(any(view.depth is not None for view in frame.views))
-        for number in range(relinearisations + again):
-            if number >= relinearisations and not _is_large(omega, x):
+        for number in range(count + again):
+            if number >= count and not _is_large(omega, x):
                 break
             if number == 0:
                 linearised = self._frame_model.linearise(start, frame, huber_weights)
             else:
                 linearised = self._relinearised(start, omega, x, frame)
             problem = Lasso(linearised.columns[:-3].T, linearised.columns[-3:].T, linearised.z, alpha)
-            solution = self.lasso.solve(problem, self._guess if config.warm_start else None)
+            solution = self.lasso.solve(problem, self._guess if self.warm_start else None)
             if not (solution.exact or solution.certified):  # the tracker checks the certificate of the last one
                 break
             self._guess = solution.omega  # for the next problem, or the first problem of the next frame
@@ -116,8 +118,8 @@ def _is_large(omega: np.ndarray, x: np.ndarray) -> bool:
     return bool(np.abs(omega).max() > LARGE_ROTATION or np.abs(x).max() > LARGE_MOTION)
 
 
-def for_step(step: float, linearisations: int, sparsity: float) -> tuple[int, float]:
-    """Linearisations and sparsity for a frame `step` s after the last one; the settings are for 30 Hz or more."""
+def for_step(step: float, sparsity: float) -> tuple[int, float]:
+    """Linearisations and sparsity for a frame `step` s after the last one; the setting is for 30 Hz or more."""
     if not np.isfinite(step) or step <= SHORT_STEP:
-        return linearisations, sparsity
-    return linearisations + MORE_LINEARISATIONS * is_longer(step, LONG_STEP), sparsity * SHORT_STEP / step
+        return 1, sparsity
+    return 1 + MORE_LINEARISATIONS * is_longer(step, LONG_STEP), sparsity * SHORT_STEP / step

@@ -6,7 +6,7 @@
 The tracker follows the paper's method frame by frame in a closed loop. It compares the observation with the projection
 of the present state (not with the last observation, which would drift), linearises the model about that state (12),
 solves the lasso for the increment of all joints and the translation, certifies the answer, and retracts it onto SO(3).
-With `relinearisations` above 1 it linearises again about the answer, with the l1 penalty on the total increment.
+After a long step it linearises again about the answer, with the l1 penalty on the total increment.
 The published pose is the solved state, smoothed over a few frames (`output_filter`); the next frame starts from the
 state as solved.
 """
@@ -61,6 +61,7 @@ from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.output_filter import OutputFilter
 from lassokin_ros.core.output.uncertainty import JointUncertainty, UncertaintyModel
 from lassokin_ros.core.record import record
+from lassokin_ros.core.stamp_unit import StampUnit
 
 SMALLEST_PX = 3.0
 """Height of the person in the image, in noise_px, below which a body is rejected: random keypoints fit far away."""
@@ -143,6 +144,7 @@ class Tracker:
         self._uncertainty = UncertaintyModel(self.frame_model, prior, self.learned.lengths.proportions, observed)
         self.backward: Callable[[float], Backward | None] | None = None
         """The frame at a stamp, s, by a track backward in time; `published` is then between both, see `recording`."""
+        self._stamp_unit = StampUnit()
         self.reset()
 
     def _depth_estimator(self) -> DepthEstimator | None:
@@ -308,6 +310,7 @@ class Tracker:
         self.published = []
         if not observations:
             return Estimate(self._newest, self._status, Rejection.TOO_FEW_LANDMARKS)
+        self._stamp_unit.add(observations[0].stamp)
         extrinsics, known = self.learned.extrinsics, all(one.camera.known for one in observations)
         if extrinsics is not None and (len(observations) > 1 or len(self._cameras) > 1 or not known):
             observations = [replace(one, camera=extrinsics.received(one.camera)) for one in observations]

@@ -381,8 +381,9 @@ class TrackerNode(Node):
         return response
 
     def _on_save_cameras(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        name = self.get_fully_qualified_name()[1:].replace("/", "_")
         try:
-            path = save_cameras(self._pipeline, Path(self._pipeline.config.cameras_output))
+            path = save_cameras(self._pipeline, Path(f"~/.ros/{name}_cameras.sh"))
             response.success, response.message = True, f"written: {path.absolute()}"
         except LassokinError as error:
             response.success, response.message = False, str(error)

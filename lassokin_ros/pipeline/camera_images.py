@@ -15,6 +15,7 @@ from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
 from lassokin_ros.pipeline.depth_check import MISFIT, DepthCheck
 from lassokin_ros.pipeline.depth_images import DepthImages, key_of_camera
+from lassokin_ros.pipeline.input_checks.image_size import ImageSize
 from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
 from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH, check_layout, has_leading_slash
 from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
@@ -22,7 +23,7 @@ from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
 from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, checked_positions, people_shown
 from lassokin_ros.pipeline.seen import Image, people_in
-from lassokin_ros.pipeline.settings import MESSAGE, NodeSettings
+from lassokin_ros.pipeline.settings import NODE, NodeSettings
 from lassokin_ros.pipeline.stamps import StampWatch
 from msg_adapters.detectors.registry import keypoint_adapter
 from msg_adapters.errors import AdapterError
@@ -68,6 +69,8 @@ class CameraImages:
         """The rates of the stamps and of the arrivals."""
         self.own_depth = OwnDepth()
         """What is unusual about depths in the keypoint messages."""
+        self.image_size = ImageSize()
+        """Whether camera_info is of an image of the size of the keypoints' one."""
         self.landmark_ids = LandmarkIds(layout.names)
         """Which landmarks have appeared."""
         self.nobody_in_view = False
@@ -98,10 +101,12 @@ class CameraImages:
             self.counts[self.key("received")] += 1
         self.stamp_ns, self.frame_id = arrival_ns, ""
         keypoints, view = self._decode(message)
+        view = self.image_size.view(keypoints, view)
         self.frame_id = keypoints.frame_id or view.intrinsics.frame_id
         decoded, keypoints = keypoints, self._remove_placeholders(keypoints, view)
         shown = people_shown(decoded, keypoints, self.tracker_config.min_confidence)
         self._count_nobody_and_outside(keypoints, view, shown)
+        self.image_size.refuse_outside(keypoints, view, self.tracker_config.min_confidence)
         if keypoints.stamp_ns is None:
             self.counts["unstamped"] += 1
         else:
@@ -133,6 +138,7 @@ class CameraImages:
     def reset(self) -> None:
         """Forget the stamps; everything that concerns the people was forgotten."""
         self.stamps.reset()
+        self.image_size.reset()
         self.arrival_ns = 0  # its clock may have jumped back
         self.delay_s = None
         self._optical_frame = None
@@ -155,8 +161,8 @@ class CameraImages:
         return message if isinstance(message, Keypoints) else self._adapter.decode(message, size)
 
     def _remove_placeholders(self, keypoints: Keypoints, view: View) -> Keypoints:
-        """Remove placeholder coordinates, and count the message. Raises AdapterError for fractions of the image."""
-        kept = checked_positions(keypoints, view.size)
+        """Remove placeholder coordinates, and count the message. Raises AdapterError for fractions or percent."""
+        kept = checked_positions(keypoints, view.lens)
         if kept is not keypoints:
             self.counts[PLACEHOLDERS] += 1
         return kept
@@ -190,7 +196,7 @@ class CameraImages:
     def _is_back_in_time(self, image: Image, arrival_ns: int) -> bool:
         """Return True if the people must be forgotten. Raises AdapterError for an old stamp, see `StampWatch.check`."""
         try:
-            return self.stamps.check(image.stamp_ns, arrival_ns, self.config.jump_back)
+            return self.stamps.check(image.stamp_ns, arrival_ns)
         except AdapterError:
             if not self.stamps.is_first_stamp(image.stamped):
                 raise
@@ -204,6 +210,6 @@ class CameraImages:
     def _has_persistent_numbers(self, keypoints: Keypoints) -> bool:
         """Return True if the message's person numbers identify people over time."""
         persons = keypoints.persons
-        if persons is None or not keypoints.persistent or self.config.person_ids != MESSAGE:
+        if persons is None or not keypoints.persistent or self.config.person_ids == NODE:
             return False
         return len(persons) == 0 or bool(persons.min() >= 0)

@@ -23,7 +23,7 @@ LONGEST_PERIOD_NS = 200_000_000
 """ns: assumed period of the depth images before two have come, and its upper limit."""
 OVERTAKEN_NS = 500_000_000
 """ns: an image that is older than the newest one by less than this has been overtaken and is not kept. Otherwise time
-has jumped back; it is the default of `jump_back`, from which keypoints tell that."""
+has jumped back; as `stamps.JUMP_BACK_S` for keypoints."""
 LARGEST_ASPECT_ERROR = 0.02
 """Largest difference of width / height between a depth image and the image of its camera_info."""
 

@@ -42,17 +42,17 @@ from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.matching import is_trackable
-from lassokin_ros.pipeline.people.people_tracker import PeopleTracker
+from lassokin_ros.pipeline.people.people_tracker import PERSON_ABSENT, PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.people.single_person import PERSON_ABSENT, SinglePersonTracker
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
-from lassokin_ros.pipeline.people.untracked import untracked
 from lassokin_ros.pipeline.seen import Image, Sight, key_of
-from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.pipeline.waiting import Waiting
+from lassokin_ros.pipeline.settings import LASTING, NodeSettings
+from lassokin_ros.pipeline.waiting import Wait, Waiting
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 from msg_adapters.errors import AdapterError
 
+TF_POLL_S = 0.005
+"""s between two looks whether TF has come that keypoints wait for."""
 JUMPS = "jumps of the cameras in fixed_frame"
 """Key of the count of images before which the poses of all cameras in TF have jumped."""
 
@@ -95,7 +95,8 @@ class Pipeline:
         """The numbers of the people in images that were seen before, by camera and `key_of`: nobody else is there."""
         self.answered = False
         """True after the first accepted result for a person."""
-        self.people = _people_tracker(self._trackable, self.counts, self.config)
+        rules = self.config.follow, self.config.lock, self.config.several_cameras, self.config.person_ids == LASTING
+        self.people = PeopleTracker(self._trackable, self.counts, *rules)
         names, layout = self.config.camera_names, self.tracker.layout
         self.cameras = {name: CameraImages(name, tracker_config, self.config, layout, self.counts) for name in names}
         """The inputs of each camera by name; the name of the only camera is empty."""
@@ -110,8 +111,7 @@ class Pipeline:
             if (extrinsics := tracked.tracker.learned.extrinsics) is not None and self.config.several_cameras:
                 extrinsics.anchor = names[0]
         self._sets = ImageSets(self.config.camera_wait) if self.config.several_cameras else None
-        wait = max(self.config.depth_wait, patience)
-        self._waiting = {name: Waiting(camera.depth, wait) for name, camera in self.cameras.items()}
+        self._waiting = {name: Waiting(self._waits_of(camera, patience)) for name, camera in self.cameras.items()}
         self._order, self._ready = AnswersInOrder(), list[Answer]()
         self.agreement = CameraAgreement(layout.names)
         """Which of several cameras contradicts the others about the one person who is followed."""
@@ -125,6 +125,16 @@ class Pipeline:
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
         self.image: tuple[int, str] | None = None
         """Stamp (ns) and frame_id of the last message that was not refused as a whole."""
+
+    def _waits_of(self, camera: CameraImages, patience: float) -> list[Wait]:
+        """Return what the messages of a camera wait for."""
+        waits = []
+        if (depth := camera.depth) is not None:
+            longest_s = max(self.config.depth_wait, patience)
+            waits.append(Wait(lambda _, stamp_ns: depth.may_receive(stamp_ns), longest_s, lambda: depth.arrival_ns))
+        if self.places is not None:
+            waits.append(Wait(self.places.may_reach, max(self.config.tf_wait, patience), polled_s=TF_POLL_S))
+        return waits
 
     def use_backward(self, frames: Mapping[int | None, Mapping[int, Backward]]) -> None:
         """See `TrackedPerson.use_backward`. frames: by the person's number in the messages, None without a number."""
@@ -457,7 +467,9 @@ class Pipeline:
     def _released(self, camera: str, now_ns: int | None) -> list[Answer]:
         """Return the answers of messages of a camera that wait no longer. now_ns: None if nothing follows."""
         answers, self._ready = self._ready, []
-        for message, arrival_ns in self._waiting[camera].ready(now_ns):
+        view = self.cameras[camera].camera.view
+        frame_id = "" if view is None else view.intrinsics.frame_id
+        for message, arrival_ns in self._waiting[camera].ready(now_ns, frame_id):
             self.counts["received"] += 1
             if self.enabled:
                 answers += self._answers(message, arrival_ns, self.cameras[camera])
@@ -492,7 +504,7 @@ class Pipeline:
         """Return an image with those whose numbers are known."""
         known = [(seen, identities.get((image.camera.name, key_of(seen.points)))) for seen in image.people]
         people = [replace(seen, number=number) for seen, number in known if number is not None]
-        return replace(image, people=people, numbered=True, lasting=True)
+        return replace(image, people=people, numbered=True, lasting=True, identified=True)
 
     def _track_sets(self, sets: Sequence[Sequence[Image]], arrival_ns: int) -> list[Answer]:
         """Return the answers of several sets of images. Each set counts as one accepted or rejected message."""
@@ -556,9 +568,8 @@ class Pipeline:
         placed: the images that were used, with the poses of their cameras. It is not known who is in the others.
         """
         self._untracked |= {image.camera.name: (image.stamp_ns, image.shown) for image in images}
-        people = list(self.people.tracked.values())
         for image in placed:
-            count = untracked(image, people, self.reported_lost_after)
+            count = self.people.untracked(image, self.reported_lost_after)
             self._untracked[image.camera.name] = image.stamp_ns, count
         if any(image.shown for image in images):
             self._shown_ns = arrival_ns
@@ -685,12 +696,3 @@ class Pipeline:
 def _without_held_feet_if_mounted(tracker: TrackerConfig, node: NodeSettings) -> TrackerConfig:
     """The settings for a camera that may move: feet are not held, because nobody tells how it moves."""
     return replace(tracker, hold_feet=False) if node.camera_mount_frame else tracker
-
-
-def _people_tracker(people: Sequence[TrackedPerson], counts: Counter[str], config: NodeSettings) -> PeopleTracker:
-    """Return the tracker for one person or several. MultiPersonTracker is imported on demand, see assignment.py."""
-    if not config.several_people:
-        return SinglePersonTracker(people[0], config.follow, config.lock)
-    from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
-
-    return MultiPersonTracker(people, counts, config.follow, config.lock, config.several_cameras)

@@ -15,6 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.input_checks.shared_coordinates import is_shared
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
@@ -35,19 +36,29 @@ LARGEST_FRACTION = 3.0
 """Of the side's length: largest coordinate of such keypoints. Limbs may be estimated outside of the image."""
 LEAST_FRACTION = 0.01
 """Of the side's length: smallest extent of such keypoints. A few placeholders can be less than a pixel apart, too."""
+LARGEST_PERCENT = 100.0
+"""Percent of the image: largest coordinate of such keypoints, inside."""
+LEAST_PERCENT = 15.0
+"""Percent: smallest height or width of a person by which percentages are recognised. As px they are in a corner."""
+SMALLEST_IN_PERCENT = 200
+"""px: percentages are recognised in images with longer sides."""
 SMALLEST_PX = 50.0
 """px: in a person smaller than this, eyes and nose can have the same rounded position."""
 
 
-def checked_positions(keypoints: Keypoints, size: tuple[int, int]) -> Keypoints:
-    """Return the keypoints without placeholders. Raises AdapterError for fractions of the image in place of px.
+def checked_positions(keypoints: Keypoints, lens: Lens) -> Keypoints:
+    """Return the keypoints without placeholders. Raises AdapterError for fractions or percent in place of px.
 
-    size: (width, height) px of the image; 0 = unknown.
+    lens: of the camera; it remembers that larger coordinates than 100 were seen, which are no percentages.
     """
-    if _is_usual(keypoints, size):
+    if _is_usual(keypoints, lens.size):
+        lens.in_pixels = True
         return keypoints
-    refuse_fractions(keypoints, size)
-    return without_placeholders(keypoints, size)
+    refuse_fractions(keypoints, lens.size)
+    kept = without_placeholders(keypoints, lens.size)
+    if not lens.in_pixels:
+        lens.in_pixels = _refuse_percent(kept, lens.size)
+    return kept
 
 
 def refuse_fractions(keypoints: Keypoints, size: tuple[int, int]) -> None:
@@ -65,6 +76,26 @@ def refuse_fractions(keypoints: Keypoints, size: tuple[int, int]) -> None:
         "fractions",
         f"most coordinates are between 0 and 1; expected px: multiply x by the image's width{width} and y by its "
         f"height{height}",
+    )
+
+
+def _refuse_percent(keypoints: Keypoints, size: tuple[int, int]) -> bool:
+    """Return True if the coordinates are px for certain. Raises AdapterError if they are percent of the image size.
+
+    size: (width, height) px of the image; 0 = unknown.
+    """
+    xy = keypoints.xy.compress(keypoints.present, axis=0)
+    if min(size) < SMALLEST_IN_PERCENT or len(xy) < FEWEST_FRACTIONS:
+        return False
+    inside = ((xy >= 0.0) & (xy <= LARGEST_PERCENT)).all(axis=1)
+    if 2 * np.count_nonzero(inside) <= len(xy):
+        return True
+    if np.ptp(xy, axis=0).max() < LEAST_PERCENT:
+        return False
+    raise AdapterError(
+        "percent",
+        f"most coordinates are between 0 and 100 in an image of {size[0]} x {size[1]} px, as percent of it are; "
+        f"expected px: multiply x by {size[0] / 100:g} and y by {size[1] / 100:g}",
     )
 
 
@@ -111,7 +142,7 @@ def _is_usual(keypoints: Keypoints, size: tuple[int, int]) -> bool:
     x, y = keypoints.xy.compress(keypoints.present, axis=0).T.tolist()  # sets and minima take half of numpy's time
     if not x:
         return True
-    if min(size) <= 0 or (max(x) <= LARGEST_FRACTION and max(y) <= LARGEST_FRACTION):
+    if min(size) <= 0 or (max(x) <= LARGEST_PERCENT and max(y) <= LARGEST_PERCENT):
         return False
     (near_x, near_y), (far_x, far_y), centres_x, centres_y = _inside(size)
     inside = near_x < min(x) and max(x) < far_x and near_y < min(y) and max(y) < far_y

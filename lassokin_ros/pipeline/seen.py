@@ -43,7 +43,8 @@ class Image:
     stamp_ns: ns; frame_id: frame of the keypoints; people: in the order of their numbers. numbered: False if the
     messages have no person numbers: all keypoints are those of one person; lasting: True if the numbers stay the same
     from message to message; stamped: False if the stamp is the time of arrival; camera: which camera, and where it is;
-    shown: number of people who are in the image, also of those whose keypoints cannot be used.
+    shown: number of people who are in the image, also of those whose keypoints cannot be used. identified: True if the
+    numbers are the people's own, in the images of all cameras.
     """
 
     people: Sequence[Seen]
@@ -55,6 +56,7 @@ class Image:
     stamped: bool = True
     camera: CameraPose = HERE
     shown: int = 0
+    identified: bool = False
 
 
 @record

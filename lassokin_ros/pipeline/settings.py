@@ -14,7 +14,11 @@ from msg_adapters.output_messages.people import BUILDERS
 
 OPTICAL_FRAME = "camera_optical_frame"
 """Name of the camera's optical frame (z forward, x right, y down) if nothing else gives one."""
-MESSAGE, NODE = "message", "node"
+DEPTH_WAIT, CAMERA_WAIT, TF_WAIT = 0.005, 0.03, 0.1
+"""s: the waiting times if `wait` is 0."""
+SHORTEST_WAIT = 0.001
+"""s: shortest period of a timer."""
+MESSAGE, NODE, LASTING = "message", "node", "lasting"
 ROOT, ALL = "root", "all"
 SKELETON_SUFFIXES = (".yaml", ".yml")
 """Suffixes of skeletons that are written. One with another suffix would be read as another format."""
@@ -42,10 +46,11 @@ class NodeSettings:
         "frame with z up, such as odom or base_footprint, in which the skeleton is kept and published; TF gives each "
         "camera's pose in it at its image's stamp; empty: the optical frame of the camera, or of the first one",
     )
-    camera_wait: float = setting(
-        0.03,
-        "several cameras: longest time for which a keypoint message waits for those of other cameras that are due; "
-        "more for slow detectors, at the cost of latency",
+    wait: float = setting(
+        0.0,
+        "longest time for which a keypoint message waits for the depth image of its time, for keypoints of other "
+        "cameras that are due, and for TF of a camera that moves; more for slow drivers or detectors, at the cost of "
+        "latency; 0 = 0.005 for depth, 0.03 for cameras, 0.1 for TF",
         "s",
         0.0,
         1.0,
@@ -57,14 +62,6 @@ class NodeSettings:
     )
     depth_registered: bool = setting(
         False, "depth images are registered to the colour image even if their frame_id differs from its frame_id"
-    )
-    depth_wait: float = setting(
-        0.005,
-        "longest time for which a keypoint message waits for the depth image of its time; more for a pipeline that "
-        "registers or compresses slowly, at the cost of latency",
-        "s",
-        0.001,
-        1.0,
     )
     rectified: bool = setting(
         False, "keypoints are pixels of the rectified image: camera_info's P is used in place of K and D"
@@ -93,20 +90,12 @@ class NodeSettings:
         1,
         1000,
     )
-    jump_back: float = setting(
-        0.5,
-        "a stamp older than the newest by more than this (bag loop, seek) resets the tracker; any other old stamp is "
-        "rejected",
-        "s",
-        0.0,
-        3600.0,
-        live=True,
-    )
     max_people: int = setting(1, "people followed at once; above 1, topics are under ~/bodies/<id>/", "", 1, 20)
     person_ids: str = setting(
         MESSAGE,
-        "what identifies people over time: the message's person numbers if they persist, or the node's own matching",
-        choices=(MESSAGE, NODE),
+        "what identifies people over time: the message's person numbers if they persist, near the expected place; the "
+        "node's own matching; or lasting: numbers that are people's, wherever they are",
+        choices=(MESSAGE, NODE, LASTING),
     )
     follow: str = setting(
         CONFIDENT,
@@ -148,21 +137,8 @@ class NodeSettings:
         PEOPLE_TYPES[0],
         f"message type of ~/people, one of: {', '.join(PEOPLE_TYPES)}; the last two need their packages",
     )
-    detail_rate: float = setting(
-        0.0,
-        "largest rate of ~/certificate, ~/joint_uncertainty and ~/uncertainty_markers, by stamps; 0: with every frame",
-        "Hz",
-        0.0,
-        1000.0,
-    )
-    joint_labels: bool = setting(False, "names of the joints as text in ~/markers")
     state_publisher: str = setting(
         "", "name of the robot_state_publisher that follows ~/robot_description (one person); empty for none"
-    )
-    cameras_output: str = setting(
-        "~/.ros/lassokin_cameras.sh",
-        "file that ~/save_cameras writes: commands that publish the learned poses of the cameras as static transforms",
-        live=True,
     )
     skeleton_output: str = setting(
         "~/.ros/lassokin_skeleton.yaml",
@@ -184,6 +160,21 @@ class NodeSettings:
     def root_frame(self) -> str:
         """The base link of robot_description before the first result."""
         return (self.fixed_frame or self.base_frame).lstrip("/")
+
+    @property
+    def depth_wait(self) -> float:
+        """s: longest time for which keypoints wait for the depth image of their time."""
+        return max(self.wait or DEPTH_WAIT, SHORTEST_WAIT)
+
+    @property
+    def camera_wait(self) -> float:
+        """s: longest time for which keypoints wait for those of other cameras."""
+        return self.wait or CAMERA_WAIT
+
+    @property
+    def tf_wait(self) -> float:
+        """s: longest time for which keypoints wait for the poses of moving cameras from TF."""
+        return self.wait or TF_WAIT
 
     def depth_topic(self, camera: str) -> str:
         """Return the topic of the depth images of a camera; empty if there is none."""
@@ -210,7 +201,9 @@ class NodeSettings:
             check_setting(item.name, getattr(self, item.name), item.metadata, type(item.default))
         if full_type_name(self.keypoints_type) not in ADAPTERS:
             raise ConfigurationError(
-                f"keypoints_type is '{self.keypoints_type}'; expected one of: {', '.join(ADAPTERS)}"
+                f"keypoints_type is '{self.keypoints_type}'; expected one of: {', '.join(ADAPTERS)}; publish keypoints "
+                "in another message as PointCloud2 (README: Feed your own detector), or write an adapter "
+                "(docs/extending.md)"
             )
         if full_type_name(self.people_type) not in PEOPLE_TYPES:
             raise ConfigurationError(f"people_type is '{self.people_type}'; expected one of: {', '.join(PEOPLE_TYPES)}")

@@ -15,6 +15,8 @@ ALWAYS_AHEAD_S = 2.0
 FASTEST = 10.0
 """Largest playback rate of a recording. A pause in the recording is shorter by this factor during playback."""
 
+JUMP_BACK_S = 0.5
+"""s: a stamp that is older than the newest one by more than this is a jump back: a bag loops, or is rewound."""
 LITTLE_AHEAD_S = 4.0
 """s: a stamp that was wrong and farther ahead is left behind by a jump back, not waited for."""
 
@@ -69,23 +71,23 @@ class StampWatch:
         """Return True for the first message with a stamp after messages without one."""
         return stamped and self._reference is None and self._newest is not None
 
-    def check(self, stamp_ns: int, arrival_ns: int, jump_back: float) -> bool:
-        """Return True if time jumped back by more than jump_back (s), so that the state must be reset.
+    def check(self, stamp_ns: int, arrival_ns: int) -> bool:
+        """Return True if time jumped back by more than JUMP_BACK_S, so that the state must be reset.
 
         arrival_ns: ns of any monotonic clock. Raises AdapterError for an old stamp (`old_stamp`) and for a jump that
         does not follow another jump (`stamp_jump`).
         """
-        back = self._newest is not None and self._compare(stamp_ns, arrival_ns, self._newest, jump_back)
+        back = self._newest is not None and self._compare(stamp_ns, arrival_ns, self._newest)
         self._last = stamp_ns, arrival_ns
         if not back:  # an image of the new time may not be usable, and then changes nothing
             self._before, self._used = self._used, stamp_ns
         return back
 
-    def _compare(self, stamp_ns: int, arrival_ns: int, newest: int, jump_back: float) -> bool:
+    def _compare(self, stamp_ns: int, arrival_ns: int, newest: int) -> bool:
         ahead = (stamp_ns - newest) * 1e-9
         if stamp_ns == newest:
             raise AdapterError("old_stamp", "the stamp has not changed; the detector must copy the stamp of each image")
-        if -jump_back <= ahead < 0:
+        if -JUMP_BACK_S <= ahead < 0:
             raise AdapterError("old_stamp", f"the stamp is {abs(ahead):.3f} s older than the newest one")
         if self._before is not None and self._before < stamp_ns < newest and -ahead < LITTLE_AHEAD_S:
             self._before = stamp_ns

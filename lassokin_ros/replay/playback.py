@@ -30,7 +30,7 @@ DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 LAST_PERIOD_NS = 700_000_000
 """ns: if less than this is missing to the last period of the diagnostics, its warnings are collected, too."""
 PATIENCE_S = 0.1
-"""s of recording time for which a keypoint message waits for its depth image; `depth_wait` if that is longer."""
+"""s of recording time for which a keypoint message waits for its depth image; `wait` if that is longer."""
 NOT_RECORDED = {topic.name for topic in topics.LIVE_OUTPUTS}
 
 Listener = Callable[[Sequence[FrameResult], int, float], None]

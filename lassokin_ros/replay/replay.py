@@ -75,7 +75,6 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         read = [*(topic for one in cameras for topic in one.topics), *others]
         poses = poses_in(cameras)
 
-
         def make(config: TrackerConfig, bodies: Bodies | None = None) -> Pipeline:
             return Pipeline(config, node_config, poses=poses, bodies=bodies, patience=PATIENCE_S)
 

@@ -121,7 +121,7 @@ def _tracks(images: Sequence[Found]) -> Iterator[tuple[float, ImageTrack, Detect
     for seconds, found in images:
         stamp_ns = round(seconds * 1e9)
         sources = {id(points := _detection(person)): (points, person) for person in found}
-        tracks.update(stamp_ns, [points for points, _ in sources.values()], persistent=False, forget_after=patience)
+        tracks.update(stamp_ns, [points for points, _ in sources.values()], lasting=False, forget_after=patience)
         for track in tracks.seen_at(stamp_ns):
             yield seconds, track, sources[id(track.detection)][1]
 

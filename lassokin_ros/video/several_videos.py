@@ -65,7 +65,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     who = [f"max_people:={MOST_PEOPLE}"] if options.person == ALL else []
     chosen = [f"landmarks:={detector.landmarks}", names, RAW_IMAGES, *search, *who, *options.p, *height, *NO_TOPICS]
     tracker_config, node_config = offline_settings(options.params_file, chosen, {} if options.causal else WHOLE_FILE)
-    _check(options, node_config, [camera.name for camera in cameras])
+    _check(options, node_config, [camera.name for camera in cameras], detector.several)
     if unplaced and tracker_config.height == 0:
         raise CameraError("height is 0, and without the places of the cameras nothing shows the size; give --height")
     poses = {camera.name: camera.pose for camera in cameras}
@@ -125,10 +125,17 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     return Tracked("\n".join([summary, *outputs.doubts]), not stopped, "; ".join(filter(None, faults)))
 
 
-def _check(options: argparse.Namespace, node: NodeSettings, names: Sequence[str]) -> None:
-    """Raise a LassokinError for settings that several videos have no use for, before anything is detected."""
+def _check(options: argparse.Namespace, node: NodeSettings, names: Sequence[str], several: bool) -> None:
+    """Raise a LassokinError for settings that several videos have no use for, before anything is detected.
+
+    several: whether the detector finds several people.
+    """
     if options.person not in (None, LARGEST, ALL):
         raise PersonError(f"--person {options.person} with several videos; expected {LARGEST} or {ALL}")
+    if not several and (options.person is not None or node.several_people):
+        raise PersonError(
+            f"several people are to be tracked, but {options.detector} finds one person; expected YOLO-pose or RTMO"
+        )
     if list(node.camera_names) != list(names):
         raise CameraError(
             f"cameras is {', '.join(node.camera_names)}; expected no setting: the videos name the cameras"
@@ -291,9 +298,7 @@ def _play(
         (seconds, camera, keypoints)
         for camera in cameras
         if camera.detections is not None
-        for seconds, keypoints in (
-            camera.detections.of_everybody() if everybody else camera.detections.of_all()
-        )
+        for seconds, keypoints in (camera.detections.of_everybody() if everybody else camera.detections.of_all())
     ]
     for seconds, camera, keypoints in sorted(found, key=lambda one: one[0]):
         before(camera)

@@ -24,7 +24,7 @@ from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.pipeline import Pipeline
-from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
+from lassokin_ros.pipeline.settings import LASTING, MESSAGE, OPTICAL_FRAME, NodeSettings
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.replay.passes.passes import Bodies, learn
 from lassokin_ros.replay.playback import Playback
@@ -158,6 +158,8 @@ class Run:
         """Detect all images, learn the people's lengths from them, and track them backward and forward with these."""
         config, node = configs
         self._detect()
+        if node.person_ids == MESSAGE:
+            node = replace(node, person_ids=LASTING)  # those of `people_in`
         self._found: Callable[[], Images] = self.detections.of_all
         if self._several:
             people = self._chosen(options.person, node)

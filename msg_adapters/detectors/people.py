@@ -19,13 +19,15 @@ def gather(
     depth_note: str = "",
     layout_size: int | None = None,
     unplaced: int = 0,
+    rays: Sequence[Sequence[tuple[float, float]]] | None = None,
 ) -> Keypoints:
     """Return the keypoints of people, each a list of (landmark, x px, y px, confidence).
 
     ids: the tracker's id of each person. If an id is no integer >= 0 or is repeated, the detector has no tracker. The
     people are then numbered in the order of the message, and the numbers are not persistent.
-    depths: m, of each point of each person, NaN = not measured; None if the message has no depth. depth_note,
-    layout_size, unplaced: as in Keypoints, there `landmarks` and `unplaced`.
+    depths: m, of each point of each person, NaN = not measured; None if the message has no depth. rays: as in
+    Keypoints, of each point of each person. depth_note, layout_size, unplaced: as in Keypoints, there `landmarks` and
+    `unplaced`.
     """
     numbers = [int(text) if text.isascii() and text.isdigit() and len(text) < 19 else -1 for text in ids]
     persistent = len(set(numbers)) == len(numbers) and min(numbers, default=0) >= 0
@@ -39,6 +41,7 @@ def gather(
     depth = None if depths is None else np.array([depth for person in depths for depth in person], dtype=float)
     if depth is not None and not np.isfinite(depth).any():
         depth = None
+    seen = None if rays is None else np.array([ray for person in rays for ray in person], dtype=float).reshape(-1, 2)
     return Keypoints(
         stamp_ns,
         frame_id,
@@ -52,4 +55,5 @@ def gather(
         landmarks=layout_size,
         depth_note=depth_note,
         unplaced=unplaced,
+        rays=None if depth is None else seen,
     )

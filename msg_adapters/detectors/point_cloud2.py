@@ -19,9 +19,13 @@ MAX_POINT_STEP = 4096
 LONGEST_NAME = 32
 """Characters of a field name that are used. Error texts contain the names."""
 ALIASES = {"u": "x", "v": "y"}
-DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # sensor_msgs/PointField
-INTEGERS, FLOATS = (1, 2, 3, 4, 5, 6), (7, 8)
-EXPECTED = {"x": FLOATS, "y": FLOATS, "confidence": FLOATS, "id": INTEGERS, "person": INTEGERS, "depth": FLOATS}
+DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8", 9: "i8", 10: "u8"}
+"""Those of sensor_msgs/PointField, and PCL's for 64-bit integers."""
+WHOLE = ("id", "person")
+"""Fields that hold whole numbers. Their type may be a float, as of an array in which all columns have one type."""
+LARGEST_WHOLE = 2.0**53
+"""Largest whole number up to which a float64 has all of them."""
+NAMES = ("x", "y", "confidence", *WHOLE, "depth")
 
 
 class PointCloud2Adapter:
@@ -47,8 +51,8 @@ class PointCloud2Adapter:
             xy[:, 0], xy[:, 1] = points["x"], points["y"]
             confidence = points["confidence"].astype(float)
             depth = _depth(points)
-        persons = points["person"].astype(np.int64) if "person" in (points.dtype.names or ()) else None
-        ids = points["id"].astype(np.int64)
+        persons = _whole(points, "person") if "person" in (points.dtype.names or ()) else None
+        ids = _whole(points, "id")
         return Keypoints(stamp, frame_name(message.header), ids, xy, confidence, persons, depth=depth)
 
 
@@ -59,14 +63,15 @@ def _dtype(fields: tuple[tuple[str, int, int, int], ...], point_step: int, big_e
     formats: dict[str, tuple[str, int]] = {}
     for name, offset, datatype, count in fields:
         name = ALIASES.get(name, name)
-        if name not in EXPECTED:
+        if name not in NAMES:
             continue
         if name in formats:
             raise AdapterError("wrong_fields", f"the cloud has two fields '{name}'")
-        if datatype not in EXPECTED[name] or count > 1:
-            kind = "float32 or float64" if EXPECTED[name] is FLOATS else "an integer type"
+        if datatype not in DATATYPES or count > 1:
             raise AdapterError(
-                "wrong_datatype", f"field '{name}' has datatype {datatype}, count {count}; expected one value of {kind}"
+                "wrong_datatype",
+                f"field '{name}' has datatype {datatype}, count {count}; expected one number: datatype 1 to 8 of "
+                "sensor_msgs/PointField (7 is FLOAT32), or 9 or 10 (PCL's 64-bit integers), with count 1",
             )
         if offset + np.dtype(DATATYPES[datatype]).itemsize > point_step:
             raise AdapterError(
@@ -76,7 +81,11 @@ def _dtype(fields: tuple[tuple[str, int, int, int], ...], point_step: int, big_e
     missing = [name for name in ("x", "y", "confidence", "id") if name not in formats]
     if missing:
         there = ", ".join(name for name, *_ in fields[:16]) or "none"
-        raise AdapterError("wrong_fields", f"the cloud has no field {', '.join(missing)}; its fields are: {there}")
+        raise AdapterError(
+            "wrong_fields",
+            f"the cloud has no field {', '.join(missing)}; expected x, y (px; or u, v), confidence (0 to 1) and id (of "
+            f"the landmark); its fields are: {there}",
+        )
     return np.dtype(
         {
             "names": list(formats),
@@ -85,6 +94,21 @@ def _dtype(fields: tuple[tuple[str, int, int, int], ...], point_step: int, big_e
             "itemsize": point_step,
         }
     )
+
+
+def _whole(points: np.ndarray, name: str) -> np.ndarray:
+    """Return a field of whole numbers (k,), -1 for NaN. Raises AdapterError for others."""
+    values = points[name]
+    if values.dtype.kind == "f":
+        with np.errstate(invalid="ignore"):  # a NaN may be signalling
+            values = np.where(np.isnan(values), -1.0, values)
+            wrong = (values != np.rint(values)) | (np.abs(values) > LARGEST_WHOLE)
+        if wrong.any():
+            raise AdapterError(
+                "wrong_datatype", f"field '{name}' holds {values[wrong][0]:g}; expected whole numbers, such as int32"
+            )
+    whole: np.ndarray = values.astype(np.int64)
+    return whole
 
 
 def _depth(points: np.ndarray) -> np.ndarray | None:

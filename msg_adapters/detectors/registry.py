@@ -10,7 +10,8 @@ from msg_adapters.keypoints import Keypoints
 ADAPTERS = {
     "sensor_msgs/msg/PointCloud2": "msg_adapters.detectors.point_cloud2:PointCloud2Adapter",
     "geometry_msgs/msg/PolygonStamped": "msg_adapters.detectors.polygon_stamped:PolygonStampedAdapter",
-    "std_msgs/msg/Float32MultiArray": "msg_adapters.detectors.float32_multi_array:Float32MultiArrayAdapter",
+    "std_msgs/msg/Float32MultiArray": "msg_adapters.detectors.multi_array:MultiArrayAdapter",
+    "std_msgs/msg/Float64MultiArray": "msg_adapters.detectors.multi_array:MultiArrayAdapter",
     "hri_msgs/msg/Skeleton2D": "msg_adapters.detectors.hri_skeleton2d:HriSkeleton2DAdapter",
     "yolo_msgs/msg/DetectionArray": "msg_adapters.detectors.yolo_detections:YoloDetectionsAdapter",
     "zed_msgs/msg/ObjectsStamped": "msg_adapters.detectors.zed_objects:ZedObjectsAdapter",

@@ -8,6 +8,7 @@ are used if that is the optical frame of the image, in which z is the depth.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from msg_adapters.detectors.people import gather
@@ -16,6 +17,7 @@ from msg_adapters.keypoints import MAX_POINTS, Keypoints, check_count, frame_nam
 
 PERSON = "person"
 """Name of the class of people in COCO. A person without keypoints is one who is too near, or hidden."""
+NOT_MEASURED = (math.nan,) * 3
 
 
 class YoloDetectionsAdapter:
@@ -31,21 +33,24 @@ class YoloDetectionsAdapter:
         if any(point[0] < 0 for person in people for point in person):
             raise AdapterError("unknown_id", "a keypoint has an id below 1; expected COCO's index plus 1")
         frame_id = frame_name(message.header)
-        depths = [_depths(d, frame_id) for d in seen]
+        places = [_places(d, frame_id) for d in seen]
+        depths, rays = [[p[0] for p in own] for own in places], [[p[1:] for p in own] for own in places]
         note = next(filter(None, (_depth_note(d, frame_id) for d in seen)), "")
         measured = depths if any(depths) else None
         unplaced = sum(not len(d.keypoints.data) and d.class_name == PERSON for d in message.detections)
-        return gather(stamp, frame_id, people, [d.id for d in seen], measured, depth_note=note, unplaced=unplaced)
+        ids = [d.id for d in seen]
+        return gather(stamp, frame_id, people, ids, measured, depth_note=note, unplaced=unplaced, rays=rays)
 
 
-def _depths(detection: Any, frame_id: str) -> list[float]:
-    """Return the depth of each keypoint of a detection, m, NaN = not measured, which yolo_ros may write as 0."""
+def _places(detection: Any, frame_id: str) -> list[tuple[float, float, float]]:
+    """Return the depth of each keypoint, m, and its ray, see Keypoints; NaN = not measured (yolo_ros may write 0)."""
     measured = getattr(detection, "keypoints3d", None)
     if measured is None or not frame_id or measured.frame_id.lstrip("/") != frame_id:
-        return [float("nan")] * len(detection.keypoints.data)
+        return [NOT_MEASURED] * len(detection.keypoints.data)
     check_count(len(measured.data))
-    by_id = {p.id: float(p.point.z) for p in measured.data if p.point.z > 0}
-    return [by_id.get(p.id, float("nan")) for p in detection.keypoints.data]
+    points = ((p.id, float(p.point.x), float(p.point.y), float(p.point.z)) for p in measured.data if p.point.z > 0)
+    by_id = {number: (z, x / z, y / z) for number, x, y, z in points}
+    return [by_id.get(p.id, NOT_MEASURED) for p in detection.keypoints.data]
 
 
 def _depth_note(detection: Any, frame_id: str) -> str:

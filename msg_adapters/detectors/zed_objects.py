@@ -3,11 +3,12 @@
 Landmark layouts: `zed38` for BODY_38, `openpose18` for BODY_18, which has OpenPose's order. Confidences are percentages
 from 1 to 99. If the wrapper leaves the confidences of the keypoints at 0, the confidence of the body is used. The
 frame_id of the message is the body frame of the camera (x forward), so the frame of camera_info is used instead. The
-depth of a keypoint is x of the 3D skeleton, which ZED fits inside the body.
+depth of a keypoint is x of the 3D skeleton, which ZED fits inside the body. y to the left and z up are the other axes.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from msg_adapters.detectors.people import gather
@@ -22,6 +23,7 @@ TRACKED, TERMINATED = 1, 3
 
 FULL = 100.0
 """Confidences are percentages."""
+NOT_MEASURED = (math.nan,) * 3
 
 
 class ZedObjectsAdapter:
@@ -40,11 +42,14 @@ class ZedObjectsAdapter:
         found = [_points(body) for body in bodies]
         people = [[point[:4] for point in person] for person in found]
         depths = [[point[4] for point in person] for person in found]
+        rays = [[point[5:] for point in person] for person in found]
         ids = [str(body.label_id) if body.tracking_available else "" for body in bodies]
         sizes = {_count(body) for body in bodies}
         size = sizes.pop() if len(sizes) == 1 else None
         unplaced = len(message.objects) - len(bodies) - sum(_has_left(body) for body in message.objects)
-        return gather(stamp, "", people, ids, depths, depth_of_surface=False, layout_size=size, unplaced=unplaced)
+        return gather(
+            stamp, "", people, ids, depths, depth_of_surface=False, layout_size=size, unplaced=unplaced, rays=rays
+        )
 
 
 def _has_left(body: Any) -> bool:
@@ -57,24 +62,24 @@ def _count(body: Any) -> int:
     return COUNTS[body.body_format]
 
 
-def _points(body: Any) -> list[tuple[int, float, float, float, float]]:
-    """Return (landmark, x, y, confidence, depth) of one body. Missing points have negative coordinates or NaN."""
+def _points(body: Any) -> list[tuple[int, float, float, float, float, float, float]]:
+    """Return (landmark, x, y, confidence, depth, and its ray's two) of a body. Missing points are negative or NaN."""
     count = _count(body)
     pixels = [point.kp for point in body.skeleton_2d.keypoints[:count]]
     own = [float(value) for value in getattr(body, "skeleton_keypoint_confidence", ())[:count]]
     if not any(value > 0 for value in own):
         own = [float(body.confidence)] * count
-    depths = _depths(body, count)
+    places = _places(body, count)
     return [
-        (index, float(kp[0]), float(kp[1]), max(percent, 0.0) / FULL, depths[index])
+        (index, float(kp[0]), float(kp[1]), max(percent, 0.0) / FULL, *places[index])
         for index, (kp, percent) in enumerate(zip(pixels, own))
         if kp[0] >= 0 and kp[1] >= 0 and (kp[0] > 0 or kp[1] > 0)
     ]
 
 
-def _depths(body: Any, count: int) -> list[float]:
-    """Return the depth of each keypoint, m, NaN = not measured: x of a frame with x forward."""
+def _places(body: Any, count: int) -> list[tuple[float, float, float]]:
+    """Return the depth of each keypoint, m, and its ray, see Keypoints; NaN = not measured. The frame has x forward."""
     skeleton = getattr(body, "skeleton_3d", None)
-    points = [] if skeleton is None else skeleton.keypoints[:count]
-    depths = [float(point.kp[0]) for point in points]
-    return [depth if depth > 0 else float("nan") for depth in depths] + [float("nan")] * (count - len(depths))
+    points = [] if skeleton is None else [[float(value) for value in p.kp] for p in skeleton.keypoints[:count]]
+    places = [(x, -y / x, -z / x) if x > 0 else NOT_MEASURED for x, y, z in points]
+    return places + [NOT_MEASURED] * (count - len(places))

@@ -1,4 +1,4 @@
-"""A skeleton as visualization_msgs/MarkerArray: bones as lines, joints as spheres, optionally names as text."""
+"""A skeleton as visualization_msgs/MarkerArray: bones as lines, joints as spheres."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from msg_adapters.backends import Backend
 from msg_adapters.output_messages.builders import StampedBuilder
 
 SPHERE, LINE_LIST, SPHERE_LIST, TEXT = 2, 5, 7, 9  # visualization_msgs/Marker
-JOINT_SIZE, BONE_SIZE, TEXT_SIZE = 0.05, 0.025, 0.05  # m
+JOINT_SIZE, BONE_SIZE = 0.05, 0.025  # m
 JOINT_COLOUR, BONE_COLOUR, TEXT_COLOUR = (0.10, 0.45, 0.85, 1.0), (0.95, 0.60, 0.10, 1.0), (1.0, 1.0, 1.0, 1.0)
 LIFETIME_NS = 1_000_000_000
 """Lifetime of a marker. The markers of a lost person disappear, and those of a person who is tracked twice per second
@@ -20,22 +20,15 @@ do not flicker."""
 class SkeletonMarkersBuilder(StampedBuilder):
     """The message object is reused; each frame changes its points."""
 
-    def __init__(self, backend: Backend, parents: Sequence[int], prefix: str = "", labels: Sequence[str] = ()) -> None:
-        """parents: (n,) index of each joint's parent, -1 for the root; prefix: of the markers' namespaces.
-
-        labels: (n,) text at each joint; empty for none.
-        """
+    def __init__(self, backend: Backend, parents: Sequence[int], prefix: str = "") -> None:
+        """parents: (n,) index of each joint's parent, -1 for the root; prefix: of the markers' namespaces."""
         message = backend.make("visualization_msgs/msg/MarkerArray")
         ends = [joint for child, parent in enumerate(parents) if parent >= 0 for joint in (int(parent), child)]
         bones = marker(backend, 0, f"{prefix}bones", LINE_LIST, BONE_SIZE, BONE_COLOUR, len(ends))
         joints = marker(backend, 1, f"{prefix}joints", SPHERE_LIST, JOINT_SIZE, JOINT_COLOUR, len(parents))
-        texts = []
-        for joint, label in enumerate(labels):
-            texts.append(marker(backend, joint, f"{prefix}labels", TEXT, TEXT_SIZE, TEXT_COLOUR, 0))
-            texts[-1].text = label
-        message.markers = [bones, joints, *texts]
-        self._order = np.array([*ends, *range(len(parents)), *range(len(texts))])
-        self._targets = [*bones.points, *joints.points, *(text.pose.position for text in texts)]
+        message.markers = [bones, joints]
+        self._order = np.array([*ends, *range(len(parents))])
+        self._targets = [*bones.points, *joints.points]
         super().__init__(message, [marker.header for marker in message.markers])
 
     def numbers(self, positions: np.ndarray) -> np.ndarray:

@@ -114,9 +114,7 @@ def test_every_clip_counts_with_any_number_of_processes(folder, tmp_path, capsys
 
 
 @needs_clips
-@pytest.mark.parametrize(
-    "mode", ["--initialisation --per-clip 1", "--uncertainty"]
-)
+@pytest.mark.parametrize("mode", ["--initialisation --per-clip 1", "--uncertainty"])
 def test_other_measurements_use_that_prior_too(mode, folder, tmp_path):
     options = ["--data", str(folder), "--clips", "exp_running_1", "--jobs", "1", *mode.split()]
     key = {"--initialisation": "init_mpjpe_mm", "--uncertainty": "actual_mm"}[mode.split()[0]]

@@ -117,7 +117,7 @@ def bad_observations(good):
         (Rejection.WRONG_SHAPE, broken(good, points=np.zeros((17, 3)))),
         (Rejection.WRONG_SHAPE, broken(good, confidence=confidence[:-1])),
         (Rejection.WRONG_SHAPE, broken(good, confidence=None)),
-        (Rejection.WRONG_SHAPE, broken(good, points=np.zeros((0, 2)), confidence=np.zeros(0))),
+        (Rejection.TOO_FEW_LANDMARKS, broken(good, points=np.zeros((0, 2)), confidence=np.zeros(0))),
         (Rejection.WRONG_SHAPE, broken(good, depth=np.full(16, 3.0), depth_of_surface=True)),
         (Rejection.WRONG_SHAPE, broken(good, depth=np.full(17, 3.0), depth_deviation=np.full(3, 0.03))),
         (Rejection.WRONG_SHAPE, broken(good, points=points.tolist())),
@@ -457,7 +457,8 @@ def test_initialisation_finds_the_way_a_person_faces(yaw):
 
 
 def test_without_warm_start_the_qp_solver_gives_the_same_answers():
-    warm, cold = Tracker(CONFIG), Tracker(replace(CONFIG, warm_start=False))
+    warm, cold = Tracker(CONFIG), Tracker(CONFIG)
+    cold._increments.warm_start = False
     for _, observation in observations(warm, 1.0):
         a, b = warm.track(observation), cold.track(observation)
         assert {a.solution.method, b.solution.method} <= {"proxqp", "zero"}

@@ -53,7 +53,7 @@ def test_a_prefix_that_tf2_refuses_is_refused(prefix):
 @pytest.mark.parametrize("item", fields(NodeSettings), ids=lambda item: item.name)
 def test_values_out_of_range_are_refused(item):
     wrong = "sensor_msgs/msg/Image" if isinstance(item.default, str) else "no"
-    free = "depth camera_mount_frame fixed_frame base_frame frame_prefix state_publisher skeleton_output cameras_output"
+    free = "depth camera_mount_frame fixed_frame base_frame frame_prefix state_publisher skeleton_output"
     if item.name in free.split():
         wrong = 3
     with pytest.raises(ConfigurationError, match=item.name):

@@ -11,7 +11,7 @@ from lassokin_ros.pipeline.image_sets import MOST_FAILED_WAITS, MOST_HELD, Image
 from lassokin_ros.pipeline.seen import Image
 
 MS = 1_000_000
-NOTHING = Image((), 0, "", Lens(np.eye(3)))
+NOTHING = Image((), 0, "", Lens(np.diag([500.0, 500, 1])))
 
 
 class Arrivals:

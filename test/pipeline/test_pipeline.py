@@ -29,6 +29,7 @@ from lassokin_ros.core.errors import ConfigurationError  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
+from lassokin_ros.pipeline import stamps  # noqa: E402
 from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE  # noqa: E402
 from lassokin_ros.pipeline.camera_images import NOBODY, UNSCORED, UNUSED  # noqa: E402
@@ -142,12 +143,12 @@ def test_the_first_stamp_after_arrival_times_of_a_later_clock_resets(pipeline):
     assert counts == {"received": 1, "accepted": 1, "resets": 1} and frame.estimate.initialised
 
 
-def test_a_jump_back_needs_somebody_to_follow(pipeline):
+def test_a_jump_back_needs_somebody_to_follow(pipeline, monkeypatch):
     pipeline.frames(message(5), 5)
     pipeline.frames(message(6), 5)
     back = START_NS + 5 * PERIOD_NS
     nobody = message(5, back, confidence=np.zeros(17))
-    pipeline.tune(pipeline.tracker.config, replace(pipeline.config, jump_back=0.01))
+    monkeypatch.setattr(stamps, "JUMP_BACK_S", 0.01)
     counts, (frame,) = changes(pipeline, nobody)
     assert counts == {"received": 1, "rejected: too_few_landmarks": 1, NOBODY: 1, UNSCORED: 1}
     assert frame.detail == "the message is from an earlier time and contains no person"
@@ -155,9 +156,9 @@ def test_a_jump_back_needs_somebody_to_follow(pipeline):
     assert counts == {"received": 1, "accepted": 1, "resets": 1} and frame.estimate.initialised
 
 
-def test_a_loop_that_begins_with_an_empty_scene_is_tracked_again(pipeline):
+def test_a_loop_that_begins_with_an_empty_scene_is_tracked_again(pipeline, monkeypatch):
     """The first images after the jump are refused, because they contain nobody."""
-    pipeline.tune(pipeline.tracker.config, replace(pipeline.config, jump_back=0.1))
+    monkeypatch.setattr(stamps, "JUMP_BACK_S", 0.1)
     loop = [message(index, confidence=np.zeros(17) if index < 7 else None) for index in range(12)]
     for _ in range(3):
         counts, _ = changes(pipeline, *loop)
@@ -292,8 +293,8 @@ def test_why_nobody_can_be_locked_yet(pipeline):
 def test_another_height_resets_and_other_settings_do_not(pipeline):
     pipeline.frames(message(0), 5)
     config = pipeline.tracker.config
-    pipeline.tune(replace(config, noise_px=5.0), replace(pipeline.config, jump_back=1.5))
-    assert (pipeline.tracker.config.noise_px, pipeline.config.jump_back) == (5.0, 1.5)
+    pipeline.tune(replace(config, noise_px=5.0), replace(pipeline.config, forget_after=1.5))
+    assert (pipeline.tracker.config.noise_px, pipeline.config.forget_after) == (5.0, 1.5)
     assert pipeline.status is Status.TRACKING and pipeline.counts["resets"] == 0
     pipeline.tune(replace(config, height=1.5), pipeline.config)
     assert pipeline.tracker.skeleton.height == 1.5 and pipeline.counts["resets"] == 1
@@ -302,13 +303,13 @@ def test_another_height_resets_and_other_settings_do_not(pipeline):
 
 @pytest.mark.parametrize(
     ("tracker", "node"),
-    [({"height": 3.0}, {}), ({"height": 1.5, "noise_px": -1.0}, {}), ({"height": 1.5}, {"jump_back": -1.0})],
+    [({"height": 3.0}, {}), ({"height": 1.5, "noise_px": -1.0}, {}), ({"height": 1.5}, {"forget_after": -1.0})],
 )
 def test_a_wrong_value_changes_nothing_for_anybody(tracker, node):
     pipeline = Pipeline(TrackerConfig(), NodeSettings(max_people=2))
     config, settings = pipeline.tracker.config, pipeline.config
     with pytest.raises(ConfigurationError, match="expected"):
-        pipeline.tune(replace(config, **tracker), replace(settings, **{"jump_back": 1.5, **node}))
+        pipeline.tune(replace(config, **tracker), replace(settings, **{"forget_after": 1.5, **node}))
     assert pipeline.config == settings and pipeline.counts["resets"] == 0
     assert {(one.tracker.config, one.tracker.skeleton.height) for one in pipeline._trackable} == {(config, 1.75)}
 

@@ -149,6 +149,18 @@ def test_fractions_of_the_image_are_refused_with_the_factors():
     assert below.max() > 1.1 and pipeline.process(cloud(BACKEND, 10**9, below), 0).rejection == "fractions"
 
 
+def test_percent_of_the_image_are_refused_with_the_factors():
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    assert pipeline.set_camera(camera_info(BACKEND)) is None
+    percent = PIXELS[0] / [WIDTH, HEIGHT] * 100
+    frame = pipeline.process(cloud(BACKEND, 10**9, percent), 0)
+    assert frame.rejection == "percent" and "multiply x by 6.4 and y by 4.8" in frame.detail
+    assert pipeline.process(cloud(BACKEND, 2 * 10**9, PIXELS[0]), 0).accepted
+    assert (
+        pipeline.process(cloud(BACKEND, 2 * 10**9 + 10**8, percent), 0).rejection != "percent"
+    )  # somebody in a corner
+
+
 @pytest.mark.parametrize(
     "xy",
     [np.full((17, 2), 0.5), np.zeros((17, 2)), np.full((17, 2), np.nan), PIXELS[0] / 50, -PIXELS[0] / 1000],

@@ -25,8 +25,6 @@ from lassokin_ros.pipeline.settings import NodeSettings
         ({"max_people": 21}, "max_people is 21; expected 1 to 20"),
         ({"queue_depth": 0}, "queue_depth is 0; expected 1 to 1000"),
         ({"queue_depth": 1001}, "queue_depth is 1001; expected 1 to 1000"),
-        ({"jump_back": -0.1}, "jump_back is -0.1; expected 0 to 3600 s"),
-        ({"jump_back": 3600.1}, "expected 0 to 3600 s"),
         ({"forget_after": 0.05}, "forget_after is 0.05; expected 0.1 to 3600 s"),
         ({"forget_after": 3601.0}, "expected 0.1 to 3600 s"),
         ({"person_ids": "nobody"}, "person_ids is 'nobody'; expected"),
@@ -44,8 +42,8 @@ def test_settings_at_their_limits_are_accepted():
     assert NodeSettings().checked() == NodeSettings()
     for changes in (
         {"keypoints_type": "sensor_msgs/PointCloud2", "people_type": "people_msgs/People"},
-        {"max_people": 1, "queue_depth": 1, "jump_back": 0.0, "forget_after": 0.1},
-        {"max_people": 20, "queue_depth": 1000, "jump_back": 3600.0, "forget_after": 3600.0},
+        {"max_people": 1, "queue_depth": 1, "forget_after": 0.1},
+        {"max_people": 20, "queue_depth": 1000, "forget_after": 3600.0},
         {"publish_tf": "root", "state_publisher": "rsp"},
         {"publish_tf": "all"},
         {"skeleton_output": "BODY.YML", "frame_prefix": "", "depth": "/camera/depth"},
@@ -59,14 +57,9 @@ def test_the_defaults_of_the_node_are_those_of_the_reference():
     settings = NodeSettings()
     assert (settings.keypoints_type, settings.people_type) == ("sensor_msgs/msg/PointCloud2",) * 2
     assert (settings.depth, settings.rectified, settings.base_frame) == ("", False, "camera_optical_frame")
-    assert (settings.frame_prefix, settings.queue_depth, settings.jump_back) == ("~/", 5, 0.5)
+    assert (settings.frame_prefix, settings.queue_depth) == ("~/", 5)
     assert (settings.max_people, settings.person_ids, settings.forget_after) == (1, "message", 3.0)
-    assert (settings.rep155, settings.publish_tf, settings.joint_labels, settings.state_publisher) == (
-        False,
-        "off",
-        False,
-        "",
-    )
+    assert (settings.rep155, settings.publish_tf, settings.state_publisher) == (False, "off", "")
 
 
 @pytest.mark.parametrize(

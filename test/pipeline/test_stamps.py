@@ -6,7 +6,6 @@ from lassokin_ros.pipeline.stamps import StampWatch
 from msg_adapters.errors import AdapterError
 
 START_S = 1000.0
-JUMP_BACK_S = 0.5
 
 
 class Watched:
@@ -19,7 +18,7 @@ class Watched:
         """Return True if the message is used."""
         stamp_ns = round(stamp_s * 1e9)
         try:
-            self.forgotten += self.watch.check(stamp_ns, round(arrival_s * 1e9), JUMP_BACK_S)
+            self.forgotten += self.watch.check(stamp_ns, round(arrival_s * 1e9))
         except AdapterError as error:
             self.refused.append(error.reason)
             return False
@@ -144,7 +143,7 @@ def test_the_period_shrinks_at_once_and_grows_by_doubling():
 def test_the_first_stamp_after_arrivals_is_recognised():
     watch = StampWatch()
     assert not watch.is_first_stamp(True)
-    watch.check(10**9, 10**9, JUMP_BACK_S)
+    watch.check(10**9, 10**9)
     watch.seen(10**9, True)
     assert watch.is_first_stamp(True) and not watch.is_first_stamp(False)
     watch.follow(10**9, 10**9, True)
@@ -161,7 +160,7 @@ def test_a_stamp_that_lies_back_by_the_limit_is_old_and_beyond_it_a_jump(time):
 def test_a_stamp_ahead_by_the_limit_is_taken_and_beyond_it_refused(time):
     newest, arrival = START_S + 29 / 30, 29 / 30
     assert not time.take(newest + 2.0 + 0.01, arrival)
-    time.watch.check(round((newest + 0.01) * 1e9), round(arrival * 1e9), JUMP_BACK_S)
+    time.watch.check(round((newest + 0.01) * 1e9), round(arrival * 1e9))
     assert time.take(newest + 0.01 + 1.99, arrival)
     assert time.take(newest + 2.0 + 2.0 + 10 * 0.1 - 0.01, arrival + 0.1)  # ten times the time that has passed
     assert not time.take(newest + 5.0 + 2.0 + 10 * 0.1 + 0.01, arrival + 0.2)
@@ -169,7 +168,7 @@ def test_a_stamp_ahead_by_the_limit_is_taken_and_beyond_it_refused(time):
 
 def test_words_of_a_refused_stamp():
     watch = StampWatch()
-    watch.check(10**12, 0, JUMP_BACK_S)
+    watch.check(10**12, 0)
     watch.seen(10**12, True)
     for ahead_s, words in (
         (0.0, "the stamp has not changed; the detector must copy the stamp of each image"),
@@ -178,7 +177,7 @@ def test_words_of_a_refused_stamp():
         (-60.0, "the stamp is 60.000 s behind the newest one; the next message must confirm it"),
     ):
         with pytest.raises(AdapterError) as error:
-            watch.check(10**12 + round(ahead_s * 1e9), 0, JUMP_BACK_S)
+            watch.check(10**12 + round(ahead_s * 1e9), 0)
         assert str(error.value) == words
     watch.reset()
-    assert watch.check(5, 0, JUMP_BACK_S) is False and watch.estimate(7) == 7
+    assert watch.check(5, 0) is False and watch.estimate(7) == 7

@@ -1,4 +1,4 @@
-"""Keypoint messages wait for their depth image only while most images come in time."""
+"""Keypoint messages wait for their depth image, and for TF, only while most come in time."""
 
 from collections import Counter
 
@@ -7,11 +7,15 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
+from camera_rig import MAP, eye, keypoints, tf_of, truth_at, turning_eye  # noqa: E402
 from depth_camera import depth_message  # noqa: E402
-from messages import rosbags_backend  # noqa: E402
+from messages import camera_info, rosbags_backend  # noqa: E402
 
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.pipeline.depth_images import DepthImages  # noqa: E402
-from lassokin_ros.pipeline.waiting import MOST_FAILED_WAITS, SILENT_NS, Waiting  # noqa: E402
+from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+from lassokin_ros.pipeline.waiting import MOST_FAILED_WAITS, Wait, Waiting  # noqa: E402
 from msg_adapters.keypoints import Keypoints  # noqa: E402
 
 BACKEND = rosbags_backend()
@@ -23,7 +27,8 @@ class Camera:
 
     def __init__(self):
         self.depth = DepthImages(Counter())
-        self.waiting = Waiting(self.depth, 1e-9 * WAIT_NS)
+        depth = Wait(lambda _, stamp_ns: self.depth.may_receive(stamp_ns), 1e-9 * WAIT_NS, lambda: self.depth.arrival_ns)
+        self.waiting = Waiting([depth])
         self.number = 0
         self.image()
         self.image()  # from now on the period is known
@@ -80,8 +85,9 @@ def test_keypoints_wait_again_once_images_are_there_before_them():
 
 def test_keypoints_do_not_wait_for_a_silent_depth_camera_nor_without_a_stamp():
     camera = Camera()
-    assert camera.keypoints(camera.now_ns + SILENT_NS + 1) and camera.keypoints(None)
-    assert Waiting(None, 1.0).ready(0) == []
+    assert camera.keypoints(camera.now_ns + 5 * 10**8 + 1) and Waiting([]).ready(0) == []
+    camera.waiting.add(Keypoints(None, "", np.zeros(0, int), np.zeros((0, 2)), np.zeros(0)), 0)
+    assert camera.waiting.ready(0)
 
 
 def test_messages_keep_their_order_and_their_ages_when_the_clock_is_set_back():
@@ -94,3 +100,58 @@ def test_messages_keep_their_order_and_their_ages_when_the_clock_is_set_back():
     camera.keypoints(stamps[0])
     camera.waiting.reset()
     assert camera.waiting.ready(None) == []
+
+
+class Robot:
+    """Keypoints of a camera that turns, and TF of it that comes later."""
+
+    def __init__(self, wait=0.0):
+        self.eye = turning_eye("camera", 1.0)
+        self.session = Pipeline(TrackerConfig(), NodeSettings(fixed_frame=MAP, wait=wait))
+        self.session.set_camera(camera_info(BACKEND, frame_id=self.eye.frame))
+        self.random = np.random.default_rng(0)
+
+    def run(self, late_ns, count=30):
+        """Return the delay of each answer, ns, and how far the camera was taken to be turned wrongly, rad."""
+        events = []
+        for index in range(count + 10):
+            seconds = index / 30
+            stamp_ns = START_NS + round(1e9 * seconds)
+            tf = tf_of(BACKEND, self.eye, START_NS, seconds)
+            events.append((stamp_ns + late_ns, lambda now_ns, tf=tf: self.session.push_transforms(tf) or []))
+            if 5 <= index < count:
+                seen = keypoints(BACKEND, self.eye, START_NS, seconds, truth_at([seconds]).landmarks[0], self.random)
+                events.append((stamp_ns, lambda now_ns, seen=seen: self.session.push(seen, now_ns)))
+        found = []
+        for now_ns, event in sorted(events, key=lambda one: one[0]):
+            while (due_ns := self.session.due_at_ns) is not None and due_ns <= now_ns:
+                found += [(due_ns, answer) for answer in self.session.due(due_ns)]
+            found += [(now_ns, answer) for answer in event(now_ns)]
+        off = []
+        for _, answer in found:
+            true = self.eye.pose_at(1e-9 * (answer.stamp_ns - START_NS)).rotation
+            off += [float(np.abs(frame.camera.rotation - true).max()) for frame in answer.accepted]
+        return [now_ns - answer.stamp_ns for now_ns, answer in found], off
+
+
+def test_keypoints_wait_for_tf_of_a_camera_that_moves():
+    delays, off = Robot().run(late_ns=40_000_000)
+    assert len(delays) == len(off) == 25 and max(off) < 1e-6  # TF is at the stamps of the images
+    assert 40_000_000 <= min(delays) and max(delays) <= 45_000_000
+
+
+def test_keypoints_do_not_wait_for_tf_that_is_mostly_later_than_the_wait():
+    delays, off = Robot().run(late_ns=150_000_000)
+    assert max(delays) <= 100_000_000 and delays[-10:] == [0] * 10
+    assert max(off) > 0.001  # the motion is continued
+    delays, off = Robot(wait=0.2).run(late_ns=150_000_000)
+    assert max(off) < 1e-6 and min(delays) >= 150_000_000
+
+
+def test_keypoints_of_cameras_that_stand_still_do_not_wait():
+    robot = Robot()
+    robot.eye = eye("camera", 0)
+    robot.session.push_transforms(tf_of(BACKEND, robot.eye, START_NS, 0.0), static=True)
+    robot.session.set_camera(camera_info(BACKEND, frame_id=robot.eye.frame))
+    seen = keypoints(BACKEND, robot.eye, START_NS, 0.1, truth_at([0.1]).landmarks[0], robot.random)
+    assert robot.session.push(seen, START_NS + 10**8)[0].accepted

@@ -78,7 +78,7 @@ def test_retarget_writes_a_table_arrays_and_the_keys_of_gmr(files, tmp_path, cap
     bent = np.searchsorted(arrays["seconds"], 1.8)
     assert elbow[0] > -0.3 and elbow[bent] < -1.3 and not arrays["following"][-1] and arrays["following"][bent]
     still = np.flatnonzero(~arrays["following"])
-    assert np.ptp(elbow[still[5]:]) == 0  # it holds
+    assert np.ptp(elbow[still[5] :]) == 0  # it holds
     table = np.loadtxt(outputs[0], delimiter=",", skiprows=1)
     assert outputs[0].read_text().splitlines()[0].split(",")[9:] == names
     assert np.allclose(table[:, 9:], arrays["positions"], atol=1e-4)

@@ -121,12 +121,12 @@ def polygon(backend, stamp_ns, xy, confidence=None, frame_id=FRAME):
     return message
 
 
-def multi_array(backend, stamp_ns, xy, confidence=None):
-    """Keypoints as Float32MultiArray, which has no stamp."""
-    message = backend.make("std_msgs/msg/Float32MultiArray")
+def multi_array(backend, stamp_ns, xy, confidence=None, kind="std_msgs/msg/Float32MultiArray"):
+    """Keypoints as Float32MultiArray or Float64MultiArray, which have no stamp."""
+    message, code = backend.make(kind), "f" if "32" in kind else "d"
     scores = np.full(len(xy), 0.9) if confidence is None else confidence
-    values = np.column_stack([xy, scores]).astype(np.float32).ravel()
-    message.data = array("f", values.tobytes()) if isinstance(backend, RclpyBackend) else values
+    values = np.column_stack([xy, scores]).astype(code).ravel()
+    message.data = array(code, values.tobytes()) if isinstance(backend, RclpyBackend) else values
     return message
 
 

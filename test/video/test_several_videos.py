@@ -187,6 +187,28 @@ def test_of_several_people_the_largest_in_each_video_is_tracked_all_the_time(sho
     assert len(frames) > SHORT - 4 and np.linalg.norm(np.diff(pelvis, axis=0), axis=1).max() < 0.06
 
 
+def test_all_people_in_several_videos_have_their_motion(short, monkeypatch):
+    """Two people side by side, whom the detectors name in changing order; tracked backward, too."""
+
+    def both(self, image, seconds):
+        landmarks = TRUTH.landmarks[next(self._frames)]
+        places = [pixels(self._camera, seconds, landmarks + [x, 0.0, 0.0], self._random) for x in (-0.6, 0.6)]
+        people = [Detected(place, np.full(17, 0.9)) for place in places]
+        return people if round(seconds * 30) % 20 < 10 else people[::-1]
+
+    monkeypatch.setattr(Knowing, "detect", both)
+    monkeypatch.setattr(Knowing, "several", True)
+    command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--person", "all"]
+    assert main([*command, "--export", "walk.npz"]) == 0
+    with np.load("walk.npz") as motion:
+        for person in ("p1", "p2"):
+            mine = motion["person"] == person
+            frames = np.round(motion["stamp_ns"][mine] * 30e-9).astype(int)
+            middle = EYES[0].pose_at(0).into_camera(TRUTH.positions[frames, 0])
+            away = np.linalg.norm(motion["joint_positions"][mine, 0] - middle, axis=1)
+            assert len(frames) > SHORT - 6 and np.abs(away - 0.6).max() < 0.1
+
+
 @pytest.mark.parametrize(("begin", "told"), [(0.0, False), (0.01, False), (0.5, True)])
 def test_files_whose_images_begin_at_different_times_are_named(begin, told):
     places = {"left": 0.0, "right": begin}
@@ -296,8 +318,8 @@ def relative(origin, pose):
     "options, words",
     [
         (["--fov", "60", "--height", "0"], "nothing shows the size; give --height"),
-        (["--cameras", "calib.toml", "--person", "all"], "expected no --person, max_people 1 and rep155 false"),
-        (["--cameras", "calib.toml", "-p", "max_people:=2"], "expected no --person, max_people 1 and rep155 false"),
+        (["--cameras", "calib.toml", "--person", "2"], "--person 2 with several videos; expected largest or all"),
+        (["--cameras", "calib.toml", "-p", "max_people:=2"], "finds one person; expected YOLO-pose or RTMO"),
         (["--cameras", "calib.toml", "-p", "cameras:=[left]"], "cameras is left; expected no setting: the videos name"),
         (["--cameras", "calib.toml", "--fov", "60"], "expected neither --camera-info nor --fov"),
         (["--cameras", "others.toml"], "has no camera 'left'; its cameras are: right, lft"),

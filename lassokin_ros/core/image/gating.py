@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from lassokin_ros.core.body.landmarks import Layout
@@ -12,6 +10,8 @@ from lassokin_ros.core.observation import Observation, Rejection
 
 FOCAL_RANGE = 1e-3, 1e9
 """px: a focal length outside this range is rejected, because the weights would lose digits."""
+LATEST_STAMP = 1e11
+"""s: no time is later, in the year 5138; one in ms, us or ns since 1970 is."""
 WIDEST = 10.0
 """Largest normalised image coordinate of a usable point: 84 degrees off the optical axis."""
 
@@ -27,6 +27,8 @@ def gate_observation(
     none = np.zeros(count)
     if not _has_numbers(observation):
         return Rejection.NOT_FINITE, none
+    if _is_empty(observation):
+        return Rejection.TOO_FEW_LANDMARKS, none
     if not _fits(observation, count):
         return Rejection.WRONG_SHAPE, none
     if observation.stamp <= newest:
@@ -40,11 +42,18 @@ def gate_observation(
 
 
 def _has_numbers(observation: Observation) -> bool:
-    """True if the stamp is finite and the focal length usable."""
+    """True if the stamp is a time in s and the focal length usable."""
     try:
-        return math.isfinite(observation.stamp) and bool(FOCAL_RANGE[0] < observation.focal < FOCAL_RANGE[1])
+        is_time = -LATEST_STAMP < observation.stamp < LATEST_STAMP
+        return bool(is_time and FOCAL_RANGE[0] < observation.focal < FOCAL_RANGE[1])
     except (TypeError, ValueError):  # None, a text, two numbers
         return False
+
+
+def _is_empty(observation: Observation) -> bool:
+    """True if there is no point: detectors return arrays without values if nobody is in view."""
+    arrays = observation.points, observation.confidence
+    return all(isinstance(a, np.ndarray) and a.size == 0 for a in arrays)
 
 
 def _fits(observation: Observation, count: int) -> bool:

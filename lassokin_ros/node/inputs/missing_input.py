@@ -12,7 +12,12 @@ FIRST_WARNING_S = 3.0
 """s from the start until the first message."""
 REPEAT_S = 30.0
 """s after which the message is repeated."""
-GENERAL_TYPES = ("sensor_msgs/msg/PointCloud2", "std_msgs/msg/Float32MultiArray", "geometry_msgs/msg/PolygonStamped")
+GENERAL_TYPES = (
+    "sensor_msgs/msg/PointCloud2",
+    "std_msgs/msg/Float32MultiArray",
+    "std_msgs/msg/Float64MultiArray",
+    "geometry_msgs/msg/PolygonStamped",
+)
 """Types that carry many things, such as a lidar's points."""
 NAMES_OF_KEYPOINTS = ("keypoint", "pose", "person", "people", "body", "bodies", "human", "landmark", "skeleton2d")
 """Parts of the names of topics that may carry keypoints, for GENERAL_TYPES."""

@@ -57,6 +57,13 @@ class CameraPlaces:
         self.faults.pop(name, None)
         return self.newest[name]
 
+    def may_reach(self, frame_id: str, stamp_ns: int | None) -> bool:
+        """Return True if TF moves a camera, and may still tell where it was at a stamp, ns. frame_id: of its images."""
+        if stamp_ns is None or not self.base or not frame_id:
+            return False
+        reach_ns = self.transforms.reach_ns(frame_id, self.base)
+        return reach_ns is not None and reach_ns < stamp_ns
+
     def others(self, names: Collection[str], stamp_ns: int) -> list[CameraPose]:
         """Return where the cameras without an image are at a time, as far as TF tells it. They may be on a robot.
 
@@ -100,6 +107,22 @@ class CameraPlaces:
     def fault(self) -> str:
         """Why the last images of cameras could not be placed, in words; empty if they could."""
         return "; ".join(self.faults.values())
+
+    @property
+    def shared_frame(self) -> str:
+        """That cameras have one frame_id, and so one place, in words; empty if they do not."""
+        by_frame: dict[str, list[str]] = {}
+        for name, frame_id in self._frame_ids.items():
+            if self._given is None or not self._given[name].known:
+                by_frame.setdefault(frame_id, []).append(name)
+        for frame_id, names in by_frame.items():
+            if len(names) > 1:
+                listed = " and ".join(f"'{name}'" for name in names)
+                return (
+                    f"the images of {listed} have one frame_id, '{frame_id[:40]}', so that these cameras are taken to "
+                    "be at one place; expected a frame_id for each: set the names of the drivers' optical frames"
+                )
+        return ""
 
     def in_words(self) -> str:
         """Return where the poses come from."""

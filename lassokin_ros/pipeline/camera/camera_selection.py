@@ -59,6 +59,12 @@ class View:
         margin = np.where(size > 0, MARGIN * size, np.inf)
         return -margin, size + margin
 
+    def scaled(self, factor: float) -> View:
+        """Return the camera of the same image in another size, see `Lens.scaled`."""
+        lens = self.lens.scaled(factor)
+        width, height = lens.size
+        return View(lens, replace(self.intrinsics, K=lens.K, width=width, height=height), self.stamp_ns)
+
     def has_outside(self, xy: np.ndarray) -> bool:
         """Return True if many of the keypoints (k, 2), px, are outside the image: they belong to another one."""
         least, greatest = self._limits
@@ -142,9 +148,17 @@ class Camera:
             used = f"fx = {view.intrinsics.K[0, 0]:g} px and {view.size[0]} x {view.size[1]} px"
             return (
                 f"camera_info of two cameras with the frame_id '{frame[:40]}' on one topic; used is the one "
-                f"with {used}; expected one publisher"
+                f"with {used}{self._other_of(frame)}; expected one publisher: remap camera_info to that of the "
+                "detector's image, or give the drivers different frame_ids"
             )
-        return view.intrinsics.warning or view.lens.warning
+        return view.lens.warning
+
+    def _other_of(self, frame: str) -> str:
+        """Return what the camera_info of this frame_id says that is not used, in words; empty if it is not known."""
+        if self._ignored is None or self._ignored.frame != frame:
+            return ""
+        other = self._ignored.message
+        return f", the other one has fx = {other.k[0]:g} px and {other.width} x {other.height} px"
 
     @property
     def is_shared(self) -> bool:

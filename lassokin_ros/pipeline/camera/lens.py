@@ -9,40 +9,48 @@ import numpy as np
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.pipeline.camera.distortion import Distortion, make_distortion
 from lassokin_ros.pipeline.camera.lens_check import border_points, faults_of
-from msg_adapters.camera_info import Intrinsics
-
-COUNTS = {
-    "plumb_bob": (4, 5, 8, 12, 14),
-    "rational_polynomial": (4, 5, 8, 12, 14),
-    "equidistant": (4,),
-}
-"""Model -> numbers of coefficients."""
+from msg_adapters.camera_info import Intrinsics, checked_camera
+from msg_adapters.errors import AdapterError
 
 
 class Lens:
     """Camera matrix and distortion of one camera: pixels to the normalised coordinates of equation (7).
 
-    K: (3, 3) px. D: coefficients in OpenCV's order. model: "plumb_bob", "rational_polynomial", "equidistant", or "" for
-    no distortion. size: (width, height) px of the image, 0 if unknown. Raises CameraError, also for coefficients that
-    no lens has.
+    K: (3, 3) px. D: coefficients in OpenCV's order. model: "plumb_bob", "rational_polynomial", "equidistant"; "" for no
+    distortion, or for 5 coefficients or more, whose number tells the model. size: (width, height) px of the image, 0 if
+    unknown. Raises CameraError for what the node refuses in camera_info: coefficients that no lens has, or a K that
+    cannot be that of an image of this size.
     """
 
     def __init__(
         self, K: np.ndarray, D: np.ndarray | None = None, model: str = "", size: tuple[int, int] = (0, 0)
     ) -> None:
-        self.K = np.array(K, dtype=float)
-        self.D = np.zeros(0) if D is None else np.array(D, dtype=float)
-        self.model = model
-        if self.K.shape != (3, 3) or not np.isfinite(self.K).all() or self.K[0, 0] <= 0 or self.K[1, 1] <= 0:
-            raise CameraError(f"K is {self.K.tolist()}; expected a finite 3 x 3 matrix with focal lengths above 0")
-        _check_distortion(model, self.D)
+        try:
+            K, D = np.array(K, dtype=float), np.zeros(0) if D is None else np.array(D, dtype=float)
+        except (TypeError, ValueError) as error:
+            raise CameraError(f"K or D are no arrays of numbers: {error}; expected (3, 3) and (c,)") from None
+        if D.size == max(D.shape, default=0):
+            D = D.ravel()  # OpenCV gives (1, c)
+        if K.shape != (3, 3) or D.ndim != 1:
+            raise CameraError(f"K has the shape {K.shape}, D {D.shape}; expected (3, 3) and a list of coefficients")
+        try:
+            self._set(*checked_camera(K, D, model, size), size)
+        except AdapterError as error:
+            raise CameraError(str(error)) from None
+
+    def _set(self, K: np.ndarray, D: np.ndarray, model: str, warning: str, size: tuple[int, int]) -> None:
+        """Use the result of `checked_camera`. Raises CameraError for a distortion that no lens has."""
+        self.K, self.D, self.model = K, D, model
+        self.in_pixels = False
+        """True once keypoints were seen with it that are px for certain, and not percent of the image."""
         self._focal_lengths = self.K[[0, 1], [0, 1]]
         self._centre = self.K[:2, 2]
         self.size = int(size[0]), int(size[1])
         """(width, height) px of the image, 0 if unknown."""
         self._distortion = make_distortion(model, self.D) if model else None
-        self.warning = "" if self._distortion is None else self._check_image(self._distortion)
-        """What is unusual about the distortion, in words; empty if nothing is."""
+        distorted = "" if self._distortion is None else self._check_image(self._distortion)
+        self.warning = warning or distorted
+        """What is unusual about K or the distortion, in words; empty if nothing is."""
 
     @classmethod
     def from_intrinsics(cls, intrinsics: Intrinsics, rectified: bool = False) -> Lens:
@@ -54,9 +62,21 @@ class Lens:
         if rectified and not intrinsics.P[0, 0] > 0:
             raise CameraError("camera_info has P[0] = 0; parameter 'rectified' needs a rectified camera's P")
         size = intrinsics.width, intrinsics.height
+        lens = cls.__new__(cls)  # what `checked_camera` checks is that of the whole sensor; this may be a window of it
         if rectified:
-            return cls(intrinsics.P[:, :3], size=size)
-        return cls(intrinsics.K, intrinsics.D, intrinsics.model, size)
+            lens._set(intrinsics.P[:, :3], np.zeros(0), "", intrinsics.warning, size)
+        else:
+            lens._set(intrinsics.K, intrinsics.D, intrinsics.model, intrinsics.warning, size)
+        return lens
+
+    def scaled(self, factor: float) -> Lens:
+        """Return the lens of the same image in another size: `factor` times as many pixels along each side."""
+        K = np.diag([factor, factor, 1.0]) @ self.K
+        K[:2, 2] += 0.5 * (factor - 1)  # the middle of the first pixel is (0, 0)
+        size = round(factor * self.size[0]), round(factor * self.size[1])
+        lens = Lens.__new__(Lens)
+        lens._set(K, self.D, self.model, self.warning, size)
+        return lens
 
     def _check_image(self, distortion: Distortion) -> str:
         """Return what is unusual about the distortion, see `lens_check`. Raises CameraError if no lens has it."""
@@ -85,11 +105,21 @@ class Lens:
         """px per normalised unit: geometric mean of fx and fy."""
         return float(np.sqrt(self._focal_lengths.prod()))
 
+    @property
+    def extent(self) -> tuple[float, float]:
+        """(width, height) px of the image; twice the principal point if it is unknown."""
+        width, height = self.size if min(self.size) > 0 else 2 * self._centre
+        return float(width), float(height)
+
     def normalise(self, pixels: np.ndarray) -> np.ndarray:
         """Undistort pixels (l, 2) to normalised coordinates (l, 2). NaN stays NaN.
 
-        A pixel outside the range of the lens model gives NaN.
+        A pixel outside the range of the lens model gives NaN; so does one whose coordinates are both 0 or -1, which
+        detectors write for a point that they did not find.
         """
+        x, y = pixels[:, 0], pixels[:, 1]
+        if np.count_nonzero(missing := (x == y) & ((x == 0) | (x == -1))):
+            pixels = np.where(missing[:, None], np.nan, pixels)
         normalised: np.ndarray = (pixels - self._centre) / self._focal_lengths
         if self._distortion is None:
             return normalised
@@ -111,19 +141,3 @@ def _complex(points: np.ndarray) -> np.ndarray:
 def _pairs(points: np.ndarray) -> np.ndarray:
     """Return complex numbers (k,) as points (k, 2)."""
     return points.view(float).reshape(-1, 2)
-
-
-def _check_distortion(model: str, D: np.ndarray) -> None:
-    """Raise CameraError unless the coefficients D fit the model."""
-    if model not in ("", *COUNTS):
-        raise CameraError(f"lens model '{model}'; expected plumb_bob, rational_polynomial or equidistant")
-    if D.ndim != 1 or not np.isfinite(D).all():
-        raise CameraError(f"D is {D.tolist()}; expected a list of finite distortion coefficients")
-    if not model and D.any():
-        raise CameraError(
-            f"D has {len(D)} distortion coefficients but no lens model; expected Lens(K, D, model) with plumb_bob, "
-            "rational_polynomial or equidistant"
-        )
-    if model and len(D) not in COUNTS[model]:
-        expected = ", ".join(map(str, COUNTS[model]))
-        raise CameraError(f"{model} with {len(D)} distortion coefficients D; expected {expected}")

@@ -100,6 +100,19 @@ class Transforms:
         back = from_quaternion(np.array(down)).T
         return back @ from_quaternion(np.array(up)), back @ (np.array(at) - np.array(of))
 
+    def reach_ns(self, frame: str, base: str) -> int | None:
+        """Return the stamp, ns, up to which the pose of a frame in another one is known.
+
+        None if they are not connected, or if nothing between them moves.
+        """
+        of_frame, of_base = list(self._chain(frame)), list(self._chain(base))
+        common = next((name for name in of_frame if name in of_base), None)
+        if common is None:
+            return None
+        between = of_frame[: of_frame.index(common)] + of_base[: of_base.index(common)]
+        newest = [self._frames[name].newest_ns for name in between]
+        return min((stamp_ns for stamp_ns in newest if stamp_ns is not None), default=None)
+
     def _chain(self, name: str) -> Iterator[str]:
         """Yield the frame, its parent, and so on."""
         for _ in range(DEEPEST):
@@ -135,6 +148,11 @@ class _Frame:
         self.parent, self.static = parent, static
         self._stamps: list[int] = []  # ns
         self._poses: list[tuple[Quaternion, Vector]] = []
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Stamp of the newest pose, ns; None for a static one."""
+        return None if self.static else self._stamps[-1]
 
     def add(self, stamp_ns: int, quaternion: Quaternion, place: Vector) -> None:
         """Store a pose; place: m. A stamp far back means that time has started again."""

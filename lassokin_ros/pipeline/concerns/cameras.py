@@ -37,6 +37,8 @@ def camera_concerns(pipeline: Pipeline, sending: Sequence[str], silent_s: Callab
         yield say("camera_unplaced", fault=fault)
     if len(pipeline.cameras) == 1:
         return
+    if shared := pipeline.places.shared_frame:
+        yield say("cameras_share_frame", fault=shared)
     silent = pipeline.config.silent_when_empty and pipeline.detector_connected
     for name, camera in pipeline.cameras.items():
         if camera.camera.view is None:

@@ -87,6 +87,11 @@ CONCERNS: dict[str, Concern] = {
         "called with false"),
     "locked_forgotten": Concern(PROBLEM, LIVE, "the locked person was forgotten: nobody is followed until ~/lock is "
         "called"),
+    "numbers_jump": Concern(PROBLEM, LIVE, "the detector's person numbers change owners (number {number} has moved to "
+        "another person), and are not used", "turn on tracking in the detector, or set person_ids to node"),
+    "numbers_index": Concern(PROBLEM, LIVE, "the detector's person numbers have been 0, 1, ... or 1, 2, ... in each "
+        "image: they may be places in a list, and identify nobody who was out of sight", "set person_ids to lasting if "
+        "they identify people, else to node"),
     "unused_lock": Concern(PROBLEM, LIVE, "lock is true, but nobody is locked: each person has a topic of keypoints, "
         "and the detector says who is who", "set lock to false"),
     # Messages.
@@ -124,9 +129,11 @@ CONCERNS: dict[str, Concern] = {
     "camera_without_info": Concern(PROBLEM, LIVE, "no camera_info of camera '{camera}'",
         "remap {camera}/camera_info to its topic"),
     "camera_unplaced": Concern(PROBLEM, LIVE, "{fault}"),
+    "cameras_share_frame": Concern(PROBLEM, LIVE, "{fault}"),
+    "image_size": Concern(PROBLEM, LOGGED, "{fault}"),
     "camera_wrong": Concern(PROBLEM, LIVE, "{fault}"),
     "camera_late": Concern(PROBLEM, LIVE, "keypoints of '{last}' arrive {apart:.2f} s later after their stamps than "
-        "those of '{first}'", "its clock differs, or its detector is slower; then set camera_wait to that"),
+        "those of '{first}'", "its clock differs, or its detector is slower; then set wait to that"),
     "other_camera": Concern(PROBLEM, LOGGED, "{topic} is of another camera: its frame_id is '{camera}', that of the "
         "keypoints '{keypoints}'", "remap {topic} to the camera of the detector, or give both the frame_id of its "
         "optical frame"),

@@ -179,6 +179,7 @@ def _inputs(period: Period) -> Iterator[Raised]:
     if recent[JUMPS]:
         cameras, frame = "cameras have" if len(pipeline.cameras) > 1 else "camera has", pipeline.config.fixed_frame
         yield say("frame_jumped", cameras=cameras, frame=frame, step=pipeline.jumps.words)
+    yield from of_each_camera(pipeline, lambda camera: passed_on("image_size", camera.image_size.warning))
     yield from of_each_camera(pipeline, lambda camera: passed_on("own_depth_unused", camera.own_depth.warning))
     yield from of_each_camera(pipeline, lambda camera: passed_on("ids_from_1", camera.landmark_ids.warning))
 
@@ -208,14 +209,28 @@ def _interval(period: Period) -> Iterator[Raised]:
 
 
 def _identity(period: Period) -> Iterator[Raised]:
-    """Yield that the followed person may be somebody else."""
-    if any(frame.guessed for frame in period.newest) and period.pipeline.ids is None:
+    """Yield that the followed or locked person may be somebody else."""
+    if _is_guess(period):
         yield say("somebody_else")
+
+
+def _is_guess(period: Period) -> bool:
+    one, locked = period.pipeline.ids is None, period.pipeline.locked
+    return any(frame.guessed and (one or frame.person == locked) for frame in period.newest)
+
+
+def _numbers(period: Period) -> Iterator[Raised]:
+    """Yield why the detector's person numbers are not used."""
+    people = period.pipeline.people
+    if people.jumped_number is not None:
+        yield say("numbers_jump", number=people.jumped_number)
+    elif people.numbers_may_be_indices:
+        yield say("numbers_index")
 
 
 def _lock(period: Period) -> Iterator[Raised]:
     """Yield that nobody is followed because somebody is locked."""
-    if (locked := period.pipeline.locked) is not None:
+    if (locked := period.pipeline.locked) is not None and not _is_guess(period):
         yield say("locked_forgotten") if locked == GONE else say("locked_absent", person=locked)
 
 
@@ -257,7 +272,7 @@ def unseen(period: Period) -> Iterator[Raised]:
 
 
 OF_INPUTS: tuple[Rule, ...] = (_cameras_fit, _fit, _turnover, _depth, _height, _clock, _inputs, _interval)
-WHILE_TRACKING: tuple[Rule, ...] = (_identity, _unused_lock)
-WHILE_NOT_TRACKING: tuple[Rule, ...] = (_lock, _unused_lock)
+WHILE_TRACKING: tuple[Rule, ...] = (_identity, _numbers, _unused_lock)
+WHILE_NOT_TRACKING: tuple[Rule, ...] = (_identity, _lock, _numbers, _unused_lock)
 WAITING = "no_camera_info", "no_keypoints", "silent"
 """Keys of concerns beside which the node's own concern is said."""

@@ -23,7 +23,7 @@ REASONS: dict[str, Reason] = {
         "detector and that `min_confidence` is not too high"),
     "person_absent": Reason("tracked person absent, other people present", "another person is followed `forget_after` "
         "after the first one has left, and not at all if `lock` is set; set `max_people` to follow several people"),
-    "not_certified": Reason("no certified solution", "try `solver: proxqp`, `warm_start: false`"),
+    "not_certified": Reason("no certified solution", "try `solver: proxqp`"),
     "too_small": Reason("body too small in the image", "check that the keypoints are in px, and that camera_info is of "
         "their camera"),
     "not_finite": Reason("values not finite", "check the stamp and K of camera_info"),
@@ -41,6 +41,9 @@ REASONS: dict[str, Reason] = {
     "other_layout": Reason("bodies with another number of keypoints", f'{LAYOUT} (ZED: body_format)'),
     "bad_stamp": Reason("invalid stamp", "fill header.stamp with the time of the image; nanosec is below 1e9"),
     "bad_frame_id": Reason("invalid frame_id", "set header.frame_id to the camera's optical frame"),
+    "other_size": Reason("camera_info of an image of another size", "give the camera_info of the detector's image, in "
+        "its size (ZED: `pub_resolution: NATIVE`)"),
+    "percent": Reason("coordinates in percent", "multiply x by the image's width / 100 and y by its height / 100"),
     "no_camera_info": Reason("no camera_info received", "camera_info must come before the keypoints; record it from "
         "the start, or replay with `--camera-info FILE`"),
     "camera_unusable": Reason("unusable lens", OF_CAMERA),

@@ -41,10 +41,6 @@ from msg_adapters.output_messages.skeleton_cloud import SkeletonCloudBuilder
 
 OF_IMAGE = (topics.IMAGE_MARKERS, topics.KEYPOINT_MARKERS, topics.ROI)
 """Topics about the image of the first camera; images of others have no such messages."""
-DETAILS = (topics.CERTIFICATE, topics.JOINT_UNCERTAINTY, topics.UNCERTAINTY_MARKERS)
-"""Topics that the parameter detail_rate limits. They take longer than all others together."""
-EARLY = 0.1
-"""Share of the period by which a message of these may be early: jitter of the stamps must not lower the rate."""
 
 
 class FrameMessages:
@@ -68,7 +64,6 @@ class FrameMessages:
         self._config = config or NodeSettings()
         self._first_camera = self._config.camera_names[0]
         self._builders: dict[str, Callable[[int, str, Any, Any], Any]] = {}
-        self._detailed_ns: int | None = None  # stamp of the last frame with DETAILS
         prefix = f"{person}/" if person else ""
         self._add_pose_outputs(skeleton, person, prefix)
         self._add_certificate(f"{name}: {person}" if person else name)
@@ -87,36 +82,25 @@ class FrameMessages:
         """
         if not frame.accepted or frame.estimate is None:
             return
-        in_detail, of_first = self._in_detail(frame.stamp_ns), frame.camera.name == self._first_camera
+        of_first = frame.camera.name == self._first_camera
         for topic, build in self._builders.items():
             if wanted is not None and topic not in wanted:
                 continue
-            if (in_detail or topic not in DETAILS) and (of_first or topic not in OF_IMAGE):
+            if of_first or topic not in OF_IMAGE:
                 yield topic, build(frame.stamp_ns, frame.frame_id, frame, frame.estimate)
-
-    def _in_detail(self, stamp_ns: int) -> bool:
-        """Return True if the frame with this stamp gets the topics of DETAILS."""
-        rate, last = self._config.detail_rate, self._detailed_ns
-        if rate == 0:
-            return True
-        if last is not None and 0 <= stamp_ns - last < (1 - EARLY) * 1e9 / rate:
-            return False
-        self._detailed_ns = stamp_ns
-        return True
 
     def _fill(self, builder: StampedBuilder) -> Callable[..., Any]:
         return SerialisedMessage(builder, self._backend).fill if self._serialised else builder.fill
 
     def _add_pose_outputs(self, skeleton: Skeleton, person: str, prefix: str) -> None:
         backend, parents = self._backend, skeleton.parents.tolist()
-        labels = skeleton.joint_names if self._config.joint_labels else ()
         names = joint_names(skeleton)
         mapped = MappedJoints(names, person) if self._config.rep155 and person else None
         joint_states = self._fill(JointStateBuilder(backend, names if mapped is None else mapped.names))
         extend = (lambda values: values) if mapped is None else mapped.extend
         translation = self._fill(PointStampedBuilder(backend))
         joints = self._fill(PoseArrayBuilder(backend, skeleton.joint_count))
-        markers = self._fill(SkeletonMarkersBuilder(backend, parents, prefix, labels))
+        markers = self._fill(SkeletonMarkersBuilder(backend, parents, prefix))
         self._builders |= {
             topics.JOINT_STATES: lambda t, f, frame, _: joint_states(
                 t, f, extend(frame.positions), extend(frame.velocities)

@@ -296,7 +296,7 @@ BAD_SETTINGS = [
     ({"noise_px": "3"}, "noise_px is '3'; expected a value of type float"),
     ({"min_landmarks": 1}, "min_landmarks is 1; expected 2 to 100"),
     ({"min_landmarks": 4.5}, "min_landmarks is 4.5; expected a value of type int"),
-    ({"relinearisations": True}, "relinearisations is True; expected a value of type int"),
+    ({"min_landmarks": True}, "min_landmarks is True; expected a value of type int"),
     ({"skeleton": 3}, "skeleton is 3; expected a value of type str"),
     ({"height": 3.0}, "height is 3.0; expected 0 to 2.6 m"),
 ]

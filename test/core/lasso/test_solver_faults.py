@@ -66,7 +66,8 @@ def with_solver(answer, mended, monkeypatch, **settings):
 
     mended: whether the active set may correct the answers.
     """
-    tracker = Tracker(replace(CONFIG, warm_start=False, **settings))
+    tracker = Tracker(replace(CONFIG, **settings))
+    tracker._increments.warm_start = False
     faulty = tracker._increments.lasso._dual = FaultySolver(answer)
     if not mended:
         monkeypatch.setattr("lassokin_ros.core.lasso.solver.solve_active_set", lambda *_: None)
@@ -76,7 +77,8 @@ def with_solver(answer, mended, monkeypatch, **settings):
 @pytest.mark.parametrize("mended", [True, False], ids=["mended", "as it is"])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_an_uncertified_answer_of_a_faulty_solver_does_not_change_the_state(fault, mended, monkeypatch):
-    good = Tracker(replace(CONFIG, warm_start=False))
+    good = Tracker(CONFIG)
+    good._increments.warm_start = False
     frames = observations(good, 14 / RATE)
     with monkeypatch.context() as patch:
         tracker, faulty = with_solver(FAULTS[fault], mended, patch)
@@ -205,7 +207,8 @@ def test_a_problem_whose_squares_overflow_is_refused():
 def test_iteration_limits_cause_a_refusal_instead_of_a_wrong_answer(monkeypatch):
     monkeypatch.setattr("lassokin_ros.core.lasso.dual.ITERATIONS", ((1, 1),) * 3)
     monkeypatch.setattr("lassokin_ros.core.lasso.solver.solve_active_set", lambda *_: None)
-    tracker = Tracker(replace(CONFIG, warm_start=False))
+    tracker = Tracker(CONFIG)
+    tracker._increments.warm_start = False
     refused = 0
     for _, observation in observations(tracker, 8 / RATE):
         estimate = tracker.track(observation)

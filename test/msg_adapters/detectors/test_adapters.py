@@ -90,12 +90,8 @@ def double_field(message):
     message.fields = [*message.fields, message.fields[0]]
 
 
-def float_id(message):
+def fractional_id(message):
     message.fields[3].datatype = 7
-
-
-def integer_confidence(message):
-    message.fields[2].datatype = 2
 
 
 def unknown_datatype(message):
@@ -118,8 +114,7 @@ def offset_outside(message):
         (lie(height=2**31, width=2**31), "too_many_points"),
         (drop_field, "wrong_fields"),
         (double_field, "wrong_fields"),
-        (float_id, "wrong_datatype"),
-        (integer_confidence, "wrong_datatype"),
+        (fractional_id, "wrong_datatype"),
         (unknown_datatype, "wrong_datatype"),
         (offset_outside, "wrong_layout"),
     ],
@@ -137,6 +132,28 @@ def test_no_points_are_read_and_too_many_are_refused(backend):
         assert len(decode(message_type, make(backend, STAMP, np.empty((0, 2)))).ids) == 0
         many = np.ones((MAX_POINTS + 1, 2))
         assert reason_of(lambda: decode(message_type, make(backend, STAMP, many))) == "too_many_points"
+
+
+@pytest.mark.parametrize("message_type", ["std_msgs/msg/Float32MultiArray", "std_msgs/msg/Float64MultiArray"])
+def test_an_array_of_people_has_one_block_for_each(backend, message_type):
+    message = backend.make(message_type)
+    values = np.arange(2 * 4 * 3, dtype="f4" if "32" in message_type else "f8").reshape(2, 4, 3)
+    message.data = values.ravel() if backend.__class__.__name__ != "RclpyBackend" else values.ravel().tolist()
+    message.layout.dim = [dimension(backend, size) for size in values.shape]
+    keypoints = decode(message_type, message)
+    assert keypoints.persons.tolist() == [0, 0, 0, 0, 1, 1, 1, 1] and not keypoints.persistent
+    assert keypoints.ids.tolist() == [0, 1, 2, 3, 0, 1, 2, 3] and keypoints.landmarks == 4
+    assert keypoints.xy[5].tolist() == [15, 16] and keypoints.confidence[5] == 17
+    message.layout.dim = message.layout.dim[::-1]
+    assert reason_of(lambda: decode(message_type, message)) == "wrong_shape"
+    message.data, message.layout.dim = message.data[:0], [dimension(backend, size) for size in (0, 4, 3)]
+    assert len(decode(message_type, message).ids) == 0
+
+
+def dimension(backend, size):
+    found = backend.make("std_msgs/msg/MultiArrayDimension")
+    found.size = size
+    return found
 
 
 def test_unknown_message_types_are_refused():

@@ -8,7 +8,7 @@ pytest.importorskip("rosbags", reason="rosbags knows message types that are not 
 from detector_messages import HRI, YOLO, ZED, backend, hri_skeleton, yolo_detections, zed_objects  # noqa: E402
 from messages import CLOUD_FIELDS, cloud, multi_array, polygon, raw_cloud  # noqa: E402
 
-from msg_adapters.detectors.point_cloud2 import MAX_FIELDS, MAX_POINT_STEP  # noqa: E402
+from msg_adapters.detectors.point_cloud2 import DATATYPES, MAX_FIELDS, MAX_POINT_STEP  # noqa: E402
 from msg_adapters.detectors.registry import ADAPTERS, full_type_name, keypoint_adapter  # noqa: E402
 from msg_adapters.errors import AdapterError  # noqa: E402
 from msg_adapters.keypoints import MAX_POINTS  # noqa: E402
@@ -76,11 +76,45 @@ def test_a_field_must_end_within_the_point():
     assert "'id' at offset 13 does not fit in a point_step of 16" in text
 
 
-@pytest.mark.parametrize(("field", "kind"), [(0, "float32 or float64"), (3, "an integer type")])
-def test_a_field_of_several_values_is_refused(field, kind):
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize(
+    ("place", "number"),
+    [("f4", "i8"), ("f8", "u8"), ("f8", "f8"), ("f4", "f4"), ("i2", "u1"), ("f8", "i8")],
+)
+def test_every_type_of_number_and_byte_order_is_read(order, place, number):
+    codes = {kind: code for code, kind in DATATYPES.items()}
+    kinds = {"x": place, "y": place, "confidence": "f8", "id": number, "person": number, "depth": "f8"}
+    points = np.zeros(3, [(name, order + kind) for name, kind in kinds.items()])
+    points["x"], points["y"], points["confidence"] = *XY.T, [0.25, 0.5, 0.75]
+    points["id"], points["person"], points["depth"] = [2, 0, 16], [7, 7, 100], [1.5, 0, 2.5]
+    fields = [(name, points.dtype.fields[name][1], codes[kind]) for name, kind in kinds.items()]
+    message = raw_cloud(BACKEND, STAMP, points.tobytes(), fields, points.itemsize, 3)
+    message.is_bigendian = order == ">"
+    found = decode(CLOUD, message)
+    assert found.xy.tolist() == points[["x", "y"]].astype([("x", "f8"), ("y", "f8")]).view("f8").reshape(3, 2).tolist()
+    assert found.ids.tolist() == [2, 0, 16] and found.persons.tolist() == [7, 7, 100]
+    assert found.confidence.tolist() == [0.25, 0.5, 0.75]
+    assert np.array_equal(found.depth, [1.5, NAN, 2.5], equal_nan=True)
+
+
+def test_a_float_field_of_whole_numbers_holds_whole_numbers():
+    dtype = np.dtype([(name, "<f4") for name in ("x", "y", "confidence", "id")])
+    fields = [(name, 4 * i, 7) for i, name in enumerate(dtype.names)]
+    points = np.ones(2, dtype)
+    points["id"] = [NAN, 3]
+    message = raw_cloud(BACKEND, STAMP, points.tobytes(), fields, 16, 2)
+    assert decode(CLOUD, message).ids.tolist() == [-1, 3]
+    for wrong in (2.5, np.inf, 1e30):
+        points["id"] = [1, wrong]
+        message = raw_cloud(BACKEND, STAMP, points.tobytes(), fields, 16, 2)
+        assert f"field 'id' holds {wrong:g}; expected whole numbers" in refused(CLOUD, message, "wrong_datatype")
+
+
+@pytest.mark.parametrize("field", [0, 3])
+def test_a_field_of_several_values_is_refused(field):
     message = cloud(BACKEND, STAMP, XY)
     message.fields[field].count = 2
-    assert f"count 2; expected one value of {kind}" in refused(CLOUD, message, "wrong_datatype")
+    assert "count 2; expected one number: datatype 1 to 8" in refused(CLOUD, message, "wrong_datatype")
     message.fields[field].count = 0  # some drivers leave it at 0
     assert len(decode(CLOUD, message).ids) == 3
 
@@ -88,7 +122,8 @@ def test_a_field_of_several_values_is_refused(field, kind):
 def test_missing_fields_are_named_with_the_existing_ones():
     message = raw_cloud(BACKEND, STAMP, bytes(48), [("x", 0, 7), ("z" * 40, 4, 7)], 16, 3)
     text = refused(CLOUD, message, "wrong_fields")
-    assert text == f"the cloud has no field y, confidence, id; its fields are: x, {'z' * 32}"
+    expected = "x, y (px; or u, v), confidence (0 to 1) and id (of the landmark)"
+    assert text == f"the cloud has no field y, confidence, id; expected {expected}; its fields are: x, {'z' * 32}"
     assert "its fields are: none" in refused(CLOUD, raw_cloud(BACKEND, STAMP, bytes(16), [], 16, 1), "wrong_fields")
     many = raw_cloud(BACKEND, STAMP, bytes(48), [(f"f{i}", 0, 7) for i in range(20)], 16, 3)
     assert refused(CLOUD, many, "wrong_fields").endswith("f14, f15")

@@ -181,24 +181,22 @@ def test_ellipsoids(backend):
 
 
 def test_skeleton_markers(backend):
-    builder = markers.SkeletonMarkersBuilder(backend, [-1, 0, 1], "p1/", ("pelvis", "spine", "head"))
+    builder = markers.SkeletonMarkersBuilder(backend, [-1, 0, 1], "p1/")
     positions = np.arange(9.0).reshape(3, 3)
     message = builder.fill(STAMP, FRAME, positions)
-    bones, joints, *texts = message.markers
-    kinds = {"p1/bones": (5, 0.025), "p1/joints": (7, 0.05), "p1/labels": (9, 0.05)}
+    bones, joints = message.markers
+    kinds = {"p1/bones": (5, 0.025), "p1/joints": (7, 0.05)}
     for marker in message.markers:
         check_header(marker.header)
         kind, size = kinds[marker.ns]
         assert (marker.type, marker.action, vector(marker.scale)) == (kind, 0, [size] * 3)
         assert vector(marker.pose.orientation) == [0, 0, 0, 1]
         assert (marker.lifetime.sec, marker.lifetime.nanosec) == (1, 0) and marker.color.a == 1
-    assert [marker.id for marker in message.markers] == [0, 1, 0, 1, 2]
+    assert [marker.id for marker in message.markers] == [0, 1]
     assert [vector(point) for point in bones.points] == positions[[0, 1, 1, 2]].tolist()
     assert [vector(point) for point in joints.points] == positions.tolist()
-    assert [text.text for text in texts] == ["pelvis", "spine", "head"]
-    assert [vector(text.pose.position) for text in texts] == positions.tolist()
-    seen = [colour(marker.color) for marker in (bones, joints, texts[0])]
-    assert seen == [markers.BONE_COLOUR, markers.JOINT_COLOUR, markers.TEXT_COLOUR] and len(set(seen)) == 3
+    seen = [colour(marker.color) for marker in (bones, joints)]
+    assert seen == [markers.BONE_COLOUR, markers.JOINT_COLOUR] and len(set(seen)) == 2
     assert all(0 <= part <= 1 for colours in seen for part in colours)
     plain = markers.SkeletonMarkersBuilder(backend, [-1, 0]).fill(STAMP, FRAME, positions[:2])
     assert [marker.ns for marker in plain.markers] == ["bones", "joints"]

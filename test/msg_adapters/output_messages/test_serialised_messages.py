@@ -33,7 +33,7 @@ def test_every_serialised_output_equals_its_message(backend):
     pipeline = Pipeline(TrackerConfig(), NodeSettings())
     pipeline.set_camera(camera_info(backend))
     tf = ALL if isinstance(backend, RosbagsBackend) else OFF  # rclpy's tf2_msgs may be missing
-    settings = {"config": NodeSettings(publish_tf=tf, joint_labels=True)}
+    settings = {"config": NodeSettings(publish_tf=tf)}
     messages, ready = (FrameMessages(backend, pipeline.tracker.skeleton, serialised=r, **settings) for r in (0, 1))
     for i, xy in enumerate(pixels_of_motion(12)):
         confidence = np.full(17, 0.9)

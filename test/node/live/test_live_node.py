@@ -261,7 +261,7 @@ def test_rejected_keypoints_are_counted_by_reason_and_keep_the_state(running):
 
 def test_a_stamp_that_jumps_back_resets_the_state(running):
     restart(running)
-    feed(running, 40)  # more than jump_back
+    feed(running, 40)  # more than JUMP_BACK_S
     before = int(values_of(running.next_diagnostics())["resets"])
     running.frames_sent = 0  # the bag loops
     stamps = feed(running, 2)

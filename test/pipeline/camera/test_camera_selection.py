@@ -78,6 +78,7 @@ def test_two_cameras_with_one_frame_are_named_and_the_first_one_stays(pipeline):
     assert np.ptp(depths[10:]) < 0.3 and pipeline.camera.is_shared
     assert "camera_info of two cameras with the frame_id" in pipeline.camera.warning
     assert "used is the one with fx = 600 px" in pipeline.camera.warning
+    assert "the other one has fx = 400 px and 640 x 480 px; expected one publisher" in pipeline.camera.warning
     for _ in range(STEADY + 2):  # the first one ends
         pipeline.set_camera(camera_info(BACKEND, 400.0))
     assert not pipeline.camera.is_shared and pipeline.camera.warning == ""

@@ -5,8 +5,9 @@ import pytest
 from messages import camera_info
 
 from lassokin_ros.core.errors import CameraError
-from lassokin_ros.pipeline.camera.lens import COUNTS, Lens
-from msg_adapters.camera_info import decode_camera_info
+from lassokin_ros.pipeline.camera.lens import Lens
+from msg_adapters.camera_info import COEFFICIENTS, decode_camera_info
+from msg_adapters.errors import AdapterError
 
 K = np.array([[600.0, 0, 330], [0, 610, 235], [0, 0, 1]])
 LENSES = {
@@ -129,17 +130,20 @@ def test_an_unusable_matrix_is_refused():
 @pytest.mark.parametrize(
     "D, model, text",
     [
-        ([0.1, 0, 0, 0, 0], "", "no lens model"),
+        ([0.1, 0.2, 0, 0], "", "distortion_model is ''; expected one of: plumb_bob"),
         ([0.1, 0.2, 0.3], "plumb_bob", "plumb_bob with 3"),
         ([0.1] * 5, "equidistant", "equidistant with 5"),
         ([0.1, np.nan, 0, 0], "plumb_bob", "finite"),
-        ([[0.1, 0, 0, 0]], "plumb_bob", "expected a list"),
+        ([[0.1, 0], [0, 0]], "plumb_bob", "a list of coefficients"),
+        (["a"], "plumb_bob", "no arrays of numbers"),
     ],
 )
 def test_distortion_is_checked_at_construction(D, model, text):
     with pytest.raises(CameraError, match=text):
         Lens(K, D, model)
     assert Lens(K, [0.0] * 5).model == ""
+    assert Lens(K, [[0.1, 0, 0, 0, 0]]).D.tolist() == [0.1, 0, 0, 0, 0]  # OpenCV's shape; 5 tell the model
+    assert Lens(K, [0.1, 0, 0, 0, 0]).model == "plumb_bob"
 
 
 @pytest.mark.parametrize(
@@ -154,21 +158,63 @@ def test_distortion_is_checked_at_construction(D, model, text):
     ],
 )
 def test_a_camera_matrix_has_focal_lengths_above_0(bad):
-    with pytest.raises(CameraError, match="expected a finite 3 x 3 matrix with focal lengths above 0"):
+    words = r"expected \(3, 3\)|not finite|not calibrated|expected focal lengths above 0"
+    with pytest.raises(CameraError, match=words):
         Lens(bad)
-    assert Lens(np.diag([0.1, 0.1, 1])).focal == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("model", COUNTS)
-@pytest.mark.parametrize("count", range(16))
-def test_the_numbers_of_coefficients_that_opencv_takes(model, count):
-    if count in COUNTS[model]:
+@pytest.mark.parametrize(
+    ("matrix", "words"),
+    [
+        ([[460.0, 0, 320], [0, 460, 180], [0, 0, 1]], "K is that of an image of half the size"),
+        ([[920.0, 0, 1400], [0, 920, 360], [0, 0, 1]], "the principal point is outside"),
+        ([[920.0, 0, -5], [0, 920, 360], [0, 0, 1]], "the principal point is outside"),
+        ([[92.0, 0, 640], [0, 92, 360], [0, 0, 1]], "no camera has so short a focal length"),
+        ([[20000.0, 0, 640], [0, 20000, 360], [0, 0, 1]], "a field of view below 6 degrees"),
+        ([[920.0, 3, 640], [0, 920, 360], [0, 0, 1]], "without skew"),
+    ],
+)
+def test_a_lens_refuses_what_the_node_refuses_in_camera_info(matrix, words):
+    from messages import rosbags_backend
+
+    pytest.importorskip("rosbags")
+    with pytest.raises(CameraError, match=words):
+        Lens(np.array(matrix), size=(1280, 720))
+    message = camera_info(rosbags_backend(), k=np.ravel(matrix), width=1280, height=720)
+    with pytest.raises(AdapterError, match=words):
+        decode_camera_info(message)
+
+
+def test_an_unusual_matrix_is_a_warning():
+    lens = Lens(np.array([[920.0, 0, 900], [0, 920, 360], [0, 0, 1]]), size=(1280, 720))
+    assert "may be those of another resolution" in lens.warning
+    assert Lens(K, size=(660, 470)).warning == ""
+
+
+def test_a_scaled_lens_has_the_same_rays_at_pixels_of_the_other_image():
+    lens = Lens(K, [-0.28, 0.09, 0.001, -0.0007, 0.01], "plumb_bob", (660, 470))
+    half = lens.scaled(0.5)
+    assert half.size == (330, 235) and half.focal == pytest.approx(0.5 * lens.focal)
+    corners = np.array([[-0.5, -0.5], [99.5, 49.5]])  # corners of pixels: of the image, and of pixel (50, 25) of 2 x 2
+    assert np.allclose(half.normalise(np.array([[-0.5, -0.5], [49.5, 24.5]])), lens.normalise(corners), atol=1e-9)
+
+
+def test_what_detectors_write_for_a_point_that_was_not_found_has_no_ray():
+    rays = Lens(K).normalise(np.array([[-1.0, -1.0], [0, 0], [-1, 200], [0, 200], [0.5, 0.5]]))
+    assert np.isnan(rays).all(axis=1).tolist() == [True, True, False, False, False]
+
+
+@pytest.mark.parametrize("model", ["plumb_bob", "rational_polynomial", "equidistant"])
+@pytest.mark.parametrize("count", range(1, 16))
+def test_the_numbers_of_coefficients(model, count):
+    counts = COEFFICIENTS[model] if model == "equidistant" else {*COEFFICIENTS[model], 5, 8, 12, 14}
+    if count in counts:
         lens = Lens(K, np.full(count, 1e-3), model)
         pixels = np.array([[630.0, 85.0]])
         assert np.allclose(lens.distort(lens.normalise(pixels)), pixels, atol=1e-6)
         assert np.abs(lens.normalise(pixels) - Lens(K).normalise(pixels)).max() > 1e-5  # the coefficients are used
     else:
-        with pytest.raises(CameraError, match=f"{model} with {count} distortion coefficients D; expected 4"):
+        with pytest.raises(CameraError, match=f"{model} with {count} coefficients D; expected"):
             Lens(K, np.full(count, 1e-3), model)
 
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.frame_messages import DETAILS, FrameMessages
+from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import ROOT, NodeSettings
 from msg_adapters.backends import RclpyBackend, RosbagsBackend
@@ -226,25 +226,6 @@ def test_one_of_several_people_is_followed_until_lost(pipeline):
 
     x = [pipeline.process(two_people(i, c), 0).estimate.state.translation[0] for i, c in enumerate((0.5, 0.9, 0.9))]
     assert min(x) > 0.5  # person 9 is to the right, and is kept when the other one has higher confidences
-
-
-@pytest.mark.parametrize(("rate", "expected"), [(0.0, 12), (20.0, 4), (15.0, 3), (60.0, 12)])
-def test_detail_rate_limits_the_slow_topics_and_no_other(pipeline, rate, expected):
-    messages = FrameMessages(BACKEND, pipeline.tracker.skeleton, config=NodeSettings(detail_rate=rate))
-    jitter = np.random.default_rng(0).integers(-500_000, 500_000, 12)
-    frames = [frame(pipeline, i, START_NS + i * PERIOD_NS + int(jitter[i])) for i in range(12)]
-    topics_of = [topic for tracked in frames for topic, _ in messages.build(tracked)]
-    for topic in DETAILS:
-        assert topics_of.count(topic) == expected, topic
-    assert topics_of.count(topics.JOINT_STATES) == topics_of.count(topics.SKELETON) == 12
-
-
-def test_detail_rate_goes_on_after_a_jump_back_in_time(pipeline):
-    messages = FrameMessages(BACKEND, pipeline.tracker.skeleton, config=NodeSettings(detail_rate=1.0))
-    first = frame(pipeline, 300)
-    pipeline.reset()
-    for tracked in (first, frame(pipeline, 0)):
-        assert topics.CERTIFICATE in dict(messages.build(tracked))
 
 
 def test_joint_states_may_be_read_from_any_frame_on():

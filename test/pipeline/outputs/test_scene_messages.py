@@ -1,4 +1,4 @@
-"""Messages about all people, the state of tracking, TF of the joints, and labels, without middleware."""
+"""Messages about all people, the state of tracking and TF of the joints, without middleware."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -246,16 +246,6 @@ def test_tf_of_all_joints_gives_the_joints_of_the_pose(frames):
             there, turned = known[naming.link_of_joint(joint)]
             assert np.allclose(there, place) and np.allclose(turned.as_matrix(), turn)
         assert ("body_p4" if rep155 else "tracker/body") in known
-
-
-def test_labels_are_at_the_joints(frames):
-    frame = frames[-1]
-    config = NodeSettings(joint_labels=True)
-    markers = dict(FrameMessages(BACKEND, frame.skeleton, config=config).build(frame))[topics.MARKERS].markers
-    texts = [marker for marker in markers if marker.type == 9]
-    assert [marker.text for marker in texts] == list(frame.skeleton.joint_names) and len(markers) == 26
-    places = [[m.pose.position.x, m.pose.position.y, m.pose.position.z] for m in texts]
-    assert np.array_equal(places, frame.estimate.pose.positions)
 
 
 @pytest.mark.parametrize("text, expected", [("off", "off"), ("false", "off"), ("true", "root"), ("all", "all")])

@@ -63,9 +63,9 @@ def test_reset_and_settings_count_once_and_reach_all(bodies):
     bodies.reset()
     assert bodies.counts["resets"] == 1
     bodies.keep(["a"])
-    bodies.tune(replace(TrackerConfig(), noise_px=5.0), replace(CONFIG, jump_back=1.5))
-    assert bodies.counts["resets"] == 1 and bodies.config.jump_back == 1.5 and bodies.config.max_people == 2
-    assert all(one.tracker.config.noise_px == 5.0 and one.config.jump_back == 1.5 for one in bodies._all)
+    bodies.tune(replace(TrackerConfig(), noise_px=5.0), replace(CONFIG, forget_after=1.5))
+    assert bodies.counts["resets"] == 1 and bodies.config.forget_after == 1.5 and bodies.config.max_people == 2
+    assert all(one.tracker.config.noise_px == 5.0 and one.config.forget_after == 1.5 for one in bodies._all)
     bodies.tune(replace(TrackerConfig(), height=1.5), CONFIG)
     assert bodies.counts["resets"] == 2
     assert all(one.tracker.skeleton.height == 1.5 for one in bodies._all)

@@ -6,11 +6,10 @@ import pytest
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera.lens import Lens
-from lassokin_ros.pipeline.people.assignment import assign
-from lassokin_ros.pipeline.people.matching import distance, distances, is_trackable, match_radius
-from lassokin_ros.pipeline.people.multi_person import SAME_BODY, _without_duplicates, name
+from lassokin_ros.pipeline.people.image_tracks import ImageTracks
+from lassokin_ros.pipeline.people.matching import assign, distance, distances, is_trackable, match_radius
 from lassokin_ros.pipeline.people.presence import best
-from lassokin_ros.pipeline.seen import MOST_PEOPLE, Seen, Sight, people_in
+from lassokin_ros.pipeline.seen import MOST_PEOPLE, Seen, people_in
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
@@ -99,11 +98,10 @@ def test_the_best_status_is_selected():
 
 
 def test_the_more_complete_of_duplicate_detections_is_kept():
-    lens = Lens(np.eye(3))
-    full, part = Sight(0, seen(BODY), lens), Sight(0, seen(BODY + [0.05, 0], [0.5, 0.5, 0.5, 0]), lens)
-    other = Sight(0, seen(BODY + [2 * SAME_BODY * 0.5, 0]), lens)
-    assert _without_duplicates([part, full, other]) == [full, other]
-    assert name(12) == "p12"
+    full, part = seen(BODY), seen(BODY + [0.05, 0], [0.5, 0.5, 0.5, 0])
+    other, tracks = seen(BODY + [0.4, 0]), ImageTracks()
+    tracks.update(1, [part, full, other], lasting=False, forget_after=1.0)
+    assert [track.detection for track in tracks.seen_at(1)] == [full, other]
 
 
 LENS = Lens(np.array([[100.0, 0, 50], [0, 100, 50], [0, 0, 1]]))

@@ -75,7 +75,7 @@ def test_the_points_of_a_bystander_are_not_published_as_the_persons():
 
 def test_an_image_with_the_stamp_of_an_earlier_result_does_not_spoil_the_velocity():
     """The stamp of a result is the newest one of its images; that of the right camera was of no use."""
-    rig = Rig("left", "right", "third", camera_wait=0.01)
+    rig = Rig("left", "right", "third", wait=0.01)
     whole, faint, wait_ns = np.full(17, 0.9), np.full(17, 0.05), 20_000_000
     for index in range(12):
         frames = rig.send("left", index, {1: (rig.pixels("left", index), whole)})

@@ -26,7 +26,16 @@ CLOUD, POLYGON, ARRAY = (
     "geometry_msgs/msg/PolygonStamped",
     "std_msgs/msg/Float32MultiArray",
 )
-LAYOUTS = {CLOUD: "coco17", POLYGON: "coco17", ARRAY: "coco17", HRI: "hri18", YOLO: "coco17", ZED: "zed38"}
+DOUBLES = "std_msgs/msg/Float64MultiArray"
+LAYOUTS = {
+    CLOUD: "coco17",
+    POLYGON: "coco17",
+    ARRAY: "coco17",
+    DOUBLES: "coco17",
+    HRI: "hri18",
+    YOLO: "coco17",
+    ZED: "zed38",
+}
 BACKEND = backend()
 TYPES = BACKEND._typestore
 START_NS = 1_700_000_000_000_000_000
@@ -66,8 +75,8 @@ def message_of(message_type, pixels, stamp_ns, numbers):
         return crowd(BACKEND, stamp_ns, several, numbers) if len(pixels) > 1 else cloud(BACKEND, stamp_ns, xy)
     if message_type == POLYGON:
         return polygon(BACKEND, stamp_ns, xy)
-    if message_type == ARRAY:
-        return multi_array(BACKEND, stamp_ns, xy)
+    if message_type in (ARRAY, DOUBLES):
+        return multi_array(BACKEND, stamp_ns, xy, kind=message_type)
     if message_type == HRI:
         return hri_skeleton(BACKEND, stamp_ns, FRAME, xy, scores, (WIDTH, HEIGHT))
     if message_type == YOLO:

@@ -177,6 +177,36 @@ def cloud_depth(message, random, now_ns):
     store(message, wider)
 
 
+def cloud_types(message, random, now_ns):
+    """Other types of numbers for the fields, in either byte order."""
+    points = cloud_array(message)
+    if [field.name for field in message.fields] != list(points.dtype.names):
+        return
+    codes, order = {1: "i1", 4: "u2", 5: "i4", 7: "f4", 8: "f8", 9: "i8", 10: "u8"}, "<>"[random.integers(2)]
+    kinds = random.choice(list(codes), len(points.dtype.names)).tolist()
+    other = np.dtype([(name, order + codes[kind]) for name, kind in zip(points.dtype.names, kinds)])
+    with np.errstate(invalid="ignore", over="ignore"):
+        message.data = np.frombuffer(points.astype(other).tobytes(), np.uint8)
+    message.fields = [deepcopy(field) for field in message.fields]
+    for field, kind in zip(message.fields, kinds):
+        field.offset, field.datatype = other.fields[field.name][1], kind
+    message.point_step, message.is_bigendian = other.itemsize, order == ">"
+    message.row_step = message.point_step * message.width
+
+
+def rescaled(xy, random, size=(640, 480)):
+    """Pixels (k, 2) as those of an image of another size, as percent or as fractions of it."""
+    factors = [[0.5, 0.5], [2, 2], [1.37, 1.37], 100 / np.array(size), 1 / np.array(size), [1, -1]]
+    return xy * factors[random.integers(len(factors))]
+
+
+def cloud_scale(message, random, now_ns):
+    points = cloud_array(message)
+    if len(points):
+        points["x"], points["y"] = rescaled(np.column_stack([points["x"], points["y"]]), random).T
+        store(message, points)
+
+
 # PolygonStamped, Float32MultiArray
 
 
@@ -284,6 +314,16 @@ def zed_depth(message, random, now_ns):
             point.kp = np.array([x, odd(random), odd(random)], np.float32)
 
 
+def zed_scale(message, random, now_ns):
+    """3D skeletons whose projections are the keypoints, of an image of another size."""
+    for body in message.objects:
+        xy = np.array([point.kp for point in body.skeleton_2d.keypoints])
+        with np.errstate(over="ignore", invalid="ignore"):
+            rays = (rescaled(xy, random) - [320, 240]) / 600.0
+        for point, (x, y) in zip(body.skeleton_3d.keypoints, rays):
+            point.kp = np.array([3.0, -3 * x, -3 * y], np.float32)
+
+
 def zed_values(message, random, now_ns):
     for body in message.objects:
         for place in some(random, 70):
@@ -355,6 +395,8 @@ WAYS = {
         "data": cloud_data,
         "byte order": cloud_order,
         "fields": cloud_fields,
+        "types": cloud_types,
+        "scale": cloud_scale,
         "depth": cloud_depth,
         **HEADER,
     },
@@ -370,6 +412,7 @@ WAYS = {
         "length": array_length,
         "offset": array_offset,
     },
+    "std_msgs/msg/Float64MultiArray": {"values": array_values, "length": array_length, "offset": array_offset},
     "hri_msgs/msg/Skeleton2D": {"values": hri_values, **HEADER},
     "yolo_msgs/msg/DetectionArray": {
         "values": yolo_values,
@@ -384,6 +427,7 @@ WAYS = {
         "scalars": zed_scalars,
         "lists": zed_lists,
         "depth": zed_depth,
+        "scale": zed_scale,
         **HEADER,
     },
     "sensor_msgs/msg/CameraInfo": {

@@ -59,6 +59,7 @@ def pipeline():
         config=NodeSettings(),
         reported_lost_after=0.4,
         locked=None,
+        people=SimpleNamespace(jumped_number=None, numbers_may_be_indices=False),
         detector_connected=True,
         tracker=tracker,
         trackers={"": tracker},
@@ -406,3 +407,13 @@ def test_a_guessed_identity_is_a_warning(diagnostics, pipeline):
     diagnostics.count_message([replace(frame(), guessed=True)], SECOND, 10.5, 0.001)
     level, message = said(diagnostics)
     assert level == WARN and "re-identified by position only" in message
+
+
+@pytest.mark.parametrize(
+    ("fact", "words"),
+    [({"jumped_number": 7}, "number 7 has moved to another person"), ({"numbers_may_be_indices": True}, "0, 1, ...")],
+)
+def test_person_numbers_that_are_not_used_are_a_warning(diagnostics, pipeline, fact, words):
+    vars(pipeline.people).update(fact)
+    level, message = said(diagnostics)
+    assert level == WARN and words in message and "set person_ids to " in message

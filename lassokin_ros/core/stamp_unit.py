@@ -1,0 +1,36 @@
+"""Notice stamps in ms in place of s: every frame is then initialised anew, because seconds seem to have passed."""
+
+from __future__ import annotations
+
+import warnings
+
+SHORTEST_S, LONGEST_S = 5.0, 250.0
+"""s: steps between observations that are those of a camera of 200 to 4 Hz in ms."""
+IN_A_ROW = 10
+"""Such steps in a row after which there is a warning."""
+
+
+class StampUnit:
+    """Watches the steps between the stamps of the observations."""
+
+    def __init__(self) -> None:
+        self._newest: float | None = None
+        self._steps = 0
+
+    def add(self, stamp: float) -> None:
+        """Use the stamp of an observation, s. Warns once."""
+        try:
+            step = 0.0 if self._newest is None else float(stamp - self._newest)
+        except TypeError:  # no number, see gate_observation
+            return
+        self._newest = stamp
+        if step == 0.0 or self._steps > IN_A_ROW:
+            return
+        self._steps = self._steps + 1 if SHORTEST_S <= step <= LONGEST_S else 0
+        if self._steps == IN_A_ROW:
+            self._steps += 1
+            warnings.warn(
+                f"the stamps of {IN_A_ROW} observations in a row are {step:g} s apart, so that each frame is "
+                "initialised anew; expected stamps in s: divide a time in ms by 1000",
+                stacklevel=4,
+            )
