@@ -78,7 +78,9 @@ class Tracked:
 
 def track(options: argparse.Namespace, detector: Detector | None = None) -> Tracked:
     """Track a source and write the requested files. detector: replaces --detector. Raises a LassokinError."""
-    source = open_source(options.source, options.fps)  # before the detector, which takes seconds to load
+    source = open_source(
+        options.source, options.fps, options.slow_motion
+    )  # before the detector, which takes seconds to load
     detector = detector or make_detector(options.detector)
     configs = _settings(options, source, detector)
     types = typestore()
@@ -233,7 +235,11 @@ class Run:
     def _track_again(self, tracker: OfflineTracker, messages: Messages, options: argparse.Namespace) -> None:
         """Track the kept keypoints; the images are read again if an output shows them."""
         _drop(tracker.camera_info(self._info, FIRST_STAMP_NS))
-        images = open_source(options.source, options.fps).images if self._outputs.needs_images else iter(())
+        images = (
+            open_source(options.source, options.fps, options.slow_motion).images
+            if self._outputs.needs_images
+            else iter(())
+        )
         progress = Progress(len(self.detections.found), "frames")
         for seconds, message in messages:
             if self._outputs.needs_images:
@@ -339,7 +345,7 @@ def lens_of(options: argparse.Namespace, source: Source, quiet: bool = False) ->
     if options.camera_info is None and source.content != source.size:
         width, height = source.content
         _note(f"the images have black bars; the field of view is that of the {width} x {height} px between them")
-    return choose_camera(options.camera_info, options.fov, source.size, source.content)
+    return choose_camera(options.camera_info, options.fov, source.size, source.content, options.fisheye)
 
 
 def _note(text: str) -> None:
