@@ -81,10 +81,12 @@ def parser() -> argparse.ArgumentParser:
         "sources",
         nargs="+",
         metavar="VIDEO|0|IMAGES",
-        help="video file, folder of images, number or device of a webcam, or address of a stream (rtsp://, http://)",
+        help="video file, folder of images, number or device of a webcam, address of a stream (rtsp://, http://), or "
+        "keypoints: JSON of OpenPose (folder), AlphaPose or COCO, a table of DeepLabCut or MediaPipe, .npz",
     )
     result.add_argument("--height", type=float, help="height of the person, m (same as -p height:=...)")
     result.add_argument("--fov", type=float, metavar="DEG", help="field of view along the longer side of the image")
+    result.add_argument("--image-size", metavar="WxH", help="size of the images of a file of keypoints, px")
     result.add_argument("--fisheye", action="store_true", help="--fov is that of a fisheye lens")
     result.add_argument(
         "--camera-info", type=Path, metavar="YAML", help="calibration file of ROS (ost.yaml), OpenCV or Kalibr"

@@ -100,13 +100,13 @@ def open_source(name: str, fps: float | None = None, slow_motion: float = 1.0) -
     name: a path, the number of a webcam ("0"), its device ("/dev/video0", "/dev/v4l/by-id/..."), or an address
     ("rtsp://...", "http://..."). fps, slow_motion: see Timing; of files and folders only.
     """
-    source = _open(name, _timing(fps, slow_motion))
+    source = _open(name, timing_of(fps, slow_motion))
     if (fps is not None or slow_motion != 1.0) and source.live:
         raise SourceError(f"{source.name} is live, so its images have the times at which they come; expected no --fps")
     return source
 
 
-def _timing(fps: float | None, slow_motion: float) -> Timing:
+def timing_of(fps: float | None, slow_motion: float) -> Timing:
     """Return the options as one value. Raises SourceError."""
     if fps is not None and not 0 < fps <= MOST_FPS:  # False for NaN
         raise SourceError(f"--fps {fps:g}; expected a rate above 0 and up to {MOST_FPS:g} Hz")
@@ -204,7 +204,8 @@ def _fault_of_times(cv2: Any, capture: Any, path: Path) -> str:
         return "has no times of its images"
     if not capture.get(cv2.CAP_PROP_FPS) > HIGHEST_FPS:
         return ""
-    again, times = cv2.VideoCapture(str(path)), []
+    again: Any = cv2.VideoCapture(str(path))
+    times: list[float] = []
     while len(times) < LOOKED_AT and again.grab():
         times.append(again.get(cv2.CAP_PROP_POS_MSEC) * 1e-3)
     again.release()

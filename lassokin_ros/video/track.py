@@ -35,6 +35,7 @@ from lassokin_ros.skeleton_readers.load import load_skeleton
 from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.camera import Calibration, assumed_fov_warning, choose_camera
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
+from lassokin_ros.video.keypoint_files.source import open_input
 from lassokin_ros.video.people import (
     ALL,
     LARGEST,
@@ -45,7 +46,7 @@ from lassokin_ros.video.people import (
     people_in,
     settings_for,
 )
-from lassokin_ros.video.sources import Source, SourceError, open_source
+from lassokin_ros.video.sources import Source, SourceError
 from lassokin_ros.video.track_outputs import TrackOutputs
 from msg_adapters.backends import RosbagsBackend
 
@@ -78,10 +79,10 @@ class Tracked:
 
 def track(options: argparse.Namespace, detector: Detector | None = None) -> Tracked:
     """Track a source and write the requested files. detector: replaces --detector. Raises a LassokinError."""
-    source = open_source(
-        options.source, options.fps, options.slow_motion
-    )  # before the detector, which takes seconds to load
-    detector = detector or make_detector(options.detector)
+    source, stored = open_input(options)  # before the detector, which takes seconds to load
+    if stored is not None:
+        options.detector = source.name
+    detector = detector or stored or make_detector(options.detector)
     configs = _settings(options, source, detector)
     types = typestore()
     first = OfflineTracker(*configs, types, only_track=True)
@@ -235,11 +236,7 @@ class Run:
     def _track_again(self, tracker: OfflineTracker, messages: Messages, options: argparse.Namespace) -> None:
         """Track the kept keypoints; the images are read again if an output shows them."""
         _drop(tracker.camera_info(self._info, FIRST_STAMP_NS))
-        images = (
-            open_source(options.source, options.fps, options.slow_motion).images
-            if self._outputs.needs_images
-            else iter(())
-        )
+        images = open_input(options)[0].images if self._outputs.needs_images else iter(())
         progress = Progress(len(self.detections.found), "frames")
         for seconds, message in messages:
             if self._outputs.needs_images:
