@@ -20,13 +20,14 @@ LARGE = "platform_machine == 'aarch64' or (sys_platform == 'darwin' and platform
 # Two releases have a small wheel for all Pythons, but not for all machines. Later ones look up a host.
 MEDIAPIPE = [f"mediapipe>=0.10.30,<0.10.32; {SMALL}", f"mediapipe>=0.10.14,<0.10.22; {LARGE}", *VIDEO]
 ONNX = ["onnxruntime>=1.17", *VIDEO]
+ROBOT = ["pin-pink>=4.4,<5", "pin>=3.1"]
 VIEW = ["rerun-sdk>=0.23.1", *VIDEO]
 DEMO = [*ROS, *REPLAY]
 TEST = [
     "pytest>=7.4,<9.2",  # 3.8 of pytest-xdist groups nothing under pytest 9.2
     "pytest-xdist>=3.6",
     "hypothesis>=6.100",
-    "pin>=2.7",
+    *ROBOT,
     "yourdfpy>=0.0.56",
     "colcon-common-extensions>=0.3",
     "clarabel>=0.6",
@@ -78,6 +79,7 @@ ROS_EXECUTABLES = [
     "detector = lassokin_ros.detector.command:main",
     "camera = lassokin_ros.camera.command:main",
     "viewer = lassokin_ros.viewer.command:main",
+    "imitate = lassokin_ros.robot.command:main",
     "replay = lassokin_ros.cli.replay:main",
 ]
 
@@ -117,6 +119,7 @@ setup(
         "lassokin_ros.core.network": ["*.npz"],
         "lassokin_ros.detector": ["*.task"],
         "lassokin_ros.skeleton_readers": ["names.yaml"],
+        "lassokin_ros.robot": ["robots/*.yaml"],
         "lassokin_ros.replay.report": ["page.html", "page.css", "*.js", "*.LICENSE"],
     },
     data_files=[
@@ -134,6 +137,7 @@ setup(
         "report": REPLAY,  # plotly.js is in the package
         "video": VIDEO,
         "view": VIEW,
+        "robot": ROBOT,
         "mediapipe": MEDIAPIPE,
         "onnx": ONNX,
         "c3d": C3D,

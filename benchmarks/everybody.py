@@ -26,9 +26,9 @@ from benchmarks.data.detections import layout_of
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.lens import Lens
-from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
-from lassokin_ros.pipeline.people.people_tracker import PeopleImage
+from lassokin_ros.pipeline.people.people_tracker import PeopleTracker
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.seen import Image, people_in
 from msg_adapters.keypoints import Keypoints
 
 COLUMNS = {"file": "<", "cameras": "<", "one_person_percent": ".1f", "one_id_percent": ".1f", "assigned_percent": ".1f",
@@ -63,7 +63,7 @@ def run(file: Path, chosen: str | None) -> Record:
     poses = {c: CameraPose(str(c), R[c].astype(float), t[c].astype(float)) for c in cameras}
     layout, count = layout_of(names)
     config = TrackerConfig(landmarks=layout, height=1.7)
-    tracker = MultiPersonTracker([TrackedPerson(config) for _ in range(MOST_PEOPLE)], Counter())
+    tracker = PeopleTracker([TrackedPerson(config) for _ in range(MOST_PEOPLE)], Counter())
     found: list[tuple[int, int, int]] = []  # frame, id, true person
     for frame, stamp in enumerate(stamps.tolist()):
         stamp_ns = 1_000_000_000 + round(1e9 * stamp)
@@ -73,7 +73,7 @@ def run(file: Path, chosen: str | None) -> Record:
             rows = keypoints[c, frame, seen, :count].reshape(-1, 3).astype(float)
             ids, persons = np.tile(np.arange(count), len(seen)), np.repeat(np.array(seen, dtype=int), count)
             message = Keypoints(stamp_ns, "", ids, rows[:, :2], rows[:, 2], persons)
-            images.append(PeopleImage(message, stamp_ns, "", lenses[c], False, camera=poses[c]))
+            images.append(Image(people_in(message, count, lenses[c]), stamp_ns, "", lenses[c], camera=poses[c]))
         tracker.update(images, "", FORGET_AFTER_S)
         for number, sights in tracker.sights_at(stamp_ns).items():
             for camera, detection in sights.items():

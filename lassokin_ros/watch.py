@@ -301,10 +301,11 @@ class PeopleWatch:
     def followed(self) -> np.ndarray:
         """Return whom a robot may follow: those of `tracked`, the locked person alone if somebody is locked.
 
-        Nobody while the state is not "tracking": the locked person may be lost.
+        Guessed and doubtful people are left out: one may be somebody else, the other's place may be wrong. Nobody while
+        the state is not "tracking": the locked person may be lost.
         """
         people = self.everybody()  # once: it may be too old the next time
         if len(people) == 0 or self._state != TRACKING:
             return people[:0]
         wanted = people[people["locked"] == 1] if people["locked"].any() else people
-        return self._tracked_of(wanted)
+        return self._tracked_of(wanted[(wanted["guessed"] | wanted["doubtful"]) == 0])

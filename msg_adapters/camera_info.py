@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -102,6 +103,26 @@ def decode_camera_info(message: Any, rectified: bool = False) -> Intrinsics:
     if min(K[0, 0], K[1, 1]) < 1 or np.abs(K).max() >= LARGEST:
         raise AdapterError("camera_matrix", f"after binning and region of interest K is {K.tolist()}; expected px")
     return Intrinsics(K, D, model, R.reshape(3, 3), P, width, height, frame_id, warning)
+
+
+def intrinsics_of(
+    K: np.ndarray,
+    D: np.ndarray,
+    model: str,
+    P: np.ndarray,
+    size: tuple[int, int],
+    frame_id: str,
+    rectified: bool = False,
+) -> Intrinsics:
+    """Return the intrinsics of a camera, checked as those of a CameraInfo message; see `decode_camera_info`.
+
+    K: (3, 3) px, D: in the order of `model`, P: (3, 4) px, of an image of size (width, height) px.
+    """
+    whole = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
+    lens = {"k": np.ravel(K), "d": np.ravel(D), "r": np.eye(3).ravel(), "p": np.ravel(P), "distortion_model": model}
+    image = {"width": size[0], "height": size[1], "binning_x": 0, "binning_y": 0, "roi": whole}
+    message = SimpleNamespace(header=SimpleNamespace(frame_id=frame_id), **lens, **image)
+    return decode_camera_info(message, rectified)
 
 
 def _distortion(model: str, D: np.ndarray) -> tuple[str, np.ndarray]:

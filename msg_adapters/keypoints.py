@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -68,6 +69,26 @@ class Keypoints:
     landmarks: int | None = None
     depth_note: str = ""
     unplaced: int = 0
+
+    @classmethod
+    def of_people(
+        cls, stamp_ns: int | None, frame_id: str, people: Sequence[tuple[int, np.ndarray, np.ndarray]]
+    ) -> Keypoints:
+        """Return the keypoints of several people. people: number, pixels (l, 2) and confidence (l,) of each person.
+
+        Numbers below 0 are valid in this image only.
+        """
+        rows = [np.flatnonzero(confidence > 0) for _, _, confidence in people]
+        numbers = [np.full(len(ids), number) for ids, (number, _, _) in zip(rows, people)]
+        return cls(
+            stamp_ns,
+            frame_id,
+            np.concatenate([np.zeros(0, dtype=int), *rows]),
+            np.concatenate([np.zeros((0, 2)), *(pixels[ids] for ids, (_, pixels, _) in zip(rows, people))]),
+            np.concatenate([np.zeros(0), *(scores[ids] for ids, (_, _, scores) in zip(rows, people))]),
+            np.concatenate([np.zeros(0, dtype=int), *numbers]),
+            persistent=all(number >= 0 for number, _, _ in people),
+        )
 
     @cached_property
     def unscored(self) -> int:
@@ -216,7 +237,9 @@ def header_stamp(header: object) -> int | None:
 
 
 def stamp_of(message: Any) -> int | None:
-    """Return the stamp of a message in ns; None if it has no header, a stamp of 0 or an invalid one."""
+    """Return the stamp of a message, or of Keypoints, in ns; None without a header, a stamp of 0 or an invalid one."""
+    if isinstance(message, Keypoints):
+        return message.stamp_ns
     try:
         return header_stamp(message.header)
     except (AttributeError, AdapterError):

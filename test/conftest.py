@@ -1,9 +1,13 @@
-"""Settings before rclpy or numpy are imported: strict messages, one thread, a DDS domain for this process."""
+"""Settings before rclpy or numpy are imported: strict messages, one thread, a DDS domain for this process.
+
+And which tests are slow: `make check` leaves these out.
+"""
 
 import fcntl
 import os
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
@@ -26,6 +30,7 @@ def reserved_domain():
     raise RuntimeError(f"no DDS domain is free: see {tempfile.gettempdir()}/lassokin_ros_domain_*")
 
 
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 DOMAIN, DOMAIN_LOCK = reserved_domain()
 os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -54,36 +59,90 @@ def pytest_pycollect_makemodule(module_path, parent):
     return TestFile.from_parent(parent, path=module_path)
 
 
+SLOW_FOLDERS = set("archive benchmarks camera demo examples fuzz launch replay training video viewer".split())
+"""Folders whose tests run whole commands, programs or examples."""
+TESTS = Path(__file__).parent
+SLOW_TESTS = set((TESTS / "slow_tests.txt").read_text(encoding="utf-8").split())
+"""Other tests that take more than 0.3 s of processor time or start Python, as file::function."""
+FAST_S = 0.5
+"""s of processor time: a test that takes longer, and does not count as slow, is listed after the run."""
+
+
+def is_slow(path):
+    """True if all tests of a file count as slow, because of its folder or because it runs nodes."""
+    return path.relative_to(TESTS).parts[0] in SLOW_FOLDERS or runs_nodes(path)
+
+
+def name_of(item):
+    """The name of a test in `slow_tests.txt`."""
+    return f"{item.path.relative_to(TESTS).as_posix()}::{item.originalname}"
+
+
 def pytest_configure(config):
-    """Register the mark of pytest-xdist, so that the tests also run without it."""
+    """Register the marks; that of pytest-xdist, too, so that the tests also run without it."""
     config.addinivalue_line("markers", "xdist_group(name): tests that run one after the other")
+    config.addinivalue_line(
+        "markers", "slow: takes more than 0.3 s of processor time, or starts Python; see `make check`"
+    )
+    sys.addaudithook(note_processes)
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Do not import files of slow tests alone for `make check`: rclpy takes a second in each process."""
+    if config.option.markexpr == "not slow" and collection_path.suffix == ".py" and is_slow(collection_path):
+        return True
+    return None
 
 
 @pytest.hookimpl(tryfirst=True)  # before the hook of pytest-xdist, which reads the marks
 def pytest_collection_modifyitems(items):
-    """If processes share the tests, those of `test/node` run one after the other, and so do others that run nodes.
+    """Mark slow tests. Each file is a group, which one process runs.
 
-    More nodes at once would compete for a core. The tests of a file stay together, because they share the fixtures of
-    their module, such as a running node.
+    The tests of a file share the fixtures of their module, such as a running node. Files that run nodes are dealt into
+    as many groups as there are cores: more nodes at once would compete for one.
     """
-    groups = {path: group_of(path) for path in {item.path for item in items}}
+    paths = list(dict.fromkeys(item.path for item in items))
+    groups = {path: path.stem for path in paths}
+    groups |= {path: f"nodes {number % CORES}" for number, path in enumerate(filter(runs_nodes, paths))}
+    slow = {path for path in paths if is_slow(path)}
     for item in items:
         item.add_marker(pytest.mark.xdist_group(groups[item.path]))
+        if item.path in slow or name_of(item) in SLOW_TESTS:
+            item.add_marker(pytest.mark.slow)
 
 
-def group_of(path):
-    """The group of a test file: `nodes`, `commands` with nodes, or the file alone."""
-    if not runs_nodes(path):
-        return path.stem
-    return "nodes" if "node" in path.relative_to(Path(__file__).parent).parts else "commands"
+started = []
+"""Commands of the Python processes that the present test has started."""
+
+
+def note_processes(event, arguments):
+    """Remember that Python is started (an audit hook, see `sys.addaudithook`)."""
+    if event == "subprocess.Popen" and sys.executable in map(str, [arguments[0], *arguments[1]]):
+        started.append(arguments[1])
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    """Note the processor time of a test. One that starts Python must count as slow."""
+    before = time.process_time()
+    result = yield
+    item.user_properties.append(("processor time", time.process_time() - before))
+    commands, started[:] = list(started), []  # of fixtures, too
+    if commands and item.get_closest_marker("slow") is None:
+        pytest.fail(f"starts Python, and is not in slow_tests.txt: {name_of(item)}: {commands[0]}", pytrace=False)
+    return result
 
 
 def pytest_terminal_summary(terminalreporter, config):
-    """Print the number of fuzz cases, if they ran in this process, and whether groups were kept together."""
+    """Print the number of fuzz cases of this process, tests that should count as slow, and whether groups were kept."""
     fuzzing = sys.modules.get("fuzzing")
     for line in fuzzing.report() if fuzzing else ():
         terminalreporter.write_line(line)
-    # pytest-xdist appends the group to a test's id. Without it, tests may not have been grouped.
     passed = terminalreporter.stats.get("passed", ())
+    for report in passed:
+        seconds = dict(report.user_properties).get("processor time", 0.0)
+        if seconds > FAST_S and "slow" not in report.keywords:
+            terminalreporter.write_line(f"{report.nodeid} takes {seconds:.1f} s, and is not in slow_tests.txt")
+    # pytest-xdist appends the group to a test's id. Without it, tests may not have been grouped.
     if config.getoption("dist", "no") == "loadgroup" and not all("@" in report.nodeid for report in passed):
         terminalreporter.write_line("pytest-xdist groups no tests under this pytest: nodes ran two at once", red=True)

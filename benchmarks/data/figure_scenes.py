@@ -15,6 +15,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation, Status
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import WEBCAM, Detector, detections, exact_pixels, motion
+from lassokin_ros.pipeline.seen import Image, people_in
 
 HEIGHT, LANDMARKS = 1.75, 17
 NO_GAPS = Detector(noise_px=3.0, outliers=0.0, gaps_per_second=0.0)
@@ -120,16 +121,16 @@ def people_crossing(seconds: float = 4.0, rate: float = 30.0) -> tuple[Sequence[
 
 
 def follow_people(scenes: Sequence[Scene], numbers: np.ndarray, lasting: bool) -> dict[str, np.ndarray]:
-    """Id -> (f,) m, x of the pelvis. lasting: use the detector's numbers (`person_ids: message`)."""
+    """Id -> (f,) m, x of the pelvis. lasting: use the detector's numbers, wherever they are (`person_ids: lasting`)."""
     from collections import Counter
 
-    from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
-    from lassokin_ros.pipeline.people.people_tracker import PeopleImage
+    from lassokin_ros.pipeline.people.people_tracker import PeopleTracker
     from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
     from msg_adapters.keypoints import Keypoints
 
     lens = WEBCAM.lens
-    people = MultiPersonTracker([TrackedPerson(TrackerConfig(height=HEIGHT)) for _ in range(4)], Counter())
+    bodies = [TrackedPerson(TrackerConfig(height=HEIGHT)) for _ in range(4)]
+    people = PeopleTracker(bodies, Counter(), sure=lasting)
     paths: dict[str, np.ndarray] = {}
     for row, stamp in enumerate(scenes[0].times):
         xy = np.concatenate([scene.pixels[row] for scene in scenes])
@@ -138,7 +139,7 @@ def follow_people(scenes: Sequence[Scene], numbers: np.ndarray, lasting: bool) -
         stamp_ns = 1 + round(1e9 * stamp)
         ids, persons = np.tile(np.arange(count), len(scenes)), np.repeat(numbers[row], count).astype(int)
         keypoints = Keypoints(stamp_ns, "camera", ids, xy, scores, persons)
-        image = PeopleImage(keypoints, stamp_ns, "camera", lens, lasting)
+        image = Image(people_in(keypoints, count, lens), stamp_ns, "camera", lens, lasting=lasting)
         for frame in people.update([image], "camera", 3.0):
             path = paths.setdefault(frame.person, np.full(len(scenes[0].times), np.nan))
             path[row] = frame.estimate.pose.positions[0, 0]

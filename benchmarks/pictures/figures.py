@@ -220,7 +220,7 @@ def person_ids(axes: Any) -> None:
             axis.plot(person.times, person.joints[:, 0, 0], color=TRUE, lw=4, label="true" * (person is scenes[0]))
         for colour, (name, path) in zip(COLOURS, follow_people(scenes, numbers, lasting).items()):
             axis.plot(scenes[0].times, path, color=colour, label=f"bodies/{name}")
-        axis.set(xlabel="time [s]", ylabel="pelvis' x [m]", title=f"person_ids: {'message' if lasting else 'node'}")
+        axis.set(xlabel="time [s]", ylabel="pelvis' x [m]", title=f"person_ids: {'lasting' if lasting else 'node'}")
         axis.legend(fontsize=8)
 
 

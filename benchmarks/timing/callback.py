@@ -56,7 +56,7 @@ def measure_callback(observations: Sequence[Observation], distorted: bool = Fals
         callbacks = {
             who: (node._inputs.camera_info.take, node.work_on, _clock(node)) for who, node in zip(AUDIENCES, nodes)
         }
-        publish = {topic.name: nodes[-1]._person._out[topic.name].publish for topic in OUTPUTS}
+        publish = {topic.name: nodes[-1]._outputs.person.outs[topic.name].publish for topic in OUTPUTS}
         records = _stages(observations, distorted, RclpyBackend(), lambda topic, m: publish[topic](m), callbacks)
     return "rclpy, real publishers", records
 
@@ -77,7 +77,7 @@ def _nodes() -> Iterator[list[Any]]:
     options = {"context": context, "parameter_overrides": [height], "use_global_arguments": False}
     nodes = [TrackerNode(namespace=f"/latency_{number}", **options) for number in range(len(AUDIENCES))]
     listener = rclpy.create_node("listener", context=context)
-    wanted = [node._person._out[t.name] for node, outputs in zip(nodes, AUDIENCES.values()) for t in outputs]
+    wanted = [node._outputs.person.outs[t.name] for node, outputs in zip(nodes, AUDIENCES.values()) for t in outputs]
     for publisher in wanted:
         listener.create_subscription(publisher.msg_type, publisher.topic_name, lambda message: None, 1)
     try:

@@ -24,7 +24,8 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.demo.synthetic import WEBCAM
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.people.tracked_person import Detection, Sight, TrackedPerson
+from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.seen import Seen, Sight
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.inputs import camera_info
 
@@ -90,7 +91,7 @@ def _core_share(people: int, hz: float) -> float:
     bodies = {f"p{person}": TrackedPerson(config) for person in range(people)}
     lens, times, seen = WEBCAM.lens, [], view(0, STEPS, hz, people)
     for number, message in enumerate(zip(seen.pixels, seen.confidence)):
-        found = [Detection(lens.normalise(pixels), confidence) for pixels, confidence in zip(*message)]
+        found = [Seen(lens.normalise(pixels), confidence) for pixels, confidence in zip(*message)]
         start = time.thread_time()
         for (person, body), one in zip(bodies.items(), found):
             body.track([Sight(round(number * 1e9 / hz), one, lens)], "", person)

@@ -137,7 +137,8 @@ def node_with(listened_to: bool, focal: float) -> tuple[Any, list[float]]:
     node = make(context=context, namespace=f"/against_{os.getpid()}_{int(listened_to)}", use_global_arguments=False)
     if listened_to:
         listener = node.listener = rclpy.create_node("listener", context=context)
-        outputs = list(node._person._out.values())
+        has_outputs = hasattr(node, "_outputs")  # earlier revisions have those of one person in the node
+        outputs = list((node._outputs.person.outs if has_outputs else node._person._out).values())
         for publisher in outputs:
             listener.create_subscription(publisher.msg_type, publisher.topic_name, lambda message: None, 1)
         end = time.monotonic() + 10.0

@@ -6,6 +6,9 @@ lassokin tracker --ros-args ...   the ROS 2 node
 lassokin detector --ros-args ...  the ROS 2 node that turns images into keypoints
 lassokin camera --ros-args ...    the ROS 2 node that publishes a webcam or a video file
 lassokin viewer --ros-args ...    the ROS 2 node that shows the tracker's topics in the viewer Rerun
+lassokin imitate --ros-args ...   the ROS 2 node that drives a humanoid by the person whom it sees
+lassokin retarget NPZ --urdf URDF --robot FILE -o MOTION   a humanoid's motion from a person's
+lassokin robot check URDF FILE    does a robot's file fit to its URDF
 lassokin measure gait|squat NPZ   cadence, stride, speed, knees; depth and angles of squats
 lassokin --version                the version of the package
 """
@@ -26,6 +29,9 @@ COMMANDS = {
     "detector": ("lassokin_ros.detector.command", "main"),
     "camera": ("lassokin_ros.camera.command", "main"),
     "viewer": ("lassokin_ros.viewer.command", "main"),
+    "imitate": ("lassokin_ros.robot.command", "main"),
+    "retarget": ("lassokin_ros.robot.retarget", "main"),
+    "robot": ("lassokin_ros.robot.check", "main"),
     "measure": ("lassokin_ros.measure.command", "main"),
 }
 """Module and function of each sub-command. A module is imported when its sub-command is used."""

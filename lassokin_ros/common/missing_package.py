@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 
-FROM_PIP = ("proxsuite", "qpsolvers", "numpy", "scipy", "yaml", "rosbags", "cv2", "matplotlib")
+FROM_PIP = ("proxsuite", "qpsolvers", "numpy", "scipy", "yaml", "rosbags", "cv2", "matplotlib", "pink", "pinocchio")
 """Packages that pip installs, with any installation of ROS. The first two exist only for pip."""
-PIP_NAMES = {"yaml": "PyYAML", "cv2": "opencv-python-headless"}
+PIP_NAMES = {"yaml": "PyYAML", "cv2": "opencv-python-headless", "pink": "pin-pink", "pinocchio": "pin-pink"}
 
 
 def missing_package(error: ImportError) -> str:

@@ -706,34 +706,6 @@ FUNCTION(follow, 11)
     }
 END
 
-/* History.sampled: stamps, points, seen of all frames, times, (longest gap,); points, seen */
-FUNCTION(sampled, 7)
-    double *stamps = in(&a, o[0], -1);
-    Py_ssize_t count = size(&a);
-    double *times = in(&a, o[3], -1);
-    Py_ssize_t t = size(&a);
-    double *longest = in(&a, o[4], 1), *points = out(&a, o[5], -1);
-    Py_ssize_t k = t ? size(&a) / t / 2 : 0;
-    double *all = in(&a, o[1], 2 * k * count);
-    char *seen = any_array(&a, o[2], "?", k * count, PyBUF_C_CONTIGUOUS);
-    char *known = any_array(&a, o[6], "?", k * t, PyBUF_C_CONTIGUOUS | PyBUF_WRITABLE);
-    IF_REGULAR
-    if (!count || !k) return done(&a, 0);
-    for (Py_ssize_t i = 0; i < t; i++) {
-        double wanted = stamps[count - 1] - times[i];
-        Py_ssize_t later = count - 1;
-        while (later > 1 && stamps[later - 1] >= wanted - 1e-9) later--;
-        Py_ssize_t earlier = later > 0 ? later - 1 : 0;
-        double before = stamps[earlier], after = stamps[later], gap = after - before;
-        double share = wanted >= after - 1e-6 ? 1 : fmin(fmax((wanted - before) / fmax(gap, 1e-6), 0), 1);
-        int inside = ((wanted >= before - 1e-6 && gap <= longest[0]) || share >= 1) && wanted <= after + 1e-6;
-        const double *from = all + 2 * k * earlier, *to = all + 2 * k * later;
-        for (Py_ssize_t p = 0; p < 2 * k; p++) points[2 * k * i + p] = from[p] + share * (to[p] - from[p]);
-        for (Py_ssize_t p = 0; p < k; p++)
-            known[k * i + p] = inside && (seen[k * earlier + p] || share >= 1 - 1e-6) && (seen[k * later + p] || share <= 1e-6);
-    }
-END
-
 /* features: points (overwritten), seen, trunk, gains, vertical, rest of the inputs; inputs, rotation */
 FUNCTION(features, 8)
     double *trunk = in(&a, o[2], -1);
@@ -809,7 +781,7 @@ END
 static PyMethodDef methods[] = {
     METHOD(pose), METHOD(posture), METHOD(retract), METHOD(twists), METHOD(point_columns), METHOD(linearise),
     METHOD(cost), METHOD(smooth), METHOD(eliminate), METHOD(predicted), METHOD(condensed), METHOD(certify),
-    METHOD(follow), METHOD(sampled), METHOD(features), METHOD(activate),
+    METHOD(follow), METHOD(features), METHOD(activate),
     METHOD(decode), {NULL, NULL, 0, NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_kernel", NULL, 0, methods, NULL, NULL, NULL, NULL};
 PyMODINIT_FUNC PyInit__kernel(void) { return PyModuleDef_Init(&module); }

@@ -20,10 +20,10 @@ from lassokin_ros.core.image.projection import NEAREST_DEPTH, carried
 from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
-from lassokin_ros.core.observation import HERE, CameraPose, Observation
+from lassokin_ros.core.observation import HERE, CameraPose, Observation, has_passed, is_longer
 
 RECENT = 0.1
-"""s for which the person is where the last image of a camera has shown."""
+"""How long (s) a camera counts as seeing the person."""
 SILENT_SHARE = 0.3
 """Share of `camera_timeout` without an image after which the rows of a camera begin to fade."""
 
@@ -153,17 +153,19 @@ class Camera:
 
     def _presence_at(self, stamp: float) -> float:
         """Weight of this camera's rows, 0 to 1, if there is no image up to a stamp, s."""
+        if not self.seen_at(stamp):
+            return 0.0
         silent_after = SILENT_SHARE * self._timeout
         fading = (stamp - self.newest - silent_after) / (self._timeout - silent_after)
         return self._presence * min(max(1 - fading, 0.0), 1.0)
 
     def seen_at(self, stamp: float) -> bool:
         """Whether the camera has followed the person up to a stamp, s."""
-        return bool(stamp - self.newest < self._timeout)
+        return not has_passed(stamp - self.newest, self._timeout)
 
     def seen_lately(self, stamp: float) -> bool:
         """Whether the camera's last image with the person is at most RECENT older than a stamp, s."""
-        return bool(stamp - self.newest <= RECENT)
+        return not is_longer(stamp - self.newest, RECENT)
 
     def _count_presence(self, stamp: float, alone: bool) -> None:
         """Note an image: the weight grows as it has faded."""

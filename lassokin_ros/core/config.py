@@ -58,7 +58,7 @@ class TrackerConfig:
     depth_prior: bool = setting(True, "use the joint depths that the shipped network estimates from the keypoints")
     camera_timeout: float = live_setting(
         0.5,
-        "several cameras: one without keypoints for this long does not count; it fades from a third of it on",
+        "several cameras: one without keypoints is ignored after this; its weight ramps down from a third of it",
         "s",
         0.05,
         10.0,
@@ -86,8 +86,8 @@ class TrackerConfig:
     )
     tilt_deviation: float = live_setting(
         0.0,
-        "standard deviation of the camera's tilt; above 0, feet on the floor measure the height if that is 0, where "
-        "the tilt allows 5 %",
+        "1-sigma tilt error of the camera; above 0 and with height 0, the height is estimated from the floor if its "
+        "error is below 5 %",
         "rad",
         0.0,
         0.2,

@@ -32,7 +32,9 @@ class Estimate:
     used keypoints of a camera or more. length_deviation: (p,) standard deviation of the log-lengths. size_deviation:
     that of the logarithm of a measured height, 0 for a given one. cameras: see `FrameData.seen_by`. centre: (3,) m, of
     the first of them, in the skeleton's frame. joint_depths: what the depth network estimates from its keypoints.
-    contacts: (n,) bool, ankles of feet that stand still. prior_cost: of the pose prior for `solved`, with weight 1.
+    still: (n,) bool, ankles of feet that stand still. contacts: (n,) bool, those of them that are on the floor, see
+    `foot_contacts.on_floor`. up: (3,) unit vector, the vertical in the skeleton's frame: given by a fixed frame or the
+    camera's mount, learned from the person otherwise. prior_cost: of the pose prior for `solved`, with weight 1.
     network_distance: m, mean distance of the depth network's joints from those of `solved`, relative to the hips; NaN
     without the network.
     """
@@ -63,7 +65,9 @@ class Estimate:
     joint_depths: JointDepths | None = None
     cameras: int = 1
     centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    still: np.ndarray | None = None
     contacts: np.ndarray | None = None
+    up: np.ndarray | None = None
     prior_cost: float = float("nan")
     network_distance: float = float("nan")
 

@@ -19,6 +19,7 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver
+from lassokin_ros.core.observation import is_longer
 from lassokin_ros.core.record import record
 
 SHORT_STEP, LONG_STEP = 1 / 30, 0.06
@@ -119,4 +120,4 @@ def for_step(step: float, linearisations: int, sparsity: float) -> tuple[int, fl
     """Linearisations and sparsity for a frame `step` s after the last one; the settings are for 30 Hz or more."""
     if not np.isfinite(step) or step <= SHORT_STEP:
         return linearisations, sparsity
-    return linearisations + MORE_LINEARISATIONS * (step > LONG_STEP), sparsity * SHORT_STEP / step
+    return linearisations + MORE_LINEARISATIONS * is_longer(step, LONG_STEP), sparsity * SHORT_STEP / step

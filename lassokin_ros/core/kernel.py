@@ -26,7 +26,7 @@ except ImportError:
 
 FUNCTIONS = (
     "pose posture retract twists point_columns linearise cost smooth eliminate predicted condensed certify follow "
-    "sampled features activate decode"
+    "features activate decode"
 ).split()
 """Of the kernel; Python does the same without it."""
 

@@ -19,6 +19,22 @@ for _constant in (ORIGIN, AXES):
     _constant.flags.writeable = False
 
 
+STAMP_TOLERANCE = 1e-3
+"""s by which a time may be shorter than a period that has passed. A stamp in s of today is a multiple of 0.2 us, and
+frames at 30 Hz are a whole number of periods apart: without it, rounding would decide in which frame something is due.
+"""
+
+
+def has_passed(elapsed: float, period: float) -> bool:
+    """Whether a time between two stamps, s, is the period or more."""
+    return elapsed >= period - STAMP_TOLERANCE
+
+
+def is_longer(elapsed: float, limit: float) -> bool:
+    """Whether a time between two stamps, s, is more than a limit."""
+    return elapsed > limit + STAMP_TOLERANCE
+
+
 class Status(Enum):
     """State of the tracker."""
 

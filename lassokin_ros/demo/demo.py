@@ -92,21 +92,21 @@ def _result(live, tracker, times, stamps, truth, pixels, confidence) -> DemoResu
 def write_page(folder: Path) -> None:
     """Replay `keypoints` in the folder and write report.html. Raises a LassokinError."""
     from lassokin_ros.common.atomic_files import AtomicFiles
+    from lassokin_ros.pipeline.pipeline import Pipeline
     from lassokin_ros.pipeline.settings import NodeSettings
     from lassokin_ros.replay.bags import BagReader
     from lassokin_ros.replay.keypoint_recording import CAMERA_INFO, KEYPOINTS
-    from lassokin_ros.replay.offline_tracker import OfflineTracker
+    from lassokin_ros.replay.playback import Playback
     from lassokin_ros.replay.report.page import ReportError
     from lassokin_ros.replay.report.report import Report
 
     with BagReader(folder / "keypoints") as bag:
-        tracker = OfflineTracker(TrackerConfig(), NodeSettings(), bag.types)
+        tracker = Playback(Pipeline(TrackerConfig(), NodeSettings()))
         report = Report(folder / "report.html", tracker.pipeline, replace=True)
         tracker.listeners.append(report.add)
         for topic, time_ns, message in bag.messages(bag.topics):
             process = tracker.keypoints if topic == KEYPOINTS else tracker.camera_info
-            for _ in process(message, time_ns):
-                pass  # only the page is needed; the outputs of the node are recorded already
+            process(message, time_ns)  # only the page is needed; the outputs of the node are recorded already
     with AtomicFiles(replace=True, error=ReportError) as files:
         report.write(files, "the demo's keypoints", (KEYPOINTS, CAMERA_INFO))
 

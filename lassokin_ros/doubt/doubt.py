@@ -11,26 +11,17 @@ from lassokin_ros.doubt.failure_model import MARKED
 
 
 class Event(Enum):
-    """Something that no correct pose of a person shows."""
+    """Something that no correct pose of a person shows. The value is what /diagnostics and the page say."""
 
-    SIDES_EXCHANGED = "sides exchanged"
-    LEGS_EXCHANGED = "legs exchanged"
-    ARMS_EXCHANGED = "arms exchanged"
-    PERSON_CHANGED = "person changed"
-    FAST_TURN = "fast turn"
-    PELVIS_JUMP = "pelvis jump"
-    POOR_FIT = "poor fit"
+    SIDES_EXCHANGED = "the detector exchanges left and right"
+    LEGS_EXCHANGED = "the detector exchanges the legs"
+    ARMS_EXCHANGED = "the detector exchanges the arms"
+    PERSON_CHANGED = "the detector continues with another person"
+    FAST_TURN = "the skeleton turns around faster than a person can"
+    PELVIS_JUMP = "the pelvis jumps in depth"
+    POOR_FIT = "the pose does not fit the keypoints"
 
 
-REASONS = {
-    Event.SIDES_EXCHANGED: "the detector exchanges left and right",
-    Event.LEGS_EXCHANGED: "the detector exchanges the legs",
-    Event.ARMS_EXCHANGED: "the detector exchanges the arms",
-    Event.PERSON_CHANGED: "the detector continues with another person",
-    Event.FAST_TURN: "the skeleton turns around faster than a person can",
-    Event.PELVIS_JUMP: "the pelvis jumps in depth",
-    Event.POOR_FIT: "the pose does not fit the keypoints",
-}
 REVERSED = "front and back may be exchanged"
 BY_FIGURES = "the uncertainty is large"
 
@@ -62,7 +53,7 @@ class Doubt(NamedTuple):
 def reasons(doubts: Iterable[Doubt]) -> list[str]:
     """Return why the marked ones of some frames are marked, each reason once, in order of time; empty if none is."""
     marked = [doubt for doubt in doubts if doubt.likely_wrong]
-    found = [REASONS[event] for event in dict.fromkeys(event for doubt in marked for event in doubt.events)]
+    found = [event.value for event in dict.fromkeys(event for doubt in marked for event in doubt.events)]
     if any(doubt.reversed for doubt in marked):
         found.append(REVERSED)
     return found or [BY_FIGURES] * bool(marked)

@@ -8,14 +8,21 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from lassokin_ros.doubt.doubt import Doubt, Event
-from lassokin_ros.doubt.facing import CORNERS, TURN_S, LastingReversal, facing_of, is_fast_turn
 from lassokin_ros.doubt.failure_model import FailureModel
+from lassokin_ros.doubt.keypoint_events import LEAST_MOTION, SideExchange, is_person_change
 from lassokin_ros.doubt.keypoint_motion import MotionMeter
-from lassokin_ros.doubt.pelvis_jump import JUMP_S, is_jump
-from lassokin_ros.doubt.person_change import is_person_change
-from lassokin_ros.doubt.poor_fit import ReprojectionRun, is_costly
+from lassokin_ros.doubt.pose_events import (
+    CORNERS,
+    JUMP_S,
+    TURN_S,
+    LastingReversal,
+    ReprojectionRun,
+    facing_of,
+    is_costly,
+    is_fast_turn,
+    is_jump,
+)
 from lassokin_ros.doubt.recent import Change, Recent
-from lassokin_ros.doubt.side_exchange import LEAST_MOTION, SideExchange
 from lassokin_ros.doubt.signs import Signs
 from lassokin_ros.doubt.unseen_limbs import UnseenLimbs
 

@@ -12,6 +12,7 @@ from lassokin_ros.core.errors import LassokinError
 
 NEEDED = (
     *("stamp_ns", "person", "people", "joint_names", "joint_positions", "joint_observed", "level", "likely_wrong"),
+    "joint_contacts",
     "start_ns",
 )
 SIDES, LEG = ("left", "right"), ("hip", "knee", "ankle")
@@ -28,7 +29,8 @@ class Poses:
     """A motion. seconds: (f,), since the begin of the video or recording. names: of n joints.
 
     positions: (f, n, 3) m in a level frame: x right, y down, z forward. likely_wrong: (f,) bool, the frames that the
-    report marks. smoothing: s, see `Motion`. observed: (f, n) bool, joints that keypoints show; None = all.
+    report marks. smoothing: s, see `Motion`. observed: (f, n) bool, joints that keypoints show; None = all. contacts:
+    (f, n) bool, ankles of feet that stand still on the floor; None = unknown.
     """
 
     seconds: np.ndarray
@@ -37,6 +39,7 @@ class Poses:
     likely_wrong: np.ndarray
     smoothing: float = 0.0
     observed: np.ndarray | None = None
+    contacts: np.ndarray | None = None
 
     def place(self, joint: str) -> np.ndarray:
         """Return (f, 3) m. Raises MeasureError for a joint that the skeleton lacks."""
@@ -58,10 +61,9 @@ class Poses:
 
     def pieces(self, known: np.ndarray) -> list[Poses]:
         """Return the parts without a gap in which all frames are known. known: (f,) bool."""
-        return [
-            replace(self, seconds=self.seconds[p], positions=self.positions[p], likely_wrong=self.likely_wrong[p])
-            for p in self.parts(known)
-        ]
+        per_frame = {name: getattr(self, name) for name in ("seconds", "positions", "likely_wrong", "observed")}
+        given = {name: values for name, values in per_frame.items() if values is not None}
+        return [replace(self, **{name: values[part] for name, values in given.items()}) for part in self.parts(known)]
 
     def parts(self, known: np.ndarray) -> list[slice]:
         """Return the frames of each of these parts."""
@@ -132,4 +134,5 @@ def read_poses(path: Path, person: str | None) -> Poses:
         )
     positions = data["joint_positions"][mine] @ data["level"].T
     names, wrong = tuple(map(str, data["joint_names"])), data["likely_wrong"][mine]
-    return Poses(seconds, names, positions, wrong, smoothing, data["joint_observed"][mine])
+    seen, contacts = data["joint_observed"][mine], data["joint_contacts"][mine]
+    return Poses(seconds, names, positions, wrong, smoothing, seen, contacts)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from typing import Callable
 
+from lassokin_ros.pipeline.concerns.catalogue import without_numbers
+
 PERIOD_S = 5.0
-NUMBER = re.compile(r"(?<!\w)-?\d[\d.,]*(e[+-]?\d+)?|\bnan\b|\binf\b")
-"""A number, which may differ in each message. Digits in a name, as in 'camera2', are none."""
 
 
 class LogThrottle:
@@ -23,7 +22,7 @@ class LogThrottle:
 
         Lines whose numbers alone differ are the same.
         """
-        now, words = self._clock(), NUMBER.sub("#", line)
+        now, words = self._clock(), without_numbers(line)
         recent = [logged for logged in self._logged.get(key, ()) if now - logged[0] < PERIOD_S]
         if len(recent) < different and all(words != others for _, others in recent):
             recent.append((now, words))

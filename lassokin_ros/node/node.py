@@ -23,22 +23,27 @@ from lassokin_ros.node.inputs.polled_subscription import ignore_events
 from lassokin_ros.node.inputs.rep155_inputs import Rep155Inputs
 from lassokin_ros.node.inputs.scene_inputs import SceneInputs
 from lassokin_ros.node.log_throttle import LogThrottle
+from lassokin_ros.node.message_types import message_class
 from lassokin_ros.node.parameters import LiveParameters, Settings, changes_of, declare, unknown_parameters
-from lassokin_ros.node.person_outputs import PeopleOutputs, PersonOutputs, advertise
+from lassokin_ros.node.publishers import Publishers
 from lassokin_ros.node.qos import sensor_data
-from lassokin_ros.node.scene_outputs import SceneOutputs
+from lassokin_ros.node.robot_state_publisher_client import RobotStatePublisherClient
+from lassokin_ros.pipeline.answers import Answer
 from lassokin_ros.pipeline.camera_images import UNUSED
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.cameras_file import save_cameras
 from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
+from lassokin_ros.pipeline.outputs.naming import Naming
+from lassokin_ros.pipeline.outputs.outputs import Outputs
 from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides
 from lassokin_ros.pipeline.outputs.status.diagnostics import NEAR_LIMIT, NEAR_LIMIT_ADVICE, Diagnostics
+from lassokin_ros.pipeline.outputs.status.presence_state import LOST, NOBODY, TRACKING
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.people.people_tracker import FORGOTTEN, GONE
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.pipeline.pipeline import Pipeline
-from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
 
@@ -48,8 +53,10 @@ LEFTOVER_S = 25.0
 UNUSED_MESSAGES = 60
 """Number of messages whose keypoints are all below `min_confidence`. If there are as many before the first result, the
 log reports it."""
-SHORTEST_WAIT_S = 1e-3
-"""s: period of the timer of `camera_wait`."""
+SHORTEST_WAIT_NS = 1_000_000
+"""ns: shortest period of the timer for images that wait."""
+LOG_MESSAGES = {TRACKING: "tracking", LOST: "lost: no usable frame for stale_after", NOBODY: "nobody is tracked"}
+"""Log messages about a new state."""
 DIFFERENT_FAULTS = 4
 """Number of lines about rejected messages with one reason and different faults that are logged in a few seconds."""
 KEY_LENGTH = 20
@@ -76,7 +83,8 @@ class TrackerNode(Node):
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
-        self._diagnostics_out = advertise(self, topics.DIAGNOSTICS_OUTPUT)
+        self._sink = Publishers(self)
+        self._diagnostics_out = self._sink.open(topics.DIAGNOSTICS_OUTPUT, topics.DIAGNOSTICS)
         self._open_outputs(settings[1], name)
         self._listen(settings[1])
         for publisher in self.publishers:  # also those of rclpy; see `advertise`
@@ -113,24 +121,34 @@ class TrackerNode(Node):
 
     def _open_outputs(self, config: NodeSettings, name: str) -> None:
         """Create the publishers of one person, or the common ones of several people."""
-        skeleton = self._pipeline.tracker.skeleton
-        self._person = self._people = None
-        if config.several_people:
-            self._people = PeopleOutputs(self, skeleton, config, name)
-            if config.state_publisher:
-                self.get_logger().warning(
-                    f"state_publisher is '{config.state_publisher}', which is not used: it has the URDF of one "
-                    "person, and several are followed (max_people, rep155)"
-                )
-        else:
-            self._person = PersonOutputs(self, skeleton, config, name)
-        outputs = self._people or self._person
-        assert outputs is not None
-        self._scene = SceneOutputs(self, self._pipeline, outputs.markers)
+        if config.several_people and config.publish_tf != OFF:
+            message_class(topics.TF_OUTPUT.message_type)  # raises now, not when the first person appears
+        self._outputs = Outputs(self._pipeline, self._sink, RclpyBackend(), name)
+        self._outputs.on_fault = partial(self._warning.log, "base_frame")
+        self._outputs.on_state = self._log_state
+        self._state_publisher = None
+        if config.several_people and config.state_publisher:
+            self.get_logger().warning(
+                f"state_publisher is '{config.state_publisher}', which is not used: it has the URDF of one "
+                "person, and several are followed (max_people, rep155)"
+            )
+        elif config.state_publisher:
+            prefix = Naming.of_person(config, name, "").prefix
+            self._state_publisher = RobotStatePublisherClient(self, config.state_publisher, prefix)
+        if self._outputs.person is not None:
+            if self._state_publisher is not None:
+                self._outputs.person.described = self._state_publisher.describe
+            self._outputs.person.describe_first()
+        self._outputs.start(self._now_ns())
+
+    def _log_state(self, state: str) -> None:
+        gone = state == LOST and self._pipeline.locked == GONE
+        self.get_logger().info(f"lost: {FORGOTTEN}" if gone else LOG_MESSAGES[state])
 
     def _listen(self, config: NodeSettings) -> None:
         """Create subscriptions, services, timers and the callback for clock jumps."""
-        self._inputs = SceneInputs(self, self._pipeline, self._diagnostics, self._count_internal_error)
+        on_error = self._count_internal_error
+        self._inputs = SceneInputs(self, self._pipeline, self._diagnostics, self._on_depth, on_error)
         self._keypoints: list[KeypointInput] = []
         self._bodies: Rep155Inputs | None = None
         if isinstance(self._pipeline, PerBodyPipeline):
@@ -138,7 +156,7 @@ class TrackerNode(Node):
             self._bodies = Rep155Inputs(self, config.keypoints_type, qos, self._on_bodies, self._on_body)
         else:
             for name, camera in self._pipeline.cameras.items():
-                topic, process = topics.of_camera(topics.KEYPOINTS, name), partial(self._on_keypoints, name)
+                topic, process = topics.of_camera(topics.KEYPOINTS, name), partial(self.work_on, camera=name)
                 self._keypoints.append(KeypointInput(self, topic, config, camera.counts, self._inputs.poll, process))
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
@@ -147,62 +165,70 @@ class TrackerNode(Node):
         self.create_service(Trigger, "~/save_cameras", self._on_save_cameras)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics continue while simulated time is paused
         self._as_of_ns = self._checked_ns = self._newest_ns = 0
-        self._wait = self.create_timer(max(config.camera_wait, SHORTEST_WAIT_S), self._on_wait_end, clock=steady)
+        self._wait = self.create_timer(1e-9 * SHORTEST_WAIT_NS, self._on_wait_end, clock=steady)
         self._wait.cancel()
         self.create_timer(CHECK_PERIOD_S, self._update_presence, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
         jump = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
         self._jump_watch = self.get_clock().create_jump_callback(jump, post_callback=self._on_clock_jump)
 
-    def _on_keypoints(self, camera: str, message: Any, received_ns: int) -> None:
-        frames_in = partial(self._pipeline.frames, camera=camera)
-        self._inputs.with_depth(camera, message, partial(self.work_on, message, frames_in, received_ns))
+    def _on_depth(self, camera: str, message: Any) -> None:
+        now_ns = self._followed_clock_ns()
+        self._answer("a depth image", partial(self._pipeline.push_depth, message, now_ns, camera), now_ns)
+        depth = self._pipeline.cameras[camera].depth
+        if depth is not None and depth.refusal:
+            self._warning.log("depth", depth.refusal)
 
     def _on_wait_end(self) -> None:
-        """Process images of several cameras that have waited for others in vain."""
+        """Process images that have waited in vain. Simulated time may stand still."""
         self._wait.cancel()
-        due_ns = self._pipeline.due_at_ns
-        if due_ns is not None and self._now_ns() < due_ns:
-            self._wait.reset()  # simulated time may stand still
-        elif due_ns is not None:
-            self.work_on(None, lambda _, now_ns: self._pipeline.due(now_ns))
+        now_ns = self._followed_clock_ns()
+        self._answer("images that waited", partial(self._pipeline.due, now_ns), now_ns)
 
     def _on_bodies(self, ids: Sequence[str]) -> Sequence[str]:
-        assert isinstance(self._pipeline, PerBodyPipeline) and self._people is not None
+        assert isinstance(self._pipeline, PerBodyPipeline)
         self._pipeline.keep(ids)
-        self._people.keep(self._pipeline.ids)
+        self._outputs.keep(self._pipeline.ids, self._now_ns())
         return self._pipeline.ids
 
     def _on_body(self, person: str, message: Any) -> None:
         assert isinstance(self._pipeline, PerBodyPipeline)
         self._inputs.poll()
-        self.work_on(message, partial(self._pipeline.frames_of, person))
+        now_ns = self._followed_clock_ns()
+        self._answer("a keypoint message", partial(self._pipeline.push_of, person, message, now_ns), now_ns)
 
-    def work_on(
-        self, message: Any, frames_in: Callable[[Any, int], list[FrameResult]] | None = None, received_ns: int = 0
-    ) -> None:
-        """Process one keypoint message and publish the results. Never raises.
+    def work_on(self, message: Any, received_ns: int = 0, camera: str = "") -> None:
+        """Process one keypoint message and publish the answers. Never raises.
 
-        frames_in: used instead of `Pipeline.frames`, for a person's own topic or one of several cameras.
-        received_ns: ns, system clock, 0 if the middleware gives none.
+        received_ns: ns, system clock, 0 if the middleware gives none. camera: its name, empty for the only one.
         """
-        started = time.monotonic()
         now_ns = self._followed_clock_ns()
         arrival_ns = now_ns if self._clock_is_simulated else min(received_ns or now_ns, now_ns)
+        self._answer("a keypoint message", partial(self._pipeline.push, message, arrival_ns, camera), arrival_ns)
+
+    def _answer(self, what: str, make: Callable[[], list[Answer]], arrival_ns: int) -> None:
+        """Publish what the session answers. what: name of its input."""
+        started = time.monotonic()
         try:
-            frames = (frames_in or self._pipeline.frames)(message, arrival_ns)
-            self._publish(frames)
-            if not self._pipeline.silent:
-                self._scene.publish(frames, arrival_ns)
-            self._log_problems(frames)
+            answers = make()
+            for answer in answers:
+                self._outputs.publish(answer, arrival_ns, started)
+                self._log_problems(answer.frames)
         except Exception as error:  # no message may end the node
-            self._count_internal_error("a keypoint message", error)
+            self._count_internal_error(what, error)
             return
         finally:
-            if self._pipeline.due_at_ns is not None and self._wait.is_canceled():
-                self._wait.reset()
+            self._await_due()
         ended = time.monotonic()
-        self._diagnostics.count_message(frames, arrival_ns, ended, ended - started)
+        for answer in answers:
+            self._diagnostics.count_message(answer.frames, arrival_ns, ended, ended - started)
+
+    def _await_due(self) -> None:
+        """Set the timer to the end of the first wait, if anything waits."""
+        due_ns = self._pipeline.due_at_ns
+        if due_ns is not None:
+            self._wait.timer_period_ns = max(due_ns - self._now_ns(), SHORTEST_WAIT_NS)
+            self._wait.reset()
 
     @property
     def _clock_is_simulated(self) -> bool:
@@ -219,7 +245,7 @@ class TrackerNode(Node):
         if self._newest_ns < before_ns:
             self._as_of_ns = self._checked_ns = self._newest_ns
             self._pipeline.set_clock_back(before_ns - self._newest_ns)
-            self._scene.restart_clock()
+            self._outputs.restart_clock()
         return self._newest_ns
 
     def _count_internal_error(self, what: str, error: Exception) -> None:
@@ -227,21 +253,7 @@ class TrackerNode(Node):
             self._pipeline.counts["rejected: internal_error"] += 1
             self._warning.log("internal_error", f"{what} was dropped: {type(error).__name__}: {error}")
 
-    def _publish(self, frames: list[FrameResult]) -> None:
-        accepted = [frame for frame in frames if frame.accepted]
-        outputs: list[Callable[[], None]] = []
-        if self._people is not None and self._pipeline.ids is not None:
-            if not frames or accepted:  # a rejected message does not change the list of people
-                outputs = [partial(self._people.publish, accepted, self._pipeline.ids, self._pipeline.locked)]
-        elif self._person is not None:
-            outputs = [partial(self._person.publish, frame) for frame in accepted]
-        for publish in outputs:
-            try:
-                publish()
-            except LassokinError as error:
-                self._warning.log("base_frame", str(error))
-
-    def _log_problems(self, frames: list[FrameResult]) -> None:
+    def _log_problems(self, frames: Sequence[FrameResult]) -> None:
         """Log rejections and, once, missing stamps and unexpected frames."""
         for frame in frames:
             if not frame.accepted and not self._pipeline.nobody_in_view:
@@ -284,11 +296,11 @@ class TrackerNode(Node):
         now_ns = self._followed_clock_ns()
         self._as_of_ns, self._checked_ns = self._checked_ns, now_ns
         ids = self._pipeline.presence_at(self._as_of_ns).ids
-        if self._people is not None and ids is not None:
-            self._people.keep(ids)
+        if ids is not None:
+            self._outputs.keep(ids, now_ns)
         self._pipeline.detector_connected = self._inputs_connected()
-        self._scene.check(self._as_of_ns)
-        self._scene.repeat(self._as_of_ns)
+        self._outputs.check(self._as_of_ns)
+        self._outputs.repeat(self._as_of_ns, time.monotonic())
 
     def _inputs_connected(self) -> bool:
         """Return True if each camera's detector publishes keypoints, or with one topic per body, the list of bodies."""
@@ -300,15 +312,15 @@ class TrackerNode(Node):
         if self._bodies is not None:
             self._bodies.find_bodies()
         concerns = []
-        if self._person is not None and self._person.state_publisher is not None:
-            self._person.state_publisher.update()
-            concerns.append(self._person.state_publisher.fault)
+        if self._state_publisher is not None:
+            self._state_publisher.update()
+            concerns.append(self._state_publisher.fault)
         now, presence = time.monotonic(), self._pipeline.presence_at(self._as_of_ns)
         concerns += [self._inputs.check(now), self._duplicate_node()]
         for keypoints, camera in zip(self._keypoints, self._pipeline.cameras.values()):
             keypoints.check(now, camera.received > 0)
         concern = "; ".join(filter(None, concerns))
-        line = self._diagnostics.line(now, presence, concern, self._scene.state, self._as_of_ns)
+        line = self._diagnostics.line(now, presence, concern, self._outputs.state, self._as_of_ns)
         self._diagnostics_out.publish(self._status.fill(self._now_ns(), "", [line]))
         for words in self._diagnostics.inputs:
             self._warning.log(words[:KEY_LENGTH], words)
@@ -390,9 +402,7 @@ class TrackerNode(Node):
 
     def _end_outputs(self) -> None:
         """Publish that the people who were tracked before the reset have left."""
-        if self._people is not None:
-            self._people.keep(self._pipeline.ids or [])
-        self._scene.forget()
+        self._outputs.forget(self._now_ns())
 
     def _tune(self, settings: Settings) -> None:
         height = self._pipeline.tracker.config.height

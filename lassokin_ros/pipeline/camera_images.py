@@ -15,15 +15,14 @@ from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
 from lassokin_ros.pipeline.depth_check import MISFIT, DepthCheck
 from lassokin_ros.pipeline.depth_images import DepthImages, key_of_camera
-from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
 from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH, check_layout, has_leading_slash
 from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
 from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
 from lassokin_ros.pipeline.people.matching import is_trackable
-from lassokin_ros.pipeline.people.people_tracker import PeopleImage
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, checked_positions, people_shown
-from lassokin_ros.pipeline.settings import MESSAGE, NodeSettings
+from lassokin_ros.pipeline.seen import Image, people_in
+from lassokin_ros.pipeline.settings import NODE, NodeSettings
 from lassokin_ros.pipeline.stamps import StampWatch
 from msg_adapters.detectors.registry import keypoint_adapter
 from msg_adapters.errors import AdapterError
@@ -37,6 +36,8 @@ DEPTH_IN_MESSAGE = "depth: in the message"
 """Key of the count of keypoint messages with depths of their own."""
 RESIDUALS = 30
 """Number of images whose residuals are kept."""
+UNREADABLE, UNREADABLE_WORDS = "not_deserialised", "the message could not be deserialised"
+"""Rejection of a message of a recording that is damaged."""
 DELAY_SHARE = 0.1
 """Weight of a new message in the average of the delays."""
 UNSCORED = "keypoints without confidence"
@@ -86,7 +87,7 @@ class CameraImages:
         self._unplaced = CameraPose(name)
         self._optical_frame: str | None = None  # frame_id of the camera_info of the last image
 
-    def image(self, message: Any, arrival_ns: int) -> tuple[PeopleImage, bool]:
+    def image(self, message: Any, arrival_ns: int) -> tuple[Image, bool]:
         """Return the image of a keypoint message, and whether time jumped back so that everybody must be forgotten.
 
         arrival_ns: ns, the stamp of a message that has none. Raises AdapterError if the message cannot be used.
@@ -108,12 +109,9 @@ class CameraImages:
         stamped = keypoints.stamp_ns is not None
         stamp_ns = self.stamp_ns = keypoints.stamp_ns or self.stamps.estimate(arrival_ns)
         keypoints, sampled = self._with_depth(self.own_depth.checked(keypoints, stamp_ns), stamp_ns, view)
-        lasting = self._has_persistent_numbers(keypoints)
-        where = keypoints, stamp_ns, self.frame_id, view.lens
-        image = PeopleImage(*where, lasting, stamped, self._unplaced, sampled, shown)
-        if self.name:
-            # Raises AdapterError here: the images of other cameras must not suffer from this one.
-            detections_by_person(keypoints, len(self._layout.names), view.lens)
+        people = people_in(keypoints, len(self._layout.names), view.lens, sampled)
+        numbers = keypoints.persons is not None, self._has_persistent_numbers(keypoints)
+        image = Image(people, stamp_ns, self.frame_id, view.lens, *numbers, stamped, self._unplaced, shown)
         jumped = self._is_back_in_time(image, arrival_ns)
         if jumped:
             self._check_jump(image)
@@ -141,15 +139,20 @@ class CameraImages:
 
     def _decode(self, message: Any) -> tuple[Keypoints, View]:
         """Return the keypoints and the camera of their image."""
+        if message is None:
+            raise AdapterError(UNREADABLE, UNREADABLE_WORDS)
         present = self.camera.at(None)
-        keypoints = self._adapter.decode(message, present.size)
+        keypoints = self._decoded(message, present.size)
         view = self.camera.at(keypoints.stamp_ns, keypoints.frame_id)
         if view is not present:
-            keypoints = self._adapter.decode(message, view.size)
+            keypoints = self._decoded(message, view.size)
         if has_leading_slash(message):
             self.counts[LEADING_SLASH] += 1
         check_layout(keypoints, self._layout, self.tracker_config.landmarks)
         return keypoints, view
+
+    def _decoded(self, message: Any, size: tuple[int, int]) -> Keypoints:
+        return message if isinstance(message, Keypoints) else self._adapter.decode(message, size)
 
     def _remove_placeholders(self, keypoints: Keypoints, view: View) -> Keypoints:
         """Remove placeholder coordinates, and count the message. Raises AdapterError for fractions of the image."""
@@ -184,7 +187,7 @@ class CameraImages:
             return keypoints if self.depth_check.fault else sampled, sampled
         return keypoints, None
 
-    def _is_back_in_time(self, image: PeopleImage, arrival_ns: int) -> bool:
+    def _is_back_in_time(self, image: Image, arrival_ns: int) -> bool:
         """Return True if the people must be forgotten. Raises AdapterError for an old stamp, see `StampWatch.check`."""
         try:
             return self.stamps.check(image.stamp_ns, arrival_ns, self.config.jump_back)
@@ -193,15 +196,14 @@ class CameraImages:
                 raise
             return True  # arrival times were of another clock than the stamps
 
-    def _check_jump(self, image: PeopleImage) -> None:
+    def _check_jump(self, image: Image) -> None:
         """Raise AdapterError if nobody in an image from an earlier time can be tracked."""
-        people = detections_by_person(image.keypoints, len(self._layout.names), image.lens)
-        if not any(is_trackable(one, self.tracker_config) for one in people):
+        if not any(is_trackable(one, self.tracker_config) for one in image.people):
             raise AdapterError("too_few_landmarks", "the message is from an earlier time and contains no person")
 
     def _has_persistent_numbers(self, keypoints: Keypoints) -> bool:
         """Return True if the message's person numbers identify people over time."""
         persons = keypoints.persons
-        if persons is None or not keypoints.persistent or self.config.person_ids != MESSAGE:
+        if persons is None or not keypoints.persistent or self.config.person_ids == NODE:
             return False
         return len(persons) == 0 or bool(persons.min() >= 0)

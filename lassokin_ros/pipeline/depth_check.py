@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lassokin_ros.pipeline.frame_result import FrameResult
-from msg_adapters.keypoints import Keypoints
+from lassokin_ros.pipeline.seen import Seen
 
 APART_M = 0.3
 """m: a depth that differs by more from the tracked body is not of the body. Without depth, the body's own error is
@@ -48,9 +48,9 @@ class DepthCheck:
         self.fault = ""
         """Why depth images are left out, in words; empty if they are used."""
 
-    def update(self, sampled: Keypoints, frames: Sequence[FrameResult], camera: str = "") -> None:
-        """Judge the depths at the keypoints of one image. frames: its results; camera: its name."""
-        people = [depths for frame in frames if (depths := depths_of_person(sampled, frame, camera)) is not None]
+    def update(self, seen: Sequence[Seen], frames: Sequence[FrameResult], camera: str = "") -> None:
+        """Judge the depths of the people in one image. frames: its results; camera: its name."""
+        people = [depths for frame in frames if (depths := depths_of_person(seen, frame, camera)) is not None]
         if not people:
             return
         behind = [np.mean(measured - expected > APART_M) for measured, expected in people]
@@ -68,21 +68,22 @@ class DepthCheck:
             self.fault = ""
 
 
-def depths_of_person(sampled: Keypoints, frame: FrameResult, camera: str = "") -> tuple[np.ndarray, np.ndarray] | None:
+def depths_of_person(
+    people: Sequence[Seen], frame: FrameResult, camera: str = ""
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the depths at a person's keypoints: (k,) m measured, (k,) m of the body; None with too few of them.
 
-    camera: the name of the camera whose keypoints they are.
+    people: in the image of a camera; camera: its name.
     """
     estimate = frame.estimate
-    if sampled.depth is None or not frame.accepted or estimate is None or estimate.pose is None:
+    if not frame.accepted or estimate is None or estimate.pose is None:
         return None
     image = next((one for one in frame.images if one.camera.name == camera), None)
-    if image is None or image.detected is None:
+    seen = None if image is None else next((one for one in people if one.pixels is image.detected), None)
+    if image is None or seen is None or seen.sampled is None:
         return None
-    known = (sampled.ids >= 0) & (sampled.ids < len(image.detected))
-    ids = np.where(known, sampled.ids, 0)
-    own = known & np.isfinite(sampled.depth) & (sampled.xy == image.detected[ids]).all(axis=1)
+    own = np.isfinite(seen.sampled) & np.isfinite(seen.points).all(axis=1)
     if np.count_nonzero(own) < LEAST_POINTS:
         return None
-    expected = image.camera.into_camera(estimate.pose.landmarks[ids[own]])[:, 2]
-    return sampled.depth[own], expected
+    expected = image.camera.into_camera(estimate.pose.landmarks[own])[:, 2]
+    return seen.sampled[own], expected

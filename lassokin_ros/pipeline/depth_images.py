@@ -59,8 +59,8 @@ class DepthImages:
         self._period_ns = LONGEST_PERIOD_NS
         self._newest: tuple[int, np.ndarray] | None = None  # stamp, ns, and content of the last image, repeated or not
         self._refused = False  # `fault` is that of a refused image
-        self.received = 0
-        """Number of images, usable or not."""
+        self.received, self.arrival_ns = 0, 0
+        """Number of images, usable or not, and the arrival of the last one, ns."""
         self.fault = ""
         """Why depth images are not used, in words; empty if they are."""
         self.note = ""
@@ -70,6 +70,11 @@ class DepthImages:
         """Forget the images, because time or camera have changed."""
         self._images.clear()
         self._period_ns, self._newest = LONGEST_PERIOD_NS, None
+
+    @property
+    def refusal(self) -> str:
+        """Why the last image was refused, in words; empty if it was not."""
+        return self.fault if self._refused else ""
 
     @property
     def newest_ns(self) -> int | None:
@@ -92,7 +97,7 @@ class DepthImages:
 
         arrival_ns: ns, the stamp of an image that has none.
         """
-        self.received += 1
+        self.received, self.arrival_ns = self.received + 1, arrival_ns
         self._count(RECEIVED)
         try:
             image = decode_compressed_depth(message) if hasattr(message, "format") else decode_depth_image(message)

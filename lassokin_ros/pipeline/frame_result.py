@@ -184,7 +184,7 @@ class FrameResult:
 
     @property
     def contacts(self) -> np.ndarray:
-        """(n,) bool, the ankles of feet that stand still. Raises ValueError if the result was rejected."""
+        """(n,) bool, the ankles of feet that stand still on the floor. Raises ValueError if the result was rejected."""
         if self.estimate is None or self.estimate.contacts is None:
             raise ValueError("this result was rejected; only an accepted result has contacts")
         return self.estimate.contacts

@@ -7,8 +7,8 @@ import numpy as np
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.pipeline.camera.lens import Lens
-from lassokin_ros.pipeline.detections import detection
 from lassokin_ros.pipeline.placeholders import checked_positions
+from lassokin_ros.pipeline.seen import people_in
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
@@ -42,7 +42,7 @@ def observation_from_pixels(
         raise KeypointError(f"depth has the shape {measured.shape}; expected ({len(points)},), one per point")
     keypoints = Keypoints(None, "", np.arange(len(points)), points[:, :2], points[:, 2], depth=measured)
     try:
-        found = detection(checked_positions(keypoints, lens.size), None, len(points), lens)
+        (found,) = people_in(checked_positions(keypoints, lens.size), len(points), lens)
     except AdapterError as error:
         raise KeypointError(str(error)) from None
     return Observation(

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from lassokin_ros.pipeline.people.people_tracker import PeopleImage
+from lassokin_ros.pipeline.seen import Image
 
 LATE = "late: only tracks updated"
 """Key of the count of images that came after a later one of another camera was used."""
@@ -47,7 +47,7 @@ class ImageSets:
 
     def reset(self) -> None:
         """Forget all images and stamps."""
-        self._held: list[tuple[PeopleImage, int]] = []  # with the arrival, ns
+        self._held: list[tuple[Image, int]] = []  # with the arrival, ns
         self._timings: dict[str, _Timing] = {}
         self._released = 0, 0  # stamp and arrival of the newest image that did not wait any more, ns
 
@@ -60,19 +60,19 @@ class ImageSets:
         """Time in ns of the arrival clock at which the wait of the first image ends; None if no image waits."""
         return min(arrival for _, arrival in self._held) + self._wait_ns if self._held else None
 
-    def add(self, name: str, image: PeopleImage, arrival_ns: int) -> list[list[PeopleImage]]:
+    def add(self, name: str, image: Image, arrival_ns: int) -> list[list[Image]]:
         """Add an image of a camera; return the sets of images to process now, in the order of their stamps."""
         self._note(name, image.stamp_ns, arrival_ns)
         self._held.append((image, arrival_ns))
         self._held.sort(key=lambda entry: entry[0].stamp_ns)
         return self.due(arrival_ns)
 
-    def due(self, now_ns: int) -> list[list[PeopleImage]]:
+    def due(self, now_ns: int) -> list[list[Image]]:
         """Return the sets of images to process at a time of the arrival clock, ns."""
-        sets: list[list[PeopleImage]] = []
+        sets: list[list[Image]] = []
         while self._held:
             first_ns = self._held[0][0].stamp_ns
-            group: dict[str, tuple[PeopleImage, int]] = {}
+            group: dict[str, tuple[Image, int]] = {}
             for image, arrival_ns in self._held:
                 if image.stamp_ns - first_ns <= SAME_INSTANT_NS and image.camera.name not in group:
                     group[image.camera.name] = image, arrival_ns
@@ -88,7 +88,7 @@ class ImageSets:
             sets.append([image for image, _ in group.values()])
         return sets
 
-    def flush(self) -> list[list[PeopleImage]]:
+    def flush(self) -> list[list[Image]]:
         """Return all sets of images that wait."""
         return self.due(max((arrival for _, arrival in self._held), default=0) + self._wait_ns)
 
@@ -105,7 +105,7 @@ class ImageSets:
         if stamp_ns > released_ns + SAME_INSTANT_NS or arrival_ns - arrived_ns <= self._wait_ns:
             timing.failed = max(timing.failed - 1, 0)
 
-    def _missing(self, stamp_ns: int, group: dict[str, tuple[PeopleImage, int]]) -> list[str]:
+    def _missing(self, stamp_ns: int, group: dict[str, tuple[Image, int]]) -> list[str]:
         """Return the cameras with an image that is due up to a stamp, ns, but has not arrived."""
         return [
             name
@@ -119,6 +119,6 @@ class ImageSets:
         ]
 
 
-def stamp_of_set(images: Sequence[PeopleImage]) -> int:
+def stamp_of_set(images: Sequence[Image]) -> int:
     """Return the newest stamp of a set of images, ns."""
     return max(image.stamp_ns for image in images)

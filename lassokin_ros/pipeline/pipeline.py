@@ -1,9 +1,11 @@
-"""From a keypoint message to an estimate. Shared by node and replay, so that both give identical results.
+"""The engine: messages or arrays in, answers out. Node, replay, `track` and notebooks drive the same one.
 
 pipeline = Pipeline(TrackerConfig(), NodeSettings())
-pipeline.set_camera(camera_info)
+pipeline.set_camera(camera_info)                     # a message, or Intrinsics
+answers = pipeline.push(keypoints, arrival_ns)       # a message, or Keypoints; one Answer per instant
+answers += pipeline.due(now_ns)                      # what has waited long enough, see `due_at_ns`
+answers += pipeline.finish()                         # what still waits at the end
 result = pipeline.process(keypoints, arrival_ns)     # FrameResult of one person: accepted, or rejected with a reason
-results = pipeline.frames(keypoints, arrival_ns)     # one FrameResult per person
 """
 
 from __future__ import annotations
@@ -26,26 +28,26 @@ from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.core.observation import CameraPose, Rejection, Status
 from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.pipeline.answers import Answer, AnswersInOrder, frames_of
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces
 from lassokin_ros.pipeline.camera.camera_selection import Camera
 from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.camera.transforms import Transforms
-from lassokin_ros.pipeline.camera_images import CameraImages
+from lassokin_ros.pipeline.camera_images import UNREADABLE, UNREADABLE_WORDS, CameraImages
 from lassokin_ros.pipeline.depth_images import DepthImages
-from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.image_sets import LATE, LONGEST_LATE_NS, ImageSets, stamp_of_set
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.matching import is_trackable
-from lassokin_ros.pipeline.people.people_tracker import PeopleImage, PeopleTracker
+from lassokin_ros.pipeline.people.people_tracker import PERSON_ABSENT, PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.people.single_person import PERSON_ABSENT, SinglePersonTracker
-from lassokin_ros.pipeline.people.tracked_person import Sight, TrackedPerson
-from lassokin_ros.pipeline.people.untracked import untracked
-from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.seen import Image, Sight, key_of
+from lassokin_ros.pipeline.settings import LASTING, NodeSettings
+from lassokin_ros.pipeline.waiting import Waiting
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 from msg_adapters.errors import AdapterError
 
@@ -62,11 +64,14 @@ class Pipeline:
         node_config: NodeSettings,
         evidence: Sequence[Evidence] = (),
         poses: Mapping[str, CameraPose] | None = None,
-        bodies: Mapping[int, Skeleton] | None = None,
+        bodies: Mapping[int | None, Skeleton] | None = None,
+        patience: float = 0.0,
     ) -> None:
         """evidence: the user's own, for each frame's lasso; all people share it. poses: of several cameras, by name, in
         place of those from TF. bodies: skeletons of people whose numbers in the messages are known, at most
-        max_people. Raises a LassokinError if the configuration is unusable.
+        max_people; of the only person by None. patience: s, lower limit of the wait for depth images; messages in a
+        recording have no exact order.
+        Raises a LassokinError if the configuration is unusable.
         """
         self.config = node_config.checked()
         tracker_config = _without_held_feet_if_mounted(tracker_config, self.config)
@@ -84,12 +89,12 @@ class Pipeline:
         self.counts: Counter[str] = Counter()
         """Number of messages by result: received, accepted, duplicated, unstamped, resets, "rejected: <reason>", and
         messages with keypoints outside the image."""
+        self.identities: Mapping[tuple[str, bytes], int] | None = None
+        """The numbers of the people in images that were seen before, by camera and `key_of`: nobody else is there."""
         self.answered = False
         """True after the first accepted result for a person."""
-        self.silent = False
-        """True if the last call gave no result because images of several cameras wait or came late, or because another
-        camera sees the people: it does not tell that nobody is in view."""
-        self.people = _people_tracker(self._trackable, self.counts, self.config)
+        rules = self.config.follow, self.config.lock, self.config.several_cameras, self.config.person_ids == LASTING
+        self.people = PeopleTracker(self._trackable, self.counts, *rules)
         names, layout = self.config.camera_names, self.tracker.layout
         self.cameras = {name: CameraImages(name, tracker_config, self.config, layout, self.counts) for name in names}
         """The inputs of each camera by name; the name of the only camera is empty."""
@@ -104,6 +109,9 @@ class Pipeline:
             if (extrinsics := tracked.tracker.learned.extrinsics) is not None and self.config.several_cameras:
                 extrinsics.anchor = names[0]
         self._sets = ImageSets(self.config.camera_wait) if self.config.several_cameras else None
+        wait = max(self.config.depth_wait, patience)
+        self._waiting = {name: Waiting(camera.depth, wait) for name, camera in self.cameras.items()}
+        self._order, self._ready = AnswersInOrder(), list[Answer]()
         self.agreement = CameraAgreement(layout.names)
         """Which of several cameras contradicts the others about the one person who is followed."""
         self.detector_connected = True
@@ -242,6 +250,8 @@ class Pipeline:
         self._used_ns = {name: at_ns - step_ns for name, at_ns in self._used_ns.items()}
         for camera in self.cameras.values():
             camera.arrival_ns -= step_ns
+        for waiting in self._waiting.values():
+            waiting.set_clock_back(step_ns)
         if self._sets is not None:
             self._sets.set_clock_back(step_ns)
 
@@ -319,10 +329,12 @@ class Pipeline:
         return {n: fault for one in self._trackable for n, fault in one.tracker.frame_model.faults.items()}
 
     def reset(self, unlock: bool = True) -> None:
-        """Forget all people, the stamps and the depth images. The camera and the counts stay.
+        """Forget all people, the stamps, the depth images and what waits. The camera and the counts stay.
 
         unlock: see PeopleTracker.reset.
         """
+        for waiting in self._waiting.values():
+            waiting.reset()
         for camera in self.cameras.values():
             if camera.depth is not None:
                 camera.depth.reset()
@@ -337,18 +349,16 @@ class Pipeline:
         for camera in self.cameras.values():
             camera.reset()
 
-    def _forget_people(self, unlock: bool) -> list[FrameResult]:
-        """Forget all people. Return their results that waited for `smoothing_lag`."""
-        held = self.people.flush()
+    def _forget_people(self, unlock: bool) -> None:
         self.people.reset(unlock)
         if self._sets is not None:
             self._sets.reset()
+        self._order.reset()
         self.agreement.reset()
         self.jumps.reset()
         self._latest = self.image = self._shown_ns = None
         self._used_ns, self._untracked = {}, {}
         self.counts["resets"] += 1
-        return held
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
         """Apply settings that can change while running, from the next message on. Another height resets.
@@ -375,15 +385,62 @@ class Pipeline:
         The frame of another camera resets it.
         """
         try:
+            if message is None:
+                raise AdapterError(UNREADABLE, UNREADABLE_WORDS)
             if self.cameras[camera or self.first.name].camera.update(message):
+                self._ready += self._order.flush(self.people.flush())
                 self.reset(unlock=False)
         except AdapterError as error:
             self.counts[f"rejected: {error.reason}"] += 1
             return error.reason
         return None
 
+    def push(self, message: Any, arrival_ns: int, camera: str = "") -> list[Answer]:
+        """Take a keypoint message, or `Keypoints`, and return the answers that are due, in the order of their stamps.
+
+        message: None for one that could not be deserialised. arrival_ns: ns, the stamp of a message that has none.
+        camera: its name, empty for the only one. A message may wait for its depth image, for those of other cameras and
+        for `smoothing_lag`: call `due` at `due_at_ns`.
+        """
+        name = camera or self.first.name
+        self._waiting[name].add(message, arrival_ns)
+        return self._released(name, arrival_ns)
+
+    def push_depth(self, message: Any, arrival_ns: int, camera: str = "") -> list[Answer]:
+        """Take a depth image, None for one that could not be deserialised; see `push` and `DepthImages.fault`."""
+        name = camera or self.first.name
+        if message is not None and (depth := self.cameras[name].depth) is not None:
+            depth.add(message, arrival_ns)
+        return self._released(name, arrival_ns)
+
+    def push_transforms(self, message: Any, static: bool = False) -> None:
+        """Take a message of /tf, or of /tf_static; None for one that could not be deserialised."""
+        if message is not None and self.transforms is not None:
+            self.transforms.add(message, static=static)
+
+    def due(self, now_ns: int) -> list[Answer]:
+        """Return the answers of images whose wait has ended. now_ns: ns of the arrival clock."""
+        answers = [answer for name in self.cameras for answer in self._released(name, now_ns)]
+        if self._sets is not None and self.enabled:
+            answers += self._track_sets(self._sets.due(now_ns), now_ns)
+        return answers
+
+    @property
+    def due_at_ns(self) -> int | None:
+        """Time in ns of the arrival clock at which `due` must be called; None if no image waits."""
+        times = [waiting.due_at_ns for waiting in self._waiting.values()]
+        times += [None if self._sets is None else self._sets.due_at_ns]
+        return min((time for time in times if time is not None), default=None)
+
+    def finish(self) -> list[Answer]:
+        """Return the answers of everything that waits. No message follows."""
+        answers = [answer for name in self.cameras for answer in self._released(name, None)]
+        for images in [] if self._sets is None else self._sets.flush():
+            answers += self._track_sets([images], images[0].stamp_ns)
+        return answers + self._order.flush(self.people.flush())
+
     def process(self, message: Any, arrival_ns: int) -> FrameResult:
-        """Track the one person in a keypoint message, without `smoothing_lag`.
+        """Track the one person in a keypoint message, without `smoothing_lag`; see `frames`.
 
         arrival_ns: ns, the stamp of a message that has none.
         """
@@ -391,31 +448,59 @@ class Pipeline:
         return frame
 
     def frames(self, message: Any, arrival_ns: int, camera: str = "") -> list[FrameResult]:
-        """Track all people in a keypoint message. Return one accepted result per person, none if nobody is present.
+        """Return the results of all answers of `push`, without a wait for depth images."""
+        name = camera or self.first.name
+        self._waiting[name].add(message, arrival_ns)
+        return frames_of(self._released(name, None))
 
-        camera: name of the camera, empty for the only one. A refused message gives one result with the reason; so does
-        a message in which a single followed person was not tracked. With `smoothing_lag`, the accepted results are
-        those of earlier messages that are due now. With several cameras, a message may wait for those of the others,
-        see `due`.
-        """
-        self.counts["received"] += 1
-        self.silent = False
-        if not self.enabled:
-            self.counts["ignored while disabled"] += 1
-            return []
-        frames = self._frames(message, arrival_ns, self.cameras[camera or self.first.name])
-        return frames if self._sets is not None else self._counted(frames)
+    def _released(self, camera: str, now_ns: int | None) -> list[Answer]:
+        """Return the answers of messages of a camera that wait no longer. now_ns: None if nothing follows."""
+        answers, self._ready = self._ready, []
+        for message, arrival_ns in self._waiting[camera].ready(now_ns):
+            self.counts["received"] += 1
+            if self.enabled:
+                answers += self._answers(message, arrival_ns, self.cameras[camera])
+            else:
+                self.counts["ignored while disabled"] += 1
+        return answers
 
-    def due(self, now_ns: int) -> list[FrameResult]:
-        """Return the results of images of several cameras whose wait has ended. now_ns: ns of the arrival clock."""
-        if self._sets is None or not self.enabled:
-            return []
-        return self._track_sets(self._sets.due(now_ns), now_ns)
+    def _answers(self, message: Any, arrival_ns: int, camera: CameraImages) -> list[Answer]:
+        """Return the answers of a message and those of earlier ones that are due."""
+        try:
+            image, changed = camera.image(message, arrival_ns)
+        except AdapterError as error:
+            self._refused.add(camera.name)
+            detail = f"camera '{camera.name}': {error}" if camera.name else str(error)
+            return self._refusal(camera.stamp_ns, camera.frame_id, arrival_ns, error.reason, detail)
+        if self.identities is not None:
+            image = self._identified(image, self.identities)
+        before = []
+        if changed:
+            before = self._order.flush(self.people.flush())
+            self._forget_people(unlock=False)
+            for other in self.cameras.values():
+                if other is not camera:
+                    other.reset()
+        if self._sets is None:
+            return before + self._track([image], arrival_ns)
+        camera.stamps.seen(image.stamp_ns, True)
+        camera.stamps.follow(image.stamp_ns, arrival_ns, image.stamped)
+        return before + self._track_sets(self._sets.add(camera.name, image, arrival_ns), arrival_ns)
 
-    @property
-    def due_at_ns(self) -> int | None:
-        """Time in ns of the arrival clock at which `due` must be called; None if no image waits."""
-        return None if self._sets is None else self._sets.due_at_ns
+    def _identified(self, image: Image, identities: Mapping[tuple[str, bytes], int]) -> Image:
+        """Return an image with those whose numbers are known."""
+        known = [(seen, identities.get((image.camera.name, key_of(seen.points)))) for seen in image.people]
+        people = [replace(seen, number=number) for seen, number in known if number is not None]
+        return replace(image, people=people, numbered=True, lasting=True, identified=True)
+
+    def _track_sets(self, sets: Sequence[Sequence[Image]], arrival_ns: int) -> list[Answer]:
+        """Return the answers of several sets of images. Each set counts as one accepted or rejected message."""
+        return [answer for images in sets for answer in self._track(images, arrival_ns)]
+
+    def _refusal(self, stamp_ns: int, frame_id: str, arrival_ns: int, reason: str, detail: str) -> list[Answer]:
+        frames = self._counted([FrameResult(stamp_ns, frame_id, None, reason, detail)])
+        answer = Answer(stamp_ns, frame_id, arrival_ns, frames, refused=True)
+        return self._order.add(answer, self.tracker.config.smoothing_lag)
 
     def _counted(self, frames: list[FrameResult]) -> list[FrameResult]:
         self.answered = self.answered or any(frame.accepted for frame in frames)
@@ -426,35 +511,8 @@ class Pipeline:
             self.counts["duplicated"] += 1
         return frames
 
-    def _frames(self, message: Any, arrival_ns: int, camera: CameraImages) -> list[FrameResult]:
-        try:
-            image, changed = camera.image(message, arrival_ns)
-        except AdapterError as error:
-            self._refused.add(camera.name)
-            detail = f"camera '{camera.name}': {error}" if camera.name else str(error)
-            refused = [FrameResult(camera.stamp_ns, camera.frame_id, None, error.reason, detail)]
-            return refused if self._sets is None else self._counted(refused)
-        held = self._forget_people(unlock=False) if changed else []
-        if changed:
-            for other in self.cameras.values():
-                if other is not camera:
-                    other.reset()
-        if self._sets is None:
-            return held + self._track([image], arrival_ns)
-        camera.stamps.seen(image.stamp_ns, True)
-        camera.stamps.follow(image.stamp_ns, arrival_ns, image.stamped)
-        return held + self._track_sets(self._sets.add(camera.name, image, arrival_ns), arrival_ns)
-
-    def _track_sets(self, sets: Sequence[Sequence[PeopleImage]], arrival_ns: int) -> list[FrameResult]:
-        """Return the results of several sets of images. Each set counts as one accepted or rejected message."""
-        found = [self._counted(self._track(images, arrival_ns)) for images in sets]
-        frames = [frame for of_set in found for frame in of_set]
-        newest_ns = max((stamp_of_set(images) for images in sets), default=0)
-        self.silent = not sets or (not frames and self._tracked_lately(newest_ns))
-        return frames
-
-    def _track(self, images: Sequence[PeopleImage], arrival_ns: int) -> list[FrameResult]:
-        """Return the results of the images of one instant."""
+    def _track(self, images: Sequence[Image], arrival_ns: int) -> list[Answer]:
+        """Return the answers that the images of one instant make due."""
         stamp_ns = stamp_of_set(images)
         try:
             placed, frame_id = self._placed(images)
@@ -468,7 +526,7 @@ class Pipeline:
             frames = self.people.update(placed, frame_id, self.config.forget_after)
         except AdapterError as error:
             self._refused |= {image.camera.name for image in images}
-            return [FrameResult(stamp_ns, images[0].frame_id, None, error.reason, str(error))]
+            return self._refusal(stamp_ns, images[0].frame_id, arrival_ns, error.reason, str(error))
         self._refused -= {image.camera.name for image in images}
         self._used_ns |= {image.camera.name: arrival_ns for image in placed}
         self._note_people(images, placed, arrival_ns)
@@ -483,22 +541,27 @@ class Pipeline:
         if self._sets is None and all(frame.accepted for frame in frames):
             self.first.stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
             self.first.stamps.follow(stamp_ns, arrival_ns, images[0].stamped)
-        return frames
+        frames = self._counted(frames)
+        matters = self._sets is None or not self._tracked_lately(stamp_ns)
+        assert self.image is not None
+        of = (stamp_ns, frame_id) if frames else self.image  # an image that is late tells nothing of now
+        stamps_ns = [image.stamp_ns for image in images]
+        answer = Answer(*of, arrival_ns, frames, stamps_ns, matters=matters)
+        return self._order.add(answer, self.tracker.config.smoothing_lag)
 
-    def _note_people(self, images: Sequence[PeopleImage], placed: Sequence[PeopleImage], arrival_ns: int) -> None:
+    def _note_people(self, images: Sequence[Image], placed: Sequence[Image], arrival_ns: int) -> None:
         """Note how many people in each image were not tracked, and if images show somebody.
 
         placed: the images that were used, with the poses of their cameras. It is not known who is in the others.
         """
         self._untracked |= {image.camera.name: (image.stamp_ns, image.shown) for image in images}
-        people = list(self.people.tracked.values())
         for image in placed:
-            count = untracked(image, people, self.reported_lost_after)
+            count = self.people.untracked(image, self.reported_lost_after)
             self._untracked[image.camera.name] = image.stamp_ns, count
         if any(image.shown for image in images):
             self._shown_ns = arrival_ns
 
-    def _placed(self, images: Sequence[PeopleImage]) -> tuple[Sequence[PeopleImage], str]:
+    def _placed(self, images: Sequence[Image]) -> tuple[Sequence[Image], str]:
         """Return the images whose camera has a pose, and the frame of the results.
 
         Raises AdapterError if none has one. The others are counted. Poses that are to be found from the person come
@@ -506,8 +569,8 @@ class Pipeline:
         """
         if self.places is None:
             return images, images[0].frame_id
-        placed: list[PeopleImage] = []
-        missing: list[tuple[PeopleImage, AdapterError]] = []
+        placed: list[Image] = []
+        missing: list[tuple[Image, AdapterError]] = []
         for image in images:
             try:
                 pose = self.places.pose(image.camera.name, image.frame_id, image.stamp_ns)
@@ -525,9 +588,7 @@ class Pipeline:
             self.counts[JUMPS] += 1
         return self._with_found(placed, missing), self.places.base
 
-    def _with_found(
-        self, placed: Sequence[PeopleImage], missing: Sequence[tuple[PeopleImage, AdapterError]]
-    ) -> list[PeopleImage]:
+    def _with_found(self, placed: Sequence[Image], missing: Sequence[tuple[Image, AdapterError]]) -> list[Image]:
         """Return images with a pose by TF and those whose pose was found from the person, in the order of the cameras.
 
         Those whose pose is to be found come last. Others are left out; raises AdapterError if no image remains.
@@ -551,7 +612,7 @@ class Pipeline:
         found = [one.found[name] for one in learned if one is not None and name in one.found]
         return found[0] if found else CameraPose(name, known=False)
 
-    def _agreeing(self, images: Sequence[PeopleImage]) -> Sequence[PeopleImage]:
+    def _agreeing(self, images: Sequence[Image]) -> Sequence[Image]:
         """Return the images without those of a camera that contradicts the others. These are counted."""
         if self._sets is None or self.config.several_people:
             return images
@@ -559,8 +620,7 @@ class Pipeline:
         for image in images:
             if not self.agreement.is_due(image.camera.name, image.stamp_ns):
                 continue
-            people = detections_by_person(image.keypoints, len(self.tracker.layout.names), image.lens)
-            people = [one for one in people if is_trackable(one, self.tracker.config)]
+            people = [one for one in image.people if is_trackable(one, self.tracker.config)]
             pose = image.camera if learned.extrinsics is None else learned.extrinsics.corrected(image.camera)
             if len(people) == 1 and pose.known:
                 sights.append(Sight(image.stamp_ns, people[0], image.lens, pose))
@@ -598,20 +658,13 @@ class Pipeline:
                 if len(seen):
                     self.cameras[one.camera.name].residuals.append(one.lens.focal * float(np.median(seen)))
 
-    def _check_depth(self, images: Sequence[PeopleImage], frames: Sequence[FrameResult]) -> None:
+    def _check_depth(self, images: Sequence[Image], frames: Sequence[FrameResult]) -> None:
         """Compare the depth image of each camera with the tracked people."""
         if self.tracker.config.smoothing_lag > 0:
             return
         for image in images:
-            if image.sampled is not None:
-                name = image.camera.name
-                self.cameras[name].depth_check.update(image.sampled, frames, name)
-
-    def flush(self) -> list[FrameResult]:
-        """Return the results that wait for other cameras or for `smoothing_lag`. No message follows."""
-        waiting = [] if self._sets is None else self._sets.flush()
-        frames = [frame for images in waiting for frame in self._track_sets([images], images[0].stamp_ns)]
-        return [*frames, *self.people.flush()]
+            name = image.camera.name
+            self.cameras[name].depth_check.update(image.people, frames, name)
 
     @property
     def _floor_below(self) -> float | None:
@@ -620,7 +673,7 @@ class Pipeline:
             return None
         return 0.0 if self.first.mount is None else self.first.mount.height
 
-    def _follow_mount(self, mount: CameraMount, image: PeopleImage) -> None:
+    def _follow_mount(self, mount: CameraMount, image: Image) -> None:
         """Use the camera's mount at the time of the image. Without TF, the present one stays."""
         if (angles := mount.at(image.frame_id, image.stamp_ns)) is not None:
             for tracked in self._trackable:
@@ -630,12 +683,3 @@ class Pipeline:
 def _without_held_feet_if_mounted(tracker: TrackerConfig, node: NodeSettings) -> TrackerConfig:
     """The settings for a camera that may move: feet are not held, because nobody tells how it moves."""
     return replace(tracker, hold_feet=False) if node.camera_mount_frame else tracker
-
-
-def _people_tracker(people: Sequence[TrackedPerson], counts: Counter[str], config: NodeSettings) -> PeopleTracker:
-    """Return the tracker for one person or several. MultiPersonTracker is imported on demand, see assignment.py."""
-    if not config.several_people:
-        return SinglePersonTracker(people[0], config.follow, config.lock)
-    from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
-
-    return MultiPersonTracker(people, counts, config.follow, config.lock, config.several_cameras)

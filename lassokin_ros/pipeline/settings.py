@@ -14,7 +14,7 @@ from msg_adapters.output_messages.people import BUILDERS
 
 OPTICAL_FRAME = "camera_optical_frame"
 """Name of the camera's optical frame (z forward, x right, y down) if nothing else gives one."""
-MESSAGE, NODE = "message", "node"
+MESSAGE, NODE, LASTING = "message", "node", "lasting"
 ROOT, ALL = "root", "all"
 SKELETON_SUFFIXES = (".yaml", ".yml")
 """Suffixes of skeletons that are written. One with another suffix would be read as another format."""
@@ -105,8 +105,9 @@ class NodeSettings:
     max_people: int = setting(1, "people followed at once; above 1, topics are under ~/bodies/<id>/", "", 1, 20)
     person_ids: str = setting(
         MESSAGE,
-        "what identifies people over time: the message's person numbers if they persist, or the node's own matching",
-        choices=(MESSAGE, NODE),
+        "what identifies people over time: the message's person numbers if they persist, near the expected place; the "
+        "node's own matching; or lasting: numbers that are people's, wherever they are",
+        choices=(MESSAGE, NODE, LASTING),
     )
     follow: str = setting(
         CONFIDENT,
@@ -177,7 +178,7 @@ class NodeSettings:
 
     @property
     def several_cameras(self) -> bool:
-        """True if the keypoints of several cameras stand in one lasso."""
+        """True if the keypoints of several cameras are solved jointly."""
         return len(self.camera_names) > 1
 
     @property

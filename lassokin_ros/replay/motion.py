@@ -192,7 +192,7 @@ class MotionRecorder:
         self._people: dict[str, _Rows] = {}
 
     def add(self, frames: Sequence[FrameResult], time_ns: int = 0, seconds: float = 0.0) -> None:
-        """Add the frames of one keypoint message, see `OfflineTracker.listeners`. Rejected frames add no row."""
+        """Add the frames of one keypoint message, see `Playback.listeners`. Rejected frames add no row."""
         for frame in frames:
             if frame.accepted and frame.estimate is not None:
                 self._people.setdefault(frame.person, _Rows(self._spool, self._cameras)).add(frame)

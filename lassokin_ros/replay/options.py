@@ -64,7 +64,7 @@ def _add_outputs(result: argparse.ArgumentParser) -> None:
     result.add_argument(
         "--two-pass",
         action="store_true",
-        help="learn the person's lengths over the whole recording, then track with them backward and forward in time",
+        help="learn each person's lengths over the whole recording, then track with them backward and forward in time",
     )
     result.add_argument("--storage", choices=STORAGES, help="storage of the output (default: that of the input)")
     result.add_argument(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Set
+from collections.abc import Callable, Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -32,8 +32,8 @@ class RecordedImages:
         self._count = 0
         self._reasons: dict[str, int] = {}
 
-    def take(self, message: Any, _time_ns: int) -> Iterator[tuple[str, str, Any]]:
-        """Take a message, None if it is malformed; yields nothing, for images have no outputs."""
+    def take(self, message: Any, _time_ns: int) -> None:
+        """Take a message, None if it is malformed."""
         try:
             if message is None:
                 raise AdapterError("not_deserialised", "")
@@ -43,7 +43,6 @@ class RecordedImages:
                 self._add(stamp_ns, lambda: self._decode(message))
         except AdapterError as error:
             self._reasons[error.reason] = self._reasons.get(error.reason, 0) + 1
-        yield from ()
 
     def __str__(self) -> str:
         rejected = "".join(f"; not shown: {reason} {count}" for reason, count in sorted(self._reasons.items()))

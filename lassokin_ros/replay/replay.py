@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
@@ -22,22 +21,28 @@ from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.skeleton_file import check_skeleton_file
+from lassokin_ros.pipeline.outputs.outputs import LINK_AS_FRAME
 from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides, height_in_words
 from lassokin_ros.pipeline.parameter_files import offline_settings
+from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.bags import BagReader, BagWriter, RecordedTopic
 from lassokin_ros.replay.camera_source import RecordedCamera, messages_of, poses_in, recorded_cameras
 from lassokin_ros.replay.exports.exports import Exports, is_inside_name
 from lassokin_ros.replay.motion import MotionRecorder
-from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME, OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError, check_output_paths, refuse_existing_files
-from lassokin_ros.replay.passes.earlier_passes import Inputs, KnownPerson, check_two_passes, learn_person
+from lassokin_ros.replay.passes.passes import Bodies, learn
+from lassokin_ros.replay.playback import PATIENCE_S, Listener, NodeMessages, Playback
 from lassokin_ros.replay.record import KEY, Figures, Record, origin_of
 from lassokin_ros.replay.recorded_images import recorded_images
 from lassokin_ros.replay.recording_files import recording_name
 
 if TYPE_CHECKING:
     from lassokin_ros.replay.report.report import Report
+
+
+Inputs = Mapping[str, Callable[[Any, int], None]]
+"""By the topic's name, what processes its messages."""
 
 
 @dataclass(frozen=True)
@@ -64,42 +69,51 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     defaults = WHOLE_FILE if options.two_pass else {}
     tracker_config, node_config = offline_settings(options.params_file, options.p, defaults)
     _check_learning(options, tracker_config, node_config)
-    with BagReader(options.bag) as bag, TemporaryDirectory(prefix="lassokin_") as folder:
+    with BagReader(options.bag) as bag:
         cameras = recorded_cameras(bag, options, node_config)
         others = _other_topics(bag, node_config)
         read = [*(topic for one in cameras for topic in one.topics), *others]
         poses = poses_in(cameras)
-        given, known = None, KnownPerson(tracker_config, {})
-        if options.two_pass:
-            first = OfflineTracker(tracker_config, node_config, bag.types, only_track=True, poses=poses)
-            given = first.pipeline.tracker.skeleton
-            inputs, messages = _inputs(first, cameras, others), messages_of(cameras, bag, read)
-            known = learn_person(messages, inputs, first, tracker_config, Path(folder))
-        tracker = OfflineTracker(known.config, node_config, bag.types, serialised=True, poses=poses)
-        if options.two_pass:
-            tracker.pipeline.tracker.adopt_cameras(first.pipeline.tracker)
-        tracker.pipeline.use_backward({None: known.backward})
-        report = _report(options, tracker, given)
-        exports = _exports(options, tracker)
+
+
+        def make(config: TrackerConfig, bodies: Bodies | None = None) -> Pipeline:
+            return Pipeline(config, node_config, poses=poses, bodies=bodies, patience=PATIENCE_S)
+
+        def play(playback: Playback, title: str) -> None:
+            inputs = _inputs(playback, cameras, others)
+            progress = Progress(sum(topic.count for topic in read), title, progress_on)
+            _run(messages_of(cameras, bag, read), inputs, playback, progress)
+
+        known = learn(make, play, tracker_config) if options.two_pass else None
+        given = None if known is None else known.first.tracker.given_skeleton
+        pipeline = make(tracker_config) if known is None else known.session(make)
+        listeners: list[Listener] = []
+        report = _report(options, pipeline, given, listeners)
+        exports = _exports(options, pipeline, listeners)
         images = recorded_images(bag, options, report, {one.name: one.keypoints for one in cameras})
-        inputs = {**_inputs(tracker, cameras, others), **{shown.topic.name: shown.take for shown in images}}
         read += [shown.topic for shown in images]
         output, storage = options.output, options.storage or bag.storage
         # All or nothing: every file is complete on the disk before the recording and the files get their names.
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
+                tracker = Playback(pipeline, NodeMessages(pipeline, bag.types, writer.write))
+                tracker.listeners += listeners
+                inputs = {**_inputs(tracker, cameras, others), **{shown.topic.name: shown.take for shown in images}}
                 progress = Progress(sum(topic.count for topic in read), "messages", progress_on)
-                seconds = _run(messages_of(cameras, bag, read), inputs, tracker, writer, progress)
+                seconds = _run(messages_of(cameras, bag, read), inputs, tracker, progress)
                 figures = _figures(tracker)
                 writer.note(KEY, Record(origin_of(options), figures).text)
                 written = _files(options, tracker, exports, writer, files)
                 if report is not None:
-                    report.write(files, options.bag.resolve().name, _topics_of(cameras))
+                    report.write(
+                        files, options.bag.resolve().name, _topics_of(cameras), warnings=tracker.warnings.found
+                    )
                 files.check()
             files.placed.append(output)
     written.update({f"images {n}" if n else "images": str(shown) for n, shown in enumerate(images)})
     title = f"{options.bag} -> {output} ({storage})"
-    summary = _summary(title, cameras, tracker, seconds, written, known.height)
+    height_before = "" if known is None else known.height
+    summary = _summary(title, cameras, tracker, seconds, written, height_before, report is not None)
     if report is not None:
         summary = "\n".join([summary, *report.summary_lines])
     frame_ms = 1e3 * float(np.median(tracker.frame_seconds or [np.nan]))
@@ -117,8 +131,8 @@ def _check_learning(options: argparse.Namespace, tracker: TrackerConfig, node: N
         if not tracker.calibrate:
             raise ConfigurationError("--save-skeleton needs calibration; add -p calibrate:=true")
         check_skeleton_file(options.save_skeleton, node.several_people, options.force)
-    if options.two_pass:
-        check_two_passes(tracker, node)
+    if options.two_pass and not tracker.calibrate:
+        raise ConfigurationError("--two-pass needs calibration; add -p calibrate:=true")
 
 
 def _other_topics(bag: BagReader, config: NodeSettings) -> list[RecordedTopic]:
@@ -133,7 +147,7 @@ def _other_topics(bag: BagReader, config: NodeSettings) -> list[RecordedTopic]:
     return found
 
 
-def _inputs(tracker: OfflineTracker, cameras: Sequence[RecordedCamera], others: Sequence[RecordedTopic]) -> Inputs:
+def _inputs(tracker: Playback, cameras: Sequence[RecordedCamera], others: Sequence[RecordedTopic]) -> Inputs:
     """Return what processes the messages of each topic."""
     by_name: dict[str, Any] = {topics.TF: tracker.transforms, topics.TF_STATIC: tracker.static_transforms}
     inputs = {topic.name: by_name.get(topic.name, tracker.depth_image) for topic in others}
@@ -147,29 +161,21 @@ def _inputs(tracker: OfflineTracker, cameras: Sequence[RecordedCamera], others: 
     return inputs
 
 
-def _run(
-    messages: Iterator[tuple[str, int, Any]],
-    inputs: Inputs,
-    tracker: OfflineTracker,
-    writer: BagWriter,
-    progress: Progress,
-) -> float:
+def _run(messages: Iterator[tuple[str, int, Any]], inputs: Inputs, tracker: Playback, progress: Progress) -> float:
     """Process every message (topic, recording time in ns, message) and return the elapsed time in s."""
     started = time.monotonic()
     try:
         for topic, time_ns, message in messages:
-            for name, message_type, output in inputs[topic](message, time_ns):
-                writer.write(name, message_type, time_ns, output, topics.is_latched(name))
+            inputs[topic](message, time_ns)
             progress.advance(note=tracker.pipeline.status.value)
-        for name, message_type, output in tracker.finish():
-            writer.write(name, message_type, tracker.newest_ns, output, topics.is_latched(name))
+        tracker.finish()
     finally:
         progress.close()
     return time.monotonic() - started
 
 
 def _files(
-    options: argparse.Namespace, tracker: OfflineTracker, exports: Exports | None, writer: BagWriter, files: AtomicFiles
+    options: argparse.Namespace, tracker: Playback, exports: Exports | None, writer: BagWriter, files: AtomicFiles
 ) -> dict[str, str]:
     """Write the skeletons and the exports; return their lines of the summary."""
     lines = {}
@@ -183,7 +189,9 @@ def _files(
     return lines
 
 
-def _report(options: argparse.Namespace, tracker: OfflineTracker, given: Skeleton | None) -> Report | None:
+def _report(
+    options: argparse.Namespace, pipeline: Pipeline, given: Skeleton | None, listeners: list[Listener]
+) -> Report | None:
     """Return the collector of the report, None without --report. Raises a LassokinError for an unusable path.
 
     given: the skeleton before the first of two passes, if there are two.
@@ -192,36 +200,35 @@ def _report(options: argparse.Namespace, tracker: OfflineTracker, given: Skeleto
         return None
     from lassokin_ros.replay.report.report import Report
 
-    report = Report(options.report, tracker.pipeline, options.force, given)
-    tracker.listeners.append(report.add)
+    report = Report(options.report, pipeline, options.force, given)
+    listeners.append(report.add)
     return report
 
 
-def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | None:
+def _exports(options: argparse.Namespace, pipeline: Pipeline, listeners: list[Listener]) -> Exports | None:
     """Return the collector of the exports, None without --export. Raises a LassokinError for an unusable path."""
     if not options.export:
         return None
-    pipeline = tracker.pipeline
     names, config = pipeline.tracker.layout.names, pipeline.tracker.config
     recorder = MotionRecorder(names, config, lambda: pipeline.level, 0, pipeline.config.camera_names)
-    tracker.listeners.append(recorder.add)
+    listeners.append(recorder.add)
     return Exports(options.export, recorder, pipeline.tracker.skeleton, pipeline.config.several_people, options.force)
 
 
-def _figures(tracker: OfflineTracker) -> Figures:
+def _figures(tracker: Playback) -> Figures:
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     median = round(float(np.median(error)), 3) if error else None
     return Figures(counts["received"], tracker.messages_tracked, tracker.times_lost, median)
 
 
-def _warning(figures: Figures, tracker: OfflineTracker) -> str:
+def _warning(figures: Figures, tracker: Playback) -> str:
     if tracker.pipeline.answered or not figures.frames_in:
         return ""
     found = f"none of {figures.frames_in} keypoint messages gave a skeleton"
     return f"{found}; first rejection: {_first_rejection(tracker)}" if tracker.first_rejection else found
 
 
-def _first_rejection(tracker: OfflineTracker) -> str:
+def _first_rejection(tracker: Playback) -> str:
     """Return 'unknown_id: ...', empty without a rejection."""
     return ": ".join(filter(None, tracker.first_rejection or ()))
 
@@ -229,12 +236,13 @@ def _first_rejection(tracker: OfflineTracker) -> str:
 def _summary(
     title: str,
     cameras: Sequence[RecordedCamera],
-    tracker: OfflineTracker,
+    tracker: Playback,
     seconds: float,
     written: Mapping[str, str],
     height_before: str,
+    has_report: bool,
 ) -> str:
-    """height_before: see `KnownPerson.height`."""
+    """height_before: see `Known.height`."""
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     rejected = {key.partition(": ")[2]: n for key, n in sorted(counts.items()) if key.startswith("rejected: ")}
     times = 1e3 * np.array(tracker.frame_seconds or [np.nan])
@@ -267,7 +275,8 @@ def _summary(
         lines["height"] = height_before
     for person, height in tracker.pipeline.heights().items():
         lines[f"height of {person}" if person else "height"] = height_in_words(height)
-    lines |= {f"warned {number}": words for number, words in enumerate(tracker.warnings.lines, 1)}
+    if not has_report:  # which has them, too
+        lines |= {f"warned {number}": raised.text for number, raised in enumerate(tracker.warnings.found, 1)}
     if counts[LINK_AS_FRAME]:
         lines["base frame"] = "frame_id is the name of a link of the body; robot_description has another base"
     lines.update(written)

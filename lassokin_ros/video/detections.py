@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from typing import Any
+from dataclasses import replace
 
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
 from lassokin_ros.detector.backend import Detected, Detector, DetectorError
-from lassokin_ros.detector.keypoint_message import keypoint_message
-from lassokin_ros.pipeline.settings import OPTICAL_FRAME
 from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.people import Found, Seen
 from lassokin_ros.video.sources import Image, Source, SourceError
-from msg_adapters.inputs import people_cloud
+from msg_adapters.keypoints import Keypoints
 
 FIRST_STAMP_NS = 1_000_000_000
 """ns: stamp of an image at 0 s. A stamp of zero means no stamp."""
@@ -34,17 +32,17 @@ class Detections:
     detect_seconds: time of the detector for each image, s. interrupted: the images ended because of a signal.
     """
 
-    def __init__(self, source: Source, detector: Detector, backend: Any, keep: bool) -> None:
-        """keep: whether the keypoints are kept in `found`."""
-        self._source, self._detector, self._backend, self._keep = source, detector, backend, keep
+    def __init__(self, source: Source, detector: Detector, frame_id: str, keep: bool) -> None:
+        """frame_id: of the keypoints. keep: whether they are kept in `found`."""
+        self._source, self._detector, self._frame_id, self._keep = source, detector, frame_id, keep
         self.found: list[Found] = []
         self._last = self._step = 0.0  # s: time of the last image, and since the one before
         self.detect_seconds: list[float] = []
         self.fault = ""
         self.interrupted = False
 
-    def images(self, stopped: Sequence[int], progress: Progress) -> Iterator[tuple[Image, Any]]:
-        """Yield each image and its keypoint message. stopped: not empty after a signal. Raises a LassokinError.
+    def images(self, stopped: Sequence[int], progress: Progress) -> Iterator[tuple[Image, Keypoints]]:
+        """Yield each image and its keypoints. stopped: not empty after a signal. Raises a LassokinError.
 
         An error after the first image is kept in `fault`.
         """
@@ -54,7 +52,11 @@ class Detections:
             for image in self._source.images:
                 if stopped:
                     break
-                yield image, self._message(image.seconds, self._detect(image), self._detector.several)
+                found = self._detect(image)
+                if self._detector.several:
+                    yield image, self._keypoints_of_everybody(image.seconds, found)
+                else:
+                    yield image, self._keypoints_of_one(image.seconds, found)
         except (SourceError, DetectorError) as error:
             if not self.detect_seconds:
                 raise
@@ -64,24 +66,28 @@ class Detections:
         self.interrupted = bool(stopped)
         self._check_end()
 
-    def of_all(self) -> Iterator[tuple[float, Any]]:
-        """Yield time in s and keypoint message of each kept image, with the one person whom the detector finds."""
+    def of_all(self) -> Iterator[tuple[float, Keypoints]]:
+        """Yield time in s and keypoints of each kept image, with the one person whom the detector finds."""
         for seconds, found in self.found:
-            yield seconds, self._message(seconds, found, False)
+            yield seconds, self._keypoints_of_one(seconds, found)
 
-    def of_people(self, people: Sequence[tuple[int, Seen]], numbered: bool) -> Iterator[tuple[float, Any]]:
-        """Yield time in s and keypoint message of each kept image, with some people only.
+    def of_everybody(self) -> Iterator[tuple[float, Keypoints]]:
+        """Yield time in s and keypoints of each kept image, with all people."""
+        for seconds, found in self.found:
+            yield seconds, self._keypoints_of_everybody(seconds, found)
 
-        people: number and images of each person. numbered: the numbers are in the messages; False for one person.
+    def of_people(self, people: Sequence[tuple[int, Seen]], numbered: bool) -> Iterator[tuple[float, Keypoints]]:
+        """Yield time in s and keypoints of each kept image, with some people only.
+
+        people: number and images of each person. numbered: the numbers are in the keypoints; False for one person.
         """
         shown = [(number, dict(zip(seen.seconds.tolist(), seen.detected))) for number, seen in people]
         for seconds, _ in self.found:
             present = [(number, of[seconds]) for number, of in shown if seconds in of]
             if numbered:
-                rows = [(number, person.pixels, person.confidence) for number, person in present]
-                yield seconds, people_cloud(self._backend, stamp_of(seconds), OPTICAL_FRAME, rows)
+                yield seconds, self._keypoints(seconds, present)
             else:
-                yield seconds, self._message(seconds, [person for _, person in present], False)
+                yield seconds, self._keypoints_of_one(seconds, [person for _, person in present])
 
     def _detect(self, image: Image) -> list[Detected]:
         began = time.monotonic()
@@ -92,8 +98,17 @@ class Detections:
             self.found.append((image.seconds, found))
         return found
 
-    def _message(self, seconds: float, found: Sequence[Detected], several: bool) -> Any:
-        return keypoint_message(self._backend, stamp_of(seconds), OPTICAL_FRAME, found, several)
+    def _keypoints_of_everybody(self, seconds: float, found: Sequence[Detected]) -> Keypoints:
+        """The detector does not know who is who."""
+        return self._keypoints(seconds, [(-1 - i, one) for i, one in enumerate(found)])
+
+    def _keypoints_of_one(self, seconds: float, found: Sequence[Detected]) -> Keypoints:
+        return replace(self._keypoints(seconds, [(0, person) for person in found[:1]]), persons=None)
+
+    def _keypoints(self, seconds: float, people: Sequence[tuple[int, Detected]]) -> Keypoints:
+        """Return the keypoints of several people with their numbers, below 0 if these are valid in this image only."""
+        rows = [(number, person.pixels, person.confidence) for number, person in people]
+        return Keypoints.of_people(stamp_of(seconds), self._frame_id, rows)
 
     def _check_end(self) -> None:
         """Print a note if the file ended early. The number of images may be an estimate, and so may the duration."""

@@ -10,8 +10,8 @@ import numpy as np
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.detector.backend import Detected
+from lassokin_ros.pipeline import seen
 from lassokin_ros.pipeline.people.image_tracks import ImageTrack, ImageTracks
-from lassokin_ros.pipeline.people.tracked_person import Detection
 from lassokin_ros.pipeline.settings import NodeSettings
 
 LARGEST, NEAREST, ALL = "largest", "nearest", "all"
@@ -121,10 +121,10 @@ def _tracks(images: Sequence[Found]) -> Iterator[tuple[float, ImageTrack, Detect
     for seconds, found in images:
         stamp_ns = round(seconds * 1e9)
         sources = {id(points := _detection(person)): (points, person) for person in found}
-        tracks.update(stamp_ns, [points for points, _ in sources.values()], persistent=False, forget_after=patience)
+        tracks.update(stamp_ns, [points for points, _ in sources.values()], lasting=False, forget_after=patience)
         for track in tracks.seen_at(stamp_ns):
             yield seconds, track, sources[id(track.detection)][1]
 
 
-def _detection(person: Detected) -> Detection:
-    return Detection(np.where(person.confidence[:, None] > 0, person.pixels, np.nan), person.confidence)
+def _detection(person: Detected) -> seen.Seen:
+    return seen.Seen(np.where(person.confidence[:, None] > 0, person.pixels, np.nan), person.confidence)

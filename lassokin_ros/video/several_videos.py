@@ -9,37 +9,34 @@ import argparse
 import json
 import re
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
-from lassokin_ros.core.config import CHECK
+from lassokin_ros.core.config import CHECK, TrackerConfig
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.detector.backend import Detected, Detector, make_detector
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
-from lassokin_ros.replay.bags import typestore
-from lassokin_ros.replay.offline_tracker import OfflineTracker
+from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.output_paths import OutputError
-from lassokin_ros.replay.passes.earlier_passes import Inputs, learn_person
+from lassokin_ros.replay.passes.passes import Bodies, learn
+from lassokin_ros.replay.playback import Playback
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.found_cameras import calibration_toml, found_poses, where_in_words
-from lassokin_ros.video.people import PersonError, people_in
+from lassokin_ros.video.people import ALL, LARGEST, MOST_PEOPLE, PersonError, people_in
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
 from lassokin_ros.video.track import HEIGHT_ASSUMED, NO_TOPICS, RAW_IMAGES, Tracked, height_given, lens_of, stop_flag
 from lassokin_ros.video.track_outputs import TrackOutputs
-from msg_adapters.backends import RosbagsBackend
 
 LARGEST_DIFFERENCE_S = 0.02
 """s, half of the time between two images: files whose images begin with a larger difference are named."""
@@ -64,58 +61,57 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     detector = make_detector(options.detector)
     names = f"cameras:={json.dumps([camera.name for camera in cameras])}"  # quoted: `no` is a truth value in YAML
     unplaced = options.cameras is None
-    learn = ["extrinsics:=learn"] if unplaced else []
-    chosen = [f"landmarks:={detector.landmarks}", names, RAW_IMAGES, *learn, *options.p, *height, *NO_TOPICS]
+    search = ["extrinsics:=learn"] if unplaced else []
+    who = [f"max_people:={MOST_PEOPLE}"] if options.person == ALL else []
+    chosen = [f"landmarks:={detector.landmarks}", names, RAW_IMAGES, *search, *who, *options.p, *height, *NO_TOPICS]
     tracker_config, node_config = offline_settings(options.params_file, chosen, {} if options.causal else WHOLE_FILE)
-    _check(options, node_config, [camera.name for camera in cameras])
+    _check(options, node_config, [camera.name for camera in cameras], detector.several)
     if unplaced and tracker_config.height == 0:
         raise CameraError("height is 0, and without the places of the cameras nothing shows the size; give --height")
-    types, poses = typestore(), {camera.name: camera.pose for camera in cameras}
-    make = partial(OfflineTracker, node_config=node_config, types=types, only_track=True)
-    first = make(tracker_config, poses=poses)
+    poses = {camera.name: camera.pose for camera in cameras}
+
+    def make(config: TrackerConfig, bodies: Bodies | None = None) -> Pipeline:
+        return Pipeline(config, node_config, poses=poses, bodies=bodies)
+
+    first = Playback(make(tracker_config))
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         views = {camera.name: (camera.calibration, camera.source.size) for camera in cameras}
         outputs = TrackOutputs(options, cameras[0].source, cameras[0].calibration, first, stack, views)
         if unplaced and not height_given(options):
             outputs.remarks.append(HEIGHT_ASSUMED)
-        backend = RosbagsBackend(types)
         with stop_flag() as stopped:
             for number, camera in enumerate(cameras):
                 if number:
                     detector = make_detector(options.detector)  # it follows the person from image to image
-                _detect(camera, detector, backend, outputs, stopped)
+                _detect(camera, detector, outputs, stopped)
         if stopped:
             _keep_common_part(cameras)
-        remarks = [_begins(cameras), *(_keep_largest(camera) for camera in cameras if detector.several)]
+        everybody = node_config.several_people
+        remarks = [_begins(cameras)]
+        if detector.several and not everybody:
+            remarks += map(_keep_largest, cameras)
         outputs.remarks += filter(None, remarks)
         if (unplaced or tracker_config.calibrate and tracker_config.height > 0) and not options.causal:
-            with TemporaryDirectory(prefix="lassokin_") as folder:
-                inputs = _inputs(first, cameras)
-                known = learn_person(_messages(cameras, backend), inputs, first, tracker_config, Path(folder))
-                tracker_config = known.config
-                if unplaced:
-                    try:
-                        poses = found_poses(first.pipeline)
-                    except CameraError:
-                        if stopped:
-                            raise KeyboardInterrupt from None
-                        raise
-                    tracker_config = replace(tracker_config, extrinsics=CHECK)
-                second = make(tracker_config, poses=poses)
-            second.pipeline.use_backward({None: known.backward})
-            second.pipeline.tracker.adopt_cameras(first.pipeline.tracker)
+            known = learn(make, partial(_play, cameras, everybody), tracker_config)
+            if unplaced:
+                try:
+                    poses = found_poses(known.first)
+                except CameraError:
+                    if stopped:
+                        raise KeyboardInterrupt from None
+                    raise
+                known = replace(known, config=replace(known.config, extrinsics=CHECK))
+            second = Playback(known.session(make))
         else:
-            second = make(tracker_config, poses=poses)
+            second = first
         outputs.follow(second)
-        inputs = _inputs(second, cameras)
         images = _images_together(cameras, options) if outputs.needs_images else iter(())
-        for topic, time_ns, message in _messages(cameras, backend):
-            if outputs.needs_images and topic == f"{cameras[0].name}/keypoints":
+
+        def show(camera: Filmed) -> None:
+            if outputs.needs_images and camera is cameras[0]:
                 outputs.add_images(_next(images))
-            for _ in inputs[topic](message, time_ns):
-                pass  # the outputs are files
-        for _ in second.finish():
-            pass
+
+        _play(cameras, everybody, second, before=show)
         written = outputs.write(files)
         if options.save_cameras is not None:
             poses = found_poses(second.pipeline)
@@ -129,11 +125,16 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     return Tracked("\n".join([summary, *outputs.doubts]), not stopped, "; ".join(filter(None, faults)))
 
 
-def _check(options: argparse.Namespace, node: NodeSettings, names: Sequence[str]) -> None:
-    """Raise a LassokinError for settings that several videos have no use for, before anything is detected."""
-    if options.person is not None or node.several_people:
+def _check(options: argparse.Namespace, node: NodeSettings, names: Sequence[str], several: bool) -> None:
+    """Raise a LassokinError for settings that several videos have no use for, before anything is detected.
+
+    several: whether the detector finds several people.
+    """
+    if options.person not in (None, LARGEST, ALL):
+        raise PersonError(f"--person {options.person} with several videos; expected {LARGEST} or {ALL}")
+    if not several and (options.person is not None or node.several_people):
         raise PersonError(
-            "several videos are tracked with one person in view; expected no --person, max_people 1 and rep155 false"
+            f"several people are to be tracked, but {options.detector} finds one person; expected YOLO-pose or RTMO"
         )
     if list(node.camera_names) != list(names):
         raise CameraError(
@@ -199,10 +200,10 @@ def _topic(name: str) -> str:
     return re.sub(r"\W", "_", name if re.match(r"[A-Za-z_]", name) else f"c{name}", flags=re.ASCII)
 
 
-def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutputs, stopped: list[int]) -> None:
+def _detect(camera: Filmed, detector: Detector, outputs: TrackOutputs, stopped: list[int]) -> None:
     """Detect all images of a camera, and close the detector. outputs: keep the images for the report."""
     try:
-        camera.detections = Detections(camera.source, detector, backend, keep=True)
+        camera.detections = Detections(camera.source, detector, camera.name, keep=True)
         progress = Progress(camera.source.count, "images")
         for image, _ in camera.detections.images(stopped, progress):
             outputs.add_report_image(image, camera.name)
@@ -280,35 +281,33 @@ def _next(images: Iterator[dict[str, Image]]) -> dict[str, Image]:
     return found
 
 
-def _messages(cameras: list[Filmed], backend: Any) -> Iterator[tuple[str, int, Any]]:
-    """Yield (topic, time in ns, message): the lens of each camera, then the keypoints in the order of their times."""
+def _play(
+    cameras: list[Filmed],
+    everybody: bool,
+    tracker: Playback,
+    title: str = "",
+    before: Callable[[Filmed], None] = lambda camera: None,
+) -> None:
+    """Play the keypoints of all cameras in the order of their times.
+
+    everybody: with all people in the images; False for one. before: called with the camera of each image.
+    """
     for camera in cameras:
-        yield (
-            f"{camera.name}/camera_info",
-            FIRST_STAMP_NS,
-            camera.calibration.message(backend, FIRST_STAMP_NS, camera.name),
-        )
+        tracker.camera_info(camera.calibration.intrinsics(camera.name), FIRST_STAMP_NS, camera.name)
     found = [
-        (seconds, f"{camera.name}/keypoints", message)
+        (seconds, camera, keypoints)
         for camera in cameras
         if camera.detections is not None
-        for seconds, message in camera.detections.of_all()
+        for seconds, keypoints in (camera.detections.of_everybody() if everybody else camera.detections.of_all())
     ]
-    for seconds, topic, message in sorted(found, key=lambda one: one[0]):
-        message.header.frame_id = topic.rpartition("/")[0] or OPTICAL_FRAME
-        yield topic, stamp_of(seconds), message
-
-
-def _inputs(tracker: OfflineTracker, cameras: list[Filmed]) -> Inputs:
-    inputs: dict[str, Any] = {}
-    for camera in cameras:
-        inputs[f"{camera.name}/camera_info"] = partial(tracker.camera_info, camera=camera.name)
-        inputs[f"{camera.name}/keypoints"] = partial(tracker.keypoints, camera=camera.name)
-    return inputs
+    for seconds, camera, keypoints in sorted(found, key=lambda one: one[0]):
+        before(camera)
+        tracker.keypoints(keypoints, stamp_of(seconds), camera.name)
+    tracker.finish()
 
 
 def _summary(
-    options: argparse.Namespace, cameras: list[Filmed], tracker: OfflineTracker, written: list[Path], seconds: float
+    options: argparse.Namespace, cameras: list[Filmed], tracker: Playback, written: list[Path], seconds: float
 ) -> str:
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     images = ", ".join(f"{camera.source.name} ({camera.name})" for camera in cameras)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 import signal
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -18,20 +17,17 @@ import numpy as np
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
-from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import CameraError, ConfigurationError
-from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
-from lassokin_ros.replay.bags import typestore
-from lassokin_ros.replay.offline_tracker import OfflineTracker
+from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.settings import LASTING, MESSAGE, OPTICAL_FRAME, NodeSettings
 from lassokin_ros.replay.output_paths import OutputError
-from lassokin_ros.replay.passes.earlier_passes import KnownPerson, learn_person
-from lassokin_ros.skeleton_readers.load import load_skeleton
+from lassokin_ros.replay.passes.passes import Bodies, learn
+from lassokin_ros.replay.playback import Playback
 from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.camera import Calibration, assumed_fov_warning, choose_camera
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
@@ -48,17 +44,15 @@ from lassokin_ros.video.people import (
 )
 from lassokin_ros.video.sources import Source, SourceError
 from lassokin_ros.video.track_outputs import TrackOutputs
-from msg_adapters.backends import RosbagsBackend
+from msg_adapters.keypoints import Keypoints
 
 Configs = tuple[TrackerConfig, NodeSettings]
-Messages = Iterator[tuple[float, Any]]
-"""Time in s and keypoint message of each image."""
+Images = Iterator[tuple[float, Keypoints]]
+"""Time in s and keypoints of each image."""
 HEIGHT_ASSUMED = (
     f"The person is taken to be {TrackerConfig().height:g} m tall. The images do not show the size: with another "
     "height, all lengths and the distance change by the same factor; set `--height`."
 )
-CAMERA, KEYPOINTS = "camera_info", "keypoints"
-"""Names of the messages in the first pass."""
 NO_TOPICS = ("depth:=''", f"keypoints_type:={NodeSettings().keypoints_type}")
 """Assignments that replace the topics of a robot's parameter file: the keypoints are those of `Detections`."""
 RAW_IMAGES = "rectified:=false"
@@ -84,14 +78,13 @@ def track(options: argparse.Namespace, detector: Detector | None = None) -> Trac
         options.detector = source.name
     detector = detector or stored or make_detector(options.detector)
     configs = _settings(options, source, detector)
-    types = typestore()
-    first = OfflineTracker(*configs, types, only_track=True)
+    first = Playback(Pipeline(*configs))
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         stack.callback(detector.close)
         camera = lens_of(options, source)
         outputs = TrackOutputs(options, source, camera, first, stack)
         outputs.remarks += [HEIGHT_ASSUMED] * (not height_given(options))
-        run = Run(source, detector, types, camera, outputs)
+        run = Run(source, detector, camera, outputs)
         tracker = run.live(first) if _is_live(options, source) else run.whole_file(first, configs, options)
         written = outputs.write(files)
         files.check()
@@ -137,14 +130,10 @@ def _settings(options: argparse.Namespace, source: Source, detector: Detector) -
 class Run:
     """One run over a source."""
 
-    def __init__(
-        self, source: Source, detector: Detector, types: Any, camera: Calibration, outputs: TrackOutputs
-    ) -> None:
-        """types: the typestore of rosbags."""
-        backend = RosbagsBackend(types)
-        self._source, self._types, self._outputs = source, types, outputs
-        self._info = camera.message(backend, FIRST_STAMP_NS, OPTICAL_FRAME)
-        self.detections = Detections(source, detector, backend, keep=not source.live)
+    def __init__(self, source: Source, detector: Detector, camera: Calibration, outputs: TrackOutputs) -> None:
+        self._source, self._outputs = source, outputs
+        self._info = camera.intrinsics(OPTICAL_FRAME)
+        self.detections = Detections(source, detector, OPTICAL_FRAME, keep=not source.live)
         self._several = detector.several
         self._who = self._passes = ""
         self._started = time.monotonic()
@@ -154,48 +143,42 @@ class Run:
         """Whether the source was read to its end, or a camera was stopped."""
         return not self.detections.interrupted or self._source.count == 0
 
-    def live(self, tracker: OfflineTracker) -> OfflineTracker:
+    def live(self, tracker: Playback) -> Playback:
         """Track each image as it comes, until the end or until SIGINT or SIGTERM."""
         self._outputs.follow(tracker)
-        _drop(tracker.camera_info(self._info, FIRST_STAMP_NS))
+        tracker.camera_info(self._info, FIRST_STAMP_NS)
         progress = Progress(self._source.count, "images")
         with stop_flag() as stopped:
             for image, message in self.detections.images(stopped, progress):
                 self._outputs.add_report_image(image)
                 self._outputs.add_image(image)
-                _drop(tracker.keypoints(message, stamp_of(image.seconds)))
+                tracker.keypoints(message, stamp_of(image.seconds))
                 progress.advance(note=tracker.pipeline.status.value)
-            _drop(tracker.finish())
+            tracker.finish()
         return tracker
 
-    def whole_file(self, first: OfflineTracker, configs: Configs, options: argparse.Namespace) -> OfflineTracker:
-        """Detect all images, learn the person's lengths from them, and track them backward and forward with these."""
-        tracker, node = configs
+    def whole_file(self, first: Playback, configs: Configs, options: argparse.Namespace) -> Playback:
+        """Detect all images, learn the people's lengths from them, and track them backward and forward with these."""
+        config, node = configs
         self._detect()
-        messages: Callable[[], Messages] = self.detections.of_all
-        people: list[tuple[int, Seen]] = []
+        if node.person_ids == MESSAGE:
+            node = replace(node, person_ids=LASTING)  # those of `people_in`
+        self._found: Callable[[], Images] = self.detections.of_all
         if self._several:
             people = self._chosen(options.person, node)
-            messages = partial(self.detections.of_people, people, node.several_people)
-        bodies: dict[int, Skeleton] = {}
-        backward: dict[int | None, Mapping[int, Backward]] = {}
-        learned = tracker.calibrate and tracker.height > 0
-        with TemporaryDirectory(prefix="lassokin_") as folder:
-            if learned:
-                if node.several_people:
-                    for number, seen in people:
-                        known = self._learn_alone(number, seen, configs, Path(folder))
-                        bodies[number] = load_skeleton(known.config.skeleton, known.config.height)
-                        backward[number] = known.backward
-                else:
-                    known = self._learn(messages(), first, tracker, Path(folder))
-                    tracker, backward[None] = known.config, known.backward
-            second = OfflineTracker(tracker, node, self._types, only_track=True, bodies=bodies)
-        second.pipeline.use_backward(backward)
-        self._passes = _passes_in_words(learned, any(backward.values()), tracker.smoothing_lag > 0)
-        self._outputs.follow(second)
-        self._track_again(second, messages(), options)
-        return second
+            self._found = partial(self.detections.of_people, people, node.several_people)
+
+        def make(config: TrackerConfig, bodies: Bodies | None = None) -> Pipeline:
+            return Pipeline(config, node, bodies=bodies)
+
+        learned = config.calibrate and config.height > 0
+        known = learn(make, self._play, config) if learned else None
+        last = Playback(first.pipeline if known is None else known.session(make))
+        backward = known is not None and any(known.backward.values())
+        self._passes = _passes_in_words(learned, backward, config.smoothing_lag > 0)
+        self._outputs.follow(last)
+        self._track_again(last, options)
+        return last
 
     def _detect(self) -> None:
         """Detect the people in all images, until the end or until SIGINT or SIGTERM."""
@@ -205,17 +188,6 @@ class Run:
                 self._outputs.add_report_image(image)
                 progress.advance(note=f"{len(self.detections.found[-1][1])} in view")
 
-    def _learn(self, messages: Messages, tracker: OfflineTracker, config: TrackerConfig, folder: Path) -> KnownPerson:
-        """Return what is known of the person in the messages. tracker: is used for this alone."""
-        inputs = {CAMERA: tracker.camera_info, KEYPOINTS: tracker.keypoints}
-        return learn_person(self._first_pass(messages, tracker), inputs, tracker, config, folder)
-
-    def _learn_alone(self, number: int, seen: Seen, configs: Configs, folder: Path) -> KnownPerson:
-        """Return what is known of one of several people, from that person's keypoints alone."""
-        config, node = configs
-        alone = OfflineTracker(config, replace(node, max_people=1, rep155=False), self._types, only_track=True)
-        return self._learn(self.detections.of_people([(number, seen)], False), alone, config, folder)
-
     def _chosen(self, person: str | None, node: NodeSettings) -> list[tuple[int, Seen]]:
         """Choose among the people in the images, and return their numbers and images."""
         people, who = people_in(self.detections.found), person or (ALL if node.several_people else LARGEST)
@@ -224,29 +196,30 @@ class Run:
         self._outputs.remarks += [self._who] if self._who else []
         return [(i + 1, people[i]) for i in chosen]
 
-    def _first_pass(self, messages: Messages, tracker: OfflineTracker) -> Iterator[tuple[str, int, Any]]:
-        """Yield (name, time in ns, message)."""
-        yield CAMERA, FIRST_STAMP_NS, self._info
+    def _play(self, tracker: Playback, title: str) -> None:
+        """Play the kept keypoints."""
+        tracker.camera_info(self._info, FIRST_STAMP_NS)
         progress = Progress(len(self.detections.found), "frames")
-        for seconds, message in messages:
-            yield KEYPOINTS, stamp_of(seconds), message
-            progress.advance(note=f"first pass, {tracker.pipeline.status.value}")
+        for seconds, keypoints in self._found():
+            tracker.keypoints(keypoints, stamp_of(seconds))
+            progress.advance(note=f"{title}, {tracker.pipeline.status.value}")
+        tracker.finish()
         progress.close()
 
-    def _track_again(self, tracker: OfflineTracker, messages: Messages, options: argparse.Namespace) -> None:
+    def _track_again(self, tracker: Playback, options: argparse.Namespace) -> None:
         """Track the kept keypoints; the images are read again if an output shows them."""
-        _drop(tracker.camera_info(self._info, FIRST_STAMP_NS))
+        tracker.camera_info(self._info, FIRST_STAMP_NS)
         images = open_input(options)[0].images if self._outputs.needs_images else iter(())
         progress = Progress(len(self.detections.found), "frames")
-        for seconds, message in messages:
+        for seconds, keypoints in self._found():
             if self._outputs.needs_images:
                 self._outputs.add_image(_next_image(images, self._source.name))
-            _drop(tracker.keypoints(message, stamp_of(seconds)))
+            tracker.keypoints(keypoints, stamp_of(seconds))
             progress.advance(note="last pass")
-        _drop(tracker.finish())
+        tracker.finish()
         progress.close()
 
-    def summary(self, tracker: OfflineTracker, options: argparse.Namespace, written: list[Path]) -> str:
+    def summary(self, tracker: Playback, options: argparse.Namespace, written: list[Path]) -> str:
         """Return the summary of the run, one fact per line."""
         counts, error = tracker.pipeline.counts, tracker.reprojection_px
         times, detect_times = tracker.frame_seconds or [np.nan], self.detections.detect_seconds or [np.nan]
@@ -290,7 +263,7 @@ def _next_image(images: Iterator[Any], name: str) -> Any:
     return image
 
 
-def _height_line(tracker: OfflineTracker, options: argparse.Namespace) -> str:
+def _height_line(tracker: Playback, options: argparse.Namespace) -> str:
     """Return the height. Without one, sizes and distances are those of a person of the default height."""
     pipeline = tracker.pipeline
     if measured := list(map(height_in_words, pipeline.heights().values())):
@@ -304,12 +277,6 @@ def height_given(options: argparse.Namespace) -> bool:
     """Return whether the options give the person's height, or settings that may."""
     named = any(parameter.startswith("height:=") for parameter in options.p)
     return options.height is not None or bool(options.params_file) or named
-
-
-def _drop(messages: Iterator[Any]) -> None:
-    """Run a generator of messages that nobody reads."""
-    for _ in messages:
-        pass
 
 
 @contextmanager

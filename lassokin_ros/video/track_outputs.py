@@ -15,7 +15,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.image_sets import SAME_INSTANT_NS
 from lassokin_ros.replay.exports.exports import Exports
 from lassokin_ros.replay.motion import MotionRecorder
-from lassokin_ros.replay.offline_tracker import OfflineTracker
+from lassokin_ros.replay.playback import Playback
 from lassokin_ros.replay.report.images import ReportImages
 from lassokin_ros.replay.report.page import check_report
 from lassokin_ros.replay.report.report import Report
@@ -40,7 +40,7 @@ class TrackOutputs:
         options: argparse.Namespace,
         source: Source,
         camera: Calibration,
-        tracker: OfflineTracker,
+        tracker: Playback,
         stack: ExitStack,
         several: Mapping[str, tuple[Calibration, tuple[int, int]]] | None = None,
     ) -> None:
@@ -92,7 +92,7 @@ class TrackOutputs:
         if camera in self._report_images:
             self._report_images[camera].add(stamp_of(image.seconds), lambda: image.rgb)
 
-    def follow(self, tracker: OfflineTracker) -> None:
+    def follow(self, tracker: Playback) -> None:
         """Take the results of a tracker from now on."""
         if self._options.report is not None:
             self._report = Report(self._options.report, tracker.pipeline, self._options.force, self._given)

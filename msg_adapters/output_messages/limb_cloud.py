@@ -19,9 +19,9 @@ POINT = np.dtype(
 class LimbCloudBuilder(Cloud):
     """One point per end of a limb.
 
-    x, y, z in m and xx to zz in m^2: from the root to the end, in axes of the trunk (x front, y left, z up), which are
-    not those of the header's frame. deviation: m. index, root: indices of the joints. observed: 1 if keypoints of this
-    image observe the end, 0 if only the prior does.
+    x, y, z in m and xx to zz in m^2: from the root to the end, in axes of the chest (arms) or the pelvis (legs), x
+    front, y left, z up, which are not those of the header's frame. deviation: m. index, root: indices of the joints.
+    observed: 1 if keypoints of this image observe the end, 0 if only the prior does.
     """
 
     def __init__(self, backend: Backend, ends: Sequence[int], roots: Sequence[int]) -> None:

@@ -66,7 +66,7 @@ class PersonReport:
     joints: (n, 3) m, positions.
     age: s by which the last frame with the person is older than the message.
     detector_id: the person's number from the detector; -1 if it has none that lasts.
-    guessed: True if the person was found again by place after an absence, and may be somebody else.
+    guessed: True if the person was re-identified by position only after an absence, and may be somebody else.
     doubtful: True if the pose is likely wrong.
     locked: True if the person is locked.
     """

@@ -1,6 +1,7 @@
 """All joints of one person, or of everybody, as sensor_msgs/PointCloud2.
 
-Each joint has a position, a velocity, a covariance, whether it is observed, and the deviation of its rotation.
+Each joint has a position, a velocity, a covariance, a rotation, deviations of both, and whether it is observed, stands
+still, and is on the floor. The vertical is in each point, so that one message is enough to use a person.
 """
 
 from __future__ import annotations
@@ -17,59 +18,29 @@ from msg_adapters.output_messages.joint_uncertainty import COVARIANCE, UPPER
 from msg_adapters.output_messages.serialised_messages import SerialisedMessage
 
 MOTION = ("x", "y", "z", "vx", "vy", "vz")
-_BEFORE = [(name, "<f4") for name in (*MOTION, *COVARIANCE)] + [
+_FIRST = [(name, "<f4") for name in (*MOTION, *COVARIANCE)] + [
     (name, "<i4") for name in ("index", "observed", "contact")
 ]
-_TURN = ("rotation_deviation", "<f4")
-POINT = np.dtype([*_BEFORE, _TURN])
-SKELETONS_POINT = np.dtype([*_BEFORE, ("person", "<i4"), _TURN])
-
-
-class SkeletonCloudBuilder(Cloud):
-    """One point per joint.
-
-    x, y, z in m, vx, vy, vz in m/s, xx, xy, xz, yy, yz, zz in m^2: the absolute covariance, all in the frame of the
-    header. index: of the joint. observed: 1 if keypoints of this image observe the joint, 0 if only the prior does.
-    contact: 1 for the ankle of a foot that stands still. rotation_deviation: rad, of the joint's rotation relative to
-    its parent, see `JointUncertainty.rotation_deviation`.
-    """
-
-    def __init__(self, backend: Backend, count: int) -> None:
-        """count: number of joints."""
-        super().__init__(backend, POINT)
-        self._points = np.zeros(count, POINT)
-        self._points["index"] = np.arange(count)
-        self._values = self._points.view("<f4").reshape(count, -1)
-
-    def numbers(
-        self,
-        positions: np.ndarray,
-        velocities: np.ndarray,
-        covariance: np.ndarray,
-        observed: np.ndarray,
-        contact: np.ndarray,
-        rotation_deviation: np.ndarray,
-    ) -> np.ndarray:
-        """positions: (n, 3) m; velocities: (n, 3) m/s; covariance: (n, 3, 3) m^2; observed, contact: (n,) bool;
-        rotation_deviation: (n,) rad.
-        """
-        self._values[:, :3] = positions
-        self._values[:, 3:6] = velocities
-        self._values[:, 6:12] = covariance.reshape(-1, 9).take(UPPER, axis=1)
-        self._values[:, -1] = rotation_deviation
-        self._points["observed"], self._points["contact"] = observed, contact
-        return self._points.view(np.uint8)
+_TURN = ("rotation_deviation", "deviation", "qx", "qy", "qz", "qw", "up_x", "up_y", "up_z")
+_LAST = [(name, "<f4") for name in _TURN] + [("still", "<i4")]
+POINT = np.dtype([*_FIRST, *_LAST])
+SKELETONS_POINT = np.dtype([*_FIRST, ("person", "<i4"), *_LAST])
 
 
 @dataclass(frozen=True, eq=False)
 class JointsReport:
-    """The joints of one person.
+    """The joints of one person, in the frame of the message.
 
     Attributes
     ----------
     person: number of the person, see `people.number_of`.
-    positions: (n, 3) m; velocities: (n, 3) m/s; covariance: (n, 3, 3) m^2; observed, contact: (n,)
-    bool; rotation_deviation: (n,) rad.
+    positions: (n, 3) m; velocities: (n, 3) m/s; covariance: (n, 3, 3) m^2, absolute.
+    observed: (n,) bool, whether keypoints of this image observe the joint; the prior alone places the others.
+    contact: (n,) bool, ankles of feet that stand still on the floor; still: (n,) bool, of feet that stand still, also
+    of one that is held in the air.
+    rotation_deviation: (n,) rad, of the rotation relative to the parent, see `JointUncertainty.rotation_deviation`.
+    deviation: (n,) m, of the position relative to the pelvis.
+    quaternions: (n, 4) x, y, z, w, orientations. up: (3,) unit vector, the vertical.
     """
 
     person: int
@@ -78,7 +49,35 @@ class JointsReport:
     covariance: np.ndarray
     observed: np.ndarray
     contact: np.ndarray
+    still: np.ndarray
     rotation_deviation: np.ndarray
+    deviation: np.ndarray
+    quaternions: np.ndarray
+    up: np.ndarray
+
+    def write(self, points: np.ndarray, values: np.ndarray) -> None:
+        """Write all but index and person into points (n,). values: (n, size / 4), the same memory as float32."""
+        values[:, :3], values[:, 3:6] = self.positions, self.velocities
+        values[:, 6:12] = self.covariance.reshape(-1, 9).take(UPPER, axis=1)
+        values[:, -10], values[:, -9] = self.rotation_deviation, self.deviation
+        values[:, -8:-4], values[:, -4:-1] = self.quaternions, self.up
+        points["observed"], points["contact"], points["still"] = self.observed, self.contact, self.still
+
+
+class SkeletonCloudBuilder(Cloud):
+    """One point per joint: the fields of JointsReport without the person, and index: of the joint."""
+
+    def __init__(self, backend: Backend, count: int) -> None:
+        """count: number of joints."""
+        super().__init__(backend, POINT)
+        self._points = np.zeros(count, POINT)
+        self._points["index"] = np.arange(count)
+        self._values = self._points.view("<f4").reshape(count, -1)
+
+    def numbers(self, person: JointsReport) -> np.ndarray:
+        """person: the joints of one person."""
+        person.write(self._points, self._values)
+        return self._points.view(np.uint8)
 
 
 class SkeletonsCloudBuilder:
@@ -97,12 +96,9 @@ class SkeletonsCloudBuilder:
         """Return the message. Without people it is empty."""
         points = np.zeros((len(people), self._count), SKELETONS_POINT)
         values = points.view("<f4").reshape(len(people), self._count, SKELETONS_POINT.itemsize // 4)
-        for row, person in zip(values, people):
-            row[:, :3], row[:, 3:6] = person.positions, person.velocities
-            row[:, 6:12] = person.covariance.reshape(-1, 9).take(UPPER, axis=1)
-            row[:, -1] = person.rotation_deviation
-        for row, person in zip(points, people):
-            row["person"], row["observed"], row["contact"] = person.person, person.observed, person.contact
+        for row, row_values, person in zip(points, values, people):
+            person.write(row, row_values)
+            row["person"] = person.person
         points["index"] = np.arange(self._count)
         fill = self._fill if len(people) > 0 else self._cloud.fill
         return fill(stamp_ns, frame_id, points.reshape(-1))

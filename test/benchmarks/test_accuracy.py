@@ -1,8 +1,6 @@
 """The command line of benchmarks/accuracy.py on a short clip of the shared data."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -97,19 +95,8 @@ def test_training_clips_are_marked_and_not_in_the_summary(capsys):
 @needs_clips
 def test_every_baseline_runs_from_the_command_line(tmp_path):
     file = tmp_path / "records.json"
-    command = [
-        sys.executable,
-        "benchmarks/accuracy.py",
-        "--data",
-        str(MOCAP),
-        "--clips",
-        "exp_running_1",
-        "--views",
-        "1",
-    ]
-    command += ["--methods", "ridge,dls,smplify,fresh,file", "--fps", "30", "--jobs", "1", "--json", str(file)]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
-    assert result.returncode == 0, result.stderr
+    options = ["--data", str(MOCAP), "--clips", "exp_running_1", "--views", "1", "--fps", "30", "--jobs", "1"]
+    assert main([*options, "--methods", "ridge,dls,smplify,fresh,file", "--json", str(file)]) == 0
     errors = {r["method"]: r["mpjpe_mm"] for r in json.loads(file.read_text(encoding="utf-8"))}
     assert set(errors) == {"ridge", "dls", "smplify", "fresh", "file"}
     assert all(0 < error < 300 for error in errors.values())

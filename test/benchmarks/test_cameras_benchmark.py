@@ -27,6 +27,11 @@ def figures(clip, *options):
     return {record["method"]: record for record in run(Job(clip, parser().parse_args(options)))}
 
 
+@pytest.fixture(scope="module")
+def usual(clip):
+    return figures(clip)
+
+
 def test_all_methods_and_figures_of_two_cameras(clip, tmp_path, capsys):
     file = tmp_path / "records.json"
     assert main(["--clips", clip.stem, "--jobs", "1", "--json", str(file)]) == 0
@@ -50,16 +55,16 @@ def test_all_methods_and_figures_of_two_cameras(clip, tmp_path, capsys):
         (["--angle", "15"], {"lasso", "dlt"}),
     ],
 )
-def test_each_condition_costs_accuracy(clip, condition, worse):
-    usual, found = figures(clip), figures(clip, *condition)
+def test_each_condition_costs_accuracy(clip, usual, condition, worse):
+    found = figures(clip, *condition)
     assert {name for name in ("lasso", "dlt") if found[name]["abs_mm"] > 1.2 * usual[name]["abs_mm"]} == worse
 
 
-def test_cameras_that_turn_see_the_same(clip):
-    still, turning = (figures(clip, "--turning", str(fastest)) for fastest in (0, 0.5))
+def test_cameras_that_turn_see_the_same(clip, usual):
+    turning = figures(clip, "--turning", "0.5")
     for name in ("lasso", "lasso file"):
-        assert abs(turning[name]["abs_mm"] - still[name]["abs_mm"]) < 2.0
-        assert turning[name]["accel_error"] < 1.1 * still[name]["accel_error"]
+        assert abs(turning[name]["abs_mm"] - usual[name]["abs_mm"]) < 2.0
+        assert turning[name]["accel_error"] < 1.1 * usual[name]["accel_error"]
 
 
 def test_cameras_that_run_freely_are_for_the_tracker_alone(clip):
@@ -67,8 +72,7 @@ def test_cameras_that_run_freely_are_for_the_tracker_alone(clip):
     assert set(figures(clip, "--cameras", "1")) == {"lasso", "lasso file"}
 
 
-def test_the_height_is_measured_from_the_first_frames(clip):
+def test_the_height_is_measured_from_the_first_frames(clip, usual):
     child = figures(clip, "--scaled", "0.7,0.7", "--unknown-height")["lasso"]
     assert child["height_0.1s_percent"] < 30 and child["height_3s_percent"] < 8  # assumed: 45 % too tall
-    given = figures(clip)["lasso"]
-    assert given["height_0.1s_percent"] < 3  # the stature of the given height
+    assert usual["lasso"]["height_0.1s_percent"] < 3  # the stature of the given height

@@ -155,6 +155,32 @@ def test_a_camera_is_found_although_the_first_one_sees_nobody():
     assert "c" in tracker.learned.extrinsics.found
 
 
+def test_the_distance_of_a_found_camera_follows_from_the_measured_height():
+    """Two placed cameras measure a person of 1.95 m, of whom a camera by itself does not know the size."""
+    scene, tracker = Scene(6.0, height=1.95, rate=10), Tracker(replace(CONFIG, extrinsics="learn", height=0.0))
+    for index in range(len(scene.times)):
+        unplaced = scene.seen(index, C, given=CameraPose("c", known=False))
+        tracker.track([scene.seen(index, A), scene.seen(index, B), unplaced])
+    assert np.linalg.norm(tracker.learned.extrinsics.found["c"].centre - C.centre) < 0.1  # 0.3 with 1.70 m
+
+
+def test_a_measured_height_moves_the_person_along_the_rays_of_the_camera_that_sees_them():
+    scene, tracker = Scene(0.1, height=1.95), Tracker(replace(CONFIG, height=0.0), up=UP)
+    estimate = tracker.track([scene.seen(0, A, shown=False), scene.seen(0, B, depth=True)])
+    ratio = tracker.skeleton.height / tracker.given_skeleton.height
+    expected = B.centre + ratio * (estimate.solved.translation - B.centre)
+    assert ratio > 1.05 and np.allclose(tracker.state.translation, expected)
+
+
+def test_the_networks_places_are_those_at_the_time_of_the_image():
+    scene, tracker = Scene(0.1), Tracker(CONFIG, up=UP)
+    tracker.track(scene.seen(0, B))
+    before = tracker._cameras[0].network_places()
+    turn = Rotation.from_euler("y", 20, degrees=True).as_matrix()
+    tracker.place_cameras([CameraPose("b", turn @ B.rotation, turn @ B.translation)])
+    assert np.array_equal(tracker._cameras[0].network_places(), before)
+
+
 def test_a_camera_that_was_found_stays_where_it_is_when_the_frame_jumps():
     turn, shift = Rotation.from_euler("y", 0.5).as_matrix(), np.array([2.0, 0.0, -1.0])
     scene, tracker = Scene(7.0), Tracker(replace(CONFIG, extrinsics="learn"), up=UP)

@@ -199,7 +199,7 @@ def test_the_method_names_every_equation_and_its_code():
 
 
 def test_every_reason_for_a_rejection_is_in_the_troubleshooting():
-    from lassokin_ros.replay.report.rejection_advice import REASONS
+    from lassokin_ros.pipeline.concerns.rejections import REASONS
 
     page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
     assert not [reason for reason in REASONS if f"`{reason}`" not in page]
@@ -221,7 +221,7 @@ def test_launch_arguments_are_those_of_the_launch_file():
 
 
 def test_the_distance_of_keypoints_that_fit_no_body_is_that_of_the_diagnostics():
-    from lassokin_ros.pipeline.outputs.status.diagnostics import NO_BODY
+    from lassokin_ros.pipeline.concerns.live import NO_BODY
 
     page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
     (percent,) = re.findall(r'"off the best body" if they are off by (\d+) % of the height', page)

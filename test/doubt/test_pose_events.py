@@ -11,11 +11,19 @@ from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.doubt.doubt import Doubt, Event, reasons
-from lassokin_ros.doubt.facing import CORNERS, TURN_S, LastingReversal, facing_of, is_fast_turn
 from lassokin_ros.doubt.failure_model import MARKED, FailureModel
 from lassokin_ros.doubt.monitor import DoubtMonitor
-from lassokin_ros.doubt.pelvis_jump import JUMP_S, is_jump
-from lassokin_ros.doubt.poor_fit import ReprojectionRun, is_costly
+from lassokin_ros.doubt.pose_events import (
+    CORNERS,
+    JUMP_S,
+    TURN_S,
+    LastingReversal,
+    ReprojectionRun,
+    facing_of,
+    is_costly,
+    is_fast_turn,
+    is_jump,
+)
 from lassokin_ros.doubt.recent import Change
 from lassokin_ros.doubt.signs import Signs, signs_of
 

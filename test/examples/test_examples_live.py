@@ -31,7 +31,7 @@ from lassokin_ros import joints as indices  # noqa: E402
 from msg_adapters.backends import RclpyBackend  # noqa: E402
 from msg_adapters.output_messages.limb_cloud import LimbCloudBuilder  # noqa: E402
 from msg_adapters.output_messages.people import PersonReport, people_builder  # noqa: E402
-from msg_adapters.output_messages.skeleton_cloud import SkeletonCloudBuilder  # noqa: E402
+from msg_adapters.output_messages.skeleton_cloud import JointsReport, SkeletonCloudBuilder  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 DEADLINE_S = 60.0
@@ -112,8 +112,9 @@ PEOPLE = people_builder(RclpyBackend(), "sensor_msgs/msg/PointCloud2")
 def skeleton(places, deviation=(0.05, 0.05, 0.05), seen=True, late_s=0.0, frame_id="camera"):
     """A ~/skeleton of now. places: (24, 3) m; deviation: (3,) m, along x, y and z; late_s: s, age of its stamp."""
     stamp_ns, doubt = time.time_ns() - round(1e9 * late_s), np.tile(np.diag(np.square(deviation)), (24, 1, 1))
-    rest = np.full(24, seen), np.zeros(24), np.ones(24)
-    return CLOUD.fill(stamp_ns, frame_id, places, np.zeros((24, 3)), doubt, *rest)
+    flags, rest = (np.full(24, seen), np.zeros(24), np.zeros(24)), (np.ones(24), np.ones(24))
+    report = JointsReport(1, places, np.zeros((24, 3)), doubt, *flags, *rest, np.zeros((24, 4)), np.ones(3))
+    return CLOUD.fill(stamp_ns, frame_id, report)
 
 
 def person_of(message, flag=""):

@@ -240,6 +240,8 @@ def test_the_locked_person_alone_is_followed(node):
     assert followed(report(near), report(far)) == [2.0, 4.0]
     assert followed(report(near), report(far, locked=True)) == [4.0]
     assert followed(report(near), report(far, locked=True, tracked=False), state="lost") == []
+    assert followed(report(near, guessed=True), report(far, doubtful=True), report((0.0, 0.0, 5.0))) == [5.0]
+    assert followed(report(near), report(far, locked=True, guessed=True)) == []
     assert followed(report(near), state="lost") == []  # the locked person is not in the message any more
     assert followed(report(near), untracked=2) == [2.0] and len(watch.everybody()) == 3 and len(watch.tracked()) == 1
     assert not watch.everybody()["tracked"][1:].any()

@@ -15,6 +15,7 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
+from forked import Forked  # noqa: E402
 from geometry_msgs.msg import PointStamped, PoseArray, PoseWithCovarianceStamped, TransformStamped, Twist  # noqa: E402
 from live import BACKEND, NO_HANDLERS, NodeProcess  # noqa: E402
 from messages import FRAME, camera_info, cloud, pixels_of_motion, raw_cloud  # noqa: E402
@@ -138,9 +139,7 @@ def running(name, robot):
     path = [str(LATE_TF), str(ROOT), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, path))}
     command = [sys.executable, f"examples/{name}.py", "--ros-args", "-p", f"camera_frame:={FRAME}"]
-    process = subprocess.Popen(
-        command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    )
+    process = Forked(command, ROOT, environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     try:
         yield process
         assert process.poll() is None

@@ -281,6 +281,13 @@ def hidden(poses, *joints, seen=lambda seconds: np.zeros(len(seconds), dtype=boo
     return replace(poses, observed=observed)
 
 
+def test_a_piece_has_the_observed_joints_of_its_frames():
+    poses = hidden(walk(), "left_knee", seen=lambda seconds: seconds < 3.5)
+    known = poses.seconds >= 3.0
+    (piece,) = poses.pieces(known)
+    assert np.array_equal(piece.observed, poses.observed[known]) and len(piece.shown("left")) == known.sum()
+
+
 @pytest.mark.parametrize("joint", ["right_knee", "right_ankle"])
 def test_a_leg_that_no_keypoint_shows_has_no_stride_and_no_knee(tmp_path, capsys, joint):
     file = saved(tmp_path / "walk.npz", ("", hidden(walk(), joint)))

@@ -118,13 +118,13 @@ def test_the_state_follows_a_system_clock_that_is_set_back(monkeypatch):
         node._inputs.camera_info.take(camera_info(BACKEND))
         for i in range(60):
             now_ns += PERIOD_NS if i != 30 else -60 * 10**9
-            node.work_on(cloud(BACKEND, now_ns, PIXELS[i % FRAMES]), None, now_ns)
+            node.work_on(cloud(BACKEND, now_ns, PIXELS[i % FRAMES]), now_ns)
             node._update_presence()
-            assert node._scene._state.value == TRACKING or i in (30, 31)
+            assert node._outputs.state == TRACKING or i in (30, 31)
         for _ in range(6):
             now_ns += 10**9
             node._update_presence()
-        assert node._scene._state.value == LOST
+        assert node._outputs.state == LOST
 
 
 @pytest.mark.parametrize("shown", ["a person", "nobody"])
@@ -144,5 +144,5 @@ def test_messages_keep_their_ages_when_the_systems_clock_is_set_back(monkeypatch
         for period in range(20):
             now_ns += 10**8 if period != 10 else -9 * 10**8  # as old again as when the state was known
             node._update_presence()
-            states.append(node._scene.state)
+            states.append(node._outputs.state)
         assert states[0] == (TRACKING if shown == "a person" else NOBODY) and set(states[6:]) == {LOST}, states

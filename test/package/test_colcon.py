@@ -56,7 +56,7 @@ def workspace(tmp_path_factory):
 def test_all_files_are_installed(workspace):
     prefix = workspace / "install" / "lassokin_ros"
     commands = {path.name for path in (prefix / "lib" / "lassokin_ros").iterdir()}
-    assert commands == {"tracker", "replay", "detector", "camera", "viewer", "lassokin"}
+    assert commands == {"tracker", "replay", "detector", "camera", "viewer", "imitate", "lassokin"}
     share = prefix / "share" / "lassokin_ros"
     folders = ("launch/tracker.launch.py", "config/tracker.yaml", "examples/hand_over.py")
     for name in ("package.xml", "LICENSE", *folders, "hook/ament_prefix_path.sh"):

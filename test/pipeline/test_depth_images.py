@@ -104,6 +104,7 @@ def test_the_depth_image_with_the_keypoints_stamp_is_used():
         stamp_ns = START_NS + round((number + late) * PERIOD_NS)
         found = images.with_depth(keypoints_of(xy), stamp_ns, SIZE, FRAME)
         assert np.allclose(found.depth, 1.0 + number) and found.depth_of_surface
+        assert found.depth_age == pytest.approx(late * PERIOD_NS * 1e-9, abs=1e-9)
     assert images.with_depth(keypoints_of(xy), START_NS + 6 * PERIOD_NS, SIZE, FRAME).depth is None
     assert images.may_receive(START_NS + 6 * PERIOD_NS) and not images.may_receive(START_NS + 4 * PERIOD_NS)
     assert (counts[MATCHED], counts[UNMATCHED]) == (4, 1)

@@ -8,11 +8,10 @@ import pytest
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.image_sets import MOST_FAILED_WAITS, MOST_HELD, ImageSets
-from lassokin_ros.pipeline.people.people_tracker import PeopleImage
-from msg_adapters.keypoints import Keypoints
+from lassokin_ros.pipeline.seen import Image
 
 MS = 1_000_000
-NOTHING = PeopleImage(Keypoints(0, "", np.zeros(0, int), np.zeros((0, 2)), np.zeros(0)), 0, "", Lens(np.eye(3)), False)
+NOTHING = Image((), 0, "", Lens(np.eye(3)))
 
 
 class Arrivals:

@@ -29,6 +29,7 @@ from lassokin_ros.core.errors import ConfigurationError  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
+from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE  # noqa: E402
 from lassokin_ros.pipeline.camera_images import NOBODY, UNSCORED, UNUSED  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState  # noqa: E402
@@ -255,6 +256,15 @@ def test_keypoints_that_cannot_be_used_do_not_say_that_nobody_is_there(pipeline,
         assert pipeline.is_informed_at(empty_ns) == (empty_ns - now_ns > stale_ns)
 
 
+def test_whole_pixels_of_a_still_person_are_not_frozen(pipeline):
+    """A detector that rounds: the confidences change, so the keypoints are those of new images."""
+    pixels = np.round(PIXELS[0])
+    for index in range(60):
+        stamp_ns, confidence = START_NS + index * PERIOD_NS, np.full(17, 0.9 - 0.001 * index)
+        (frame,) = pipeline.frames(message(index, stamp_ns, confidence, pixels), stamp_ns)
+        assert frame.accepted and frame.estimate.repeated == 0.0
+
+
 def test_nobody_is_locked_who_was_seen_long_ago(pipeline):
     pipeline.frames(message(0), START_NS)
     assert pipeline.lock(START_NS + SECOND // 5) == "p1"
@@ -335,9 +345,9 @@ def test_held_results_come_later_and_with_a_flush():
     pipeline = Pipeline(TrackerConfig(smoothing_lag=0.1), NodeSettings())
     pipeline.set_camera(camera_info(BACKEND))
     stamps = [frame.stamp_ns for i in range(8) for frame in pipeline.frames(message(i), 5)]
-    rest = [frame.stamp_ns for frame in pipeline.flush()]
+    rest = [frame.stamp_ns for frame in frames_of(pipeline.finish())]
     assert stamps + rest == [START_NS + i * PERIOD_NS for i in range(8)] and len(stamps) < 8 and rest
-    assert pipeline.flush() == []
+    assert pipeline.finish() == []
 
 
 @pytest.mark.parametrize("smoothing_lag", [0.0, 0.1])

@@ -116,9 +116,9 @@ def test_joint_states_are_complete_and_continuous(replayed):
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 def test_the_same_recording_gives_the_same_bytes(tmp_path, storage):
     recording = write_recording(tmp_path / "walk", 40, storage)
-    for name in ("a", "b"):
-        command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(recording), "--output", str(tmp_path / name)]
-        subprocess.run(command, check=True, capture_output=True, cwd=ROOT)
+    command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(recording), "--output", str(tmp_path / "a")]
+    subprocess.run(command, check=True, capture_output=True, cwd=ROOT)
+    assert main([str(recording), "--output", str(tmp_path / "b")]) == 0
     first, second = contents(tmp_path / "a"), contents(tmp_path / "b")
     assert set(first) == {"metadata.yaml", {"mcap": "recording.mcap", "sqlite3": "recording.db3"}[storage]}
     assert first == second
@@ -306,21 +306,26 @@ def test_force_replaces_recordings_only(recording, tmp_path, capsys):
     assert (precious / "chapter.tex").read_text() == "..."
 
 
-@pytest.mark.parametrize("name", ["notes.txt", "labels/1.txt", "motion_of_mine.csv", ".hidden", "old.mcap"])
-def test_force_does_not_replace_a_folder_with_other_files(recording, tmp_path, capsys, name):
+def test_force_does_not_replace_a_folder_with_other_files(recording, tmp_path, capsys):
     output = tmp_path / "out"
     assert main([str(recording), "-o", str(output), "--export", ".csv"]) == 0
-    (output / name).parent.mkdir(exist_ok=True)
-    (output / name).write_text("mine")
-    before = contents(output)
-    capsys.readouterr()
-    assert main([str(recording), "-o", str(output), "--force", "--export", ".csv"]) == 2
-    foreign = name.split("/")[0]
-    assert capsys.readouterr().err == (
-        f"lassokin replay: '{output}' is not replaced: it contains '{foreign}', which is not part of the recording; "
-        "move that away or choose another output\n"
-    )
-    assert contents(output) == before and os.listdir(tmp_path) == ["out"]
+    own = contents(output)
+    for name in ("notes.txt", "labels/1.txt", "motion_of_mine.csv", ".hidden", "old.mcap"):
+        (output / name).parent.mkdir(exist_ok=True)
+        (output / name).write_text("mine")
+        before = contents(output)
+        capsys.readouterr()
+        assert main([str(recording), "-o", str(output), "--force", "--export", ".csv"]) == 2
+        foreign = name.split("/")[0]
+        assert capsys.readouterr().err == (
+            f"lassokin replay: '{output}' is not replaced: it contains '{foreign}', which is not part of the "
+            "recording; move that away or choose another output\n"
+        )
+        assert contents(output) == before and os.listdir(tmp_path) == ["out"]
+        (output / name).unlink()
+        if name != foreign:
+            (output / foreign).rmdir()
+    assert contents(output) == own
 
 
 def test_files_added_to_an_old_output_are_kept(recording, tmp_path):
@@ -348,50 +353,6 @@ def test_a_failed_replay_with_force_keeps_the_old_output(tmp_path, recording):
         writer.write_raw("/a", "std_msgs/msg/String", 0, b"")
         raise RuntimeError
     assert contents(output) == before and os.listdir(tmp_path) == ["out"]
-
-
-def test_a_truncated_recording_leaves_no_files(tmp_path, capsys):
-    recording = write_recording(tmp_path / "walk", 40)
-    file = next(recording.glob("*.mcap"))
-    whole = file.read_bytes()
-    for keep in (0, 100, len(whole) // 2, len(whole) - 50):
-        file.write_bytes(whole[:keep])
-        assert main([str(recording), "-o", str(tmp_path / "out")]) == 2
-        said = capsys.readouterr().err
-        assert said.startswith("lassokin replay: ") and said.count("\n") == 1
-        assert "cannot be read as a rosbag2 recording" in said
-        assert sorted(os.listdir(tmp_path)) == ["walk"]
-
-
-def test_a_damaged_database_leaves_no_files(tmp_path, capsys):
-    recording = write_recording(tmp_path / "walk", 40, "sqlite3")
-    file = next(recording.glob("*.db3"))
-    whole = bytearray(file.read_bytes())
-    for start, stop in ((0, 100), (4096, len(whole))):
-        damaged = whole.copy()
-        damaged[start:stop] = b"\xa5" * (stop - start)
-        file.write_bytes(damaged)
-        assert main([str(recording), "-o", str(tmp_path / "out")]) == 2
-        assert "cannot be read as a rosbag2 recording" in capsys.readouterr().err
-        assert os.listdir(tmp_path) == ["walk"]
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
-def test_a_full_disk_is_reported_and_leaves_no_files(tmp_path, recording, capsys, monkeypatch):
-    import rosbags.rosbag2.writer as writer
-
-    real = writer.McapWriter.write
-
-    def write_until_full(self, connection, timestamp, data):
-        if connection.topic == "/tracker/joints":
-            with open("/dev/full", "wb", buffering=0) as full:
-                full.write(data)
-        real(self, connection, timestamp, data)
-
-    monkeypatch.setattr(writer.McapWriter, "write", write_until_full)
-    assert main([str(recording), "-o", str(tmp_path / "out")]) == 2
-    assert "No space left on device" in capsys.readouterr().err
-    assert os.listdir(tmp_path) == []
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

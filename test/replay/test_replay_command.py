@@ -130,13 +130,19 @@ def replay_into(stdout, folder, *arguments):
     return done.returncode, done.stderr
 
 
-@pytest.fixture(params=[["walk"], ["walk", "wave", "--jobs", "1"]], ids=["one", "archive"])
+@pytest.fixture
 def arguments(request, tmp_path):
+    """Of one recording, or with the mark of an archive."""
     for name in ("walk", "wave"):
         write_recording(tmp_path / name, 3)
     return [*request.param, "--output", "out"]
 
 
+one = pytest.mark.parametrize("arguments", [["walk"]], indirect=True, ids=["one"])
+archive = pytest.mark.parametrize("arguments", [["walk", "wave", "--jobs", "1"]], indirect=True, ids=["archive"])
+
+
+@one
 def test_a_closed_pipe_for_the_summary_is_no_error(arguments, tmp_path):
     reader, writer = os.pipe()
     os.close(reader)
@@ -144,6 +150,7 @@ def test_a_closed_pipe_for_the_summary_is_no_error(arguments, tmp_path):
     os.close(writer)
 
 
+@archive
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 def test_a_summary_that_cannot_be_printed_is_one_line(arguments, tmp_path):
     with open("/dev/full", "w") as full:
@@ -151,6 +158,7 @@ def test_a_summary_that_cannot_be_printed_is_one_line(arguments, tmp_path):
         assert replay_into(full, tmp_path, *arguments) == (2, said)
 
 
+@archive
 @pytest.mark.skipif(sys.platform != "linux", reason="file systems elsewhere have no such names")
 def test_names_that_are_no_utf8_are_printed(arguments, tmp_path, monkeypatch):
     (tmp_path / "walk").rename(tmp_path / NO_UTF8)

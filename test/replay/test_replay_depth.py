@@ -23,10 +23,10 @@ PLAIN, COMPRESSED = "/depth/image", "/depth/image/compressedDepth"
 PLAIN_TYPE, COMPRESSED_TYPE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 
 
-def messages():
+def messages(late_ns=20_000_000):
     """Keypoints, camera_info and depth images, plain and as RVL, of a person of HEIGHT_M.
 
-    Each image comes 20 ms after its keypoints; keypoints wait for theirs from the first image on.
+    Each image comes `late_ns` after its keypoints; keypoints wait for theirs from the first image on.
     """
     skeleton, backend = Skeleton.load("anthropometric", HEIGHT_M), RosbagsBackend(typestore())
     kinematics = Kinematics(skeleton, Layout.load("coco17", skeleton))
@@ -37,9 +37,9 @@ def messages():
         depth = render(skeleton, pose.positions[number], 0.25)
         yield "/camera_info", "sensor_msgs/msg/CameraInfo", stamp_ns, camera_info(backend)
         yield "/keypoints", "sensor_msgs/msg/PointCloud2", stamp_ns, cloud(backend, stamp_ns, pixels)
-        yield PLAIN, PLAIN_TYPE, stamp_ns + 20_000_000, depth_message(backend, stamp_ns, depth)
+        yield PLAIN, PLAIN_TYPE, stamp_ns + late_ns, depth_message(backend, stamp_ns, depth)
         packed = compressed_message(backend, stamp_ns, depth, codec="rvl")
-        yield COMPRESSED, COMPRESSED_TYPE, stamp_ns + 20_000_000, packed
+        yield COMPRESSED, COMPRESSED_TYPE, stamp_ns + late_ns, packed
 
 
 def tracked(recording, output, *more):
@@ -58,3 +58,12 @@ def test_compressed_depth_images_give_what_plain_ones_give(tmp_path, storage, ca
     assert f"for {FRAMES - 1} of {FRAMES} keypoint messages" in capsys.readouterr().out
     assert np.array_equal(plain, compressed) and len(plain) == FRAMES
     assert np.abs(plain - without).mean() > 0.1  # the height is wrong, and the depth corrects the distance
+
+
+def test_a_recording_waits_for_late_images_for_100_ms_also_with_a_shorter_depth_wait(tmp_path, capsys):
+    """The keypoints of the next two frames come before the image."""
+    late = sorted(messages(70_000_000), key=lambda message: message[2])
+    recording = write_messages(tmp_path / "late", [message for message in late if message[0] != COMPRESSED])
+    tracked(recording, tmp_path / "out", "-p", f"depth:={PLAIN}", "-p", "depth_wait:=0.01")
+    said = capsys.readouterr().out
+    assert f"for {FRAMES - 3} of {FRAMES} keypoint messages" in said and "image before" not in said

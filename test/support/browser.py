@@ -11,6 +11,9 @@ FLAGS = (
     "--disable-component-update --disable-sync"
 ).split()
 
+DEADLINE_MS = 180_000
+"""After this time a condition counts as never met: a busy machine may need a minute to draw a scene without a GPU."""
+
 
 @contextmanager
 def browser():
@@ -28,16 +31,24 @@ def browser():
 
 
 class Page:
-    """An opened file; `errors` are those of its scripts and what the console warns of, `requests` what it requested."""
+    """An opened file; `errors` are those of its scripts and what the console warns of, `requests` what it requested.
 
-    def __init__(self, running, path, hash=""):
+    clock: whether `page.clock` alone advances the time of its scripts, after it was drawn.
+    """
+
+    def __init__(self, running, path, hash="", clock=False):
         self.errors, self.requests = [], []
         self.page = running.new_page(viewport={"width": 1280, "height": 900})
+        self.page.set_default_timeout(DEADLINE_MS)
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.on("console", self._heard)
         self.page.on("request", lambda request: self.requests.append(request.url))
+        if clock:
+            self.page.clock.install()
         self.page.goto(f"file://{path}{hash}")
-        self.page.wait_for_selector("body[data-drawn], body[data-error]", state="attached", timeout=60_000)
+        self.page.wait_for_selector("body[data-drawn], body[data-error]", state="attached")
+        if clock:
+            self.page.clock.pause_at(self.value("Date.now() + 100"))
 
     def _heard(self, message):
         if message.type in ("error", "warning") and "GL Driver Message" not in message.text:  # of the driver
@@ -58,6 +69,6 @@ class Page:
     def reach(self, script, what):
         """Wait until a script returns true."""
         try:
-            self.page.wait_for_function(script, timeout=30_000)
+            self.page.wait_for_function(script)
         except Exception as error:
             raise AssertionError(f"{what} did not come: {error}") from None

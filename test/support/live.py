@@ -10,6 +10,7 @@ from pathlib import Path
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from forked import Forked
 from messages import FRAME, camera_info, cloud
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -36,14 +37,20 @@ TRACKER = [sys.executable, "-m", "lassokin_ros.node.command"]
 
 
 class NodeProcess:
-    """`tracker` with ROS arguments; killed if it does not end by itself."""
+    """`tracker`, or another command, with ROS arguments; killed if it does not end by itself.
 
-    def __init__(self, namespace, *ros_arguments, command=TRACKER, folder=ROOT, **options):
+    own: whether it is a child of this process, which Python starts, instead of one that is forked.
+    """
+
+    def __init__(self, namespace, *ros_arguments, command=TRACKER, folder=ROOT, own=False, **options):
         arguments = [*command, "--ros-args", "-r", f"__ns:={namespace}", *ros_arguments]
         self.said = ""
-        # It may survive the tests' process, if that is killed, and must not keep that process's output open.
-        options = {"stdout": subprocess.DEVNULL, **options}
-        self.process = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, cwd=folder, **options)
+        if own or command[0] != sys.executable:
+            # It may survive the tests' process, if that is killed, and must not keep that process's output open.
+            options = {"stdout": subprocess.DEVNULL, **options}
+            self.process = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, cwd=folder, **options)
+        else:
+            self.process = Forked(arguments, folder, **options)
 
     def stop(self, *signals, grace_s=DEADLINE_S):
         """Send signals, wait, and return (exit code, stderr)."""

@@ -1,11 +1,12 @@
 """Run the tests with running nodes several times, also beside busy loops, and print a line per run.
 
-As in `make test`, two processes share them: the tests of `test/node`, and the others.
+As in `make test`, as many processes as there are cores share them, file by file.
 
 python test/support/live_runs.py [--runs 10] [--load 2] [FILE ...]
 """
 
 import argparse
+import os
 import re
 import resource
 import subprocess
@@ -45,7 +46,7 @@ def processor_time():
 
 def run(files, number):
     """Run the tests once and print the result; the output is printed if one fails. Return True if none failed."""
-    shared = ["--numprocesses", "2", "--dist", "loadgroup"]
+    shared = ["--numprocesses", str(os.cpu_count()), "--dist", "loadgroup"]
     command = [sys.executable, "-m", "pytest", *shared, "-p", "no:cacheprovider", "-v", "--tb=short", *files]
     started, used = time.monotonic(), processor_time()
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)

@@ -27,7 +27,8 @@ from lassokin_ros.video.sources import open_source
 
 cv2 = pytest.importorskip("cv2")
 
-FRAMES = 180
+FRAMES, SHORT = 180, 60
+"""Number of images with which places of cameras are found, and where they are known."""
 EYES = [eye("left", 0), eye("right", 90)]
 TRUTH = truth_at(np.arange(FRAMES) / 30)
 ROBOT = """
@@ -75,6 +76,15 @@ def rig(tmp_path, monkeypatch):
     return made
 
 
+@pytest.fixture
+def short(rig, tmp_path):
+    """`rig` with fewer images."""
+    for camera in EYES:
+        for file in sorted((tmp_path / camera.name).iterdir())[SHORT:]:
+            file.unlink()
+    return rig
+
+
 def write_calibration(path, names):
     lines = []
     for name, camera in zip(names, EYES):
@@ -87,26 +97,22 @@ def write_calibration(path, names):
     path.write_text("\n".join(lines) + "\n")
 
 
-def test_the_videos_are_tracked_backward_too(rig, monkeypatch):
+def test_two_videos_give_one_motion_in_the_frame_of_the_calibration(short, capsys, tmp_path, monkeypatch):
+    """They are tracked backward, too."""
     given, use = [], Pipeline.use_backward
     monkeypatch.setattr(Pipeline, "use_backward", lambda self, frames: (given.append(frames), use(self, frames)))
-    assert main(["left", "right", "--cameras", "calib.toml", "--height", "1.75"]) == 0
-    (frames,) = given
-    assert list(frames) == [None] and len(frames[None]) == FRAMES
-
-
-def test_two_videos_give_one_motion_in_the_frame_of_the_calibration(rig, capsys, tmp_path):
     command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--export", "walk.npz"]
     (tmp_path / "robot.yaml").write_text(ROBOT, encoding="utf-8")
     assert main([*command, "--params-file", "robot.yaml", "-p", "fixed_frame:=world"]) == 0
-    said = capsys.readouterr().out
-    assert "left (left), right (right)" in said and "360 in, " in said
-    assert len(rig) == 2 and all(detector.closed for detector in rig)
+    said, (frames,) = capsys.readouterr().out, given
+    assert list(frames) == [None] and len(frames[None]) == SHORT
+    assert "left (left), right (right)" in said and f"{2 * SHORT} in, " in said
+    assert len(short) == 2 and all(detector.closed for detector in short)
     with np.load("walk.npz") as motion:
         places, stamps = motion["joint_positions"], motion["stamp_ns"]
         assert str(motion["frame_id"]) == "world"
-    frames = np.round((stamps - stamps[0]) * 30e-9).astype(int) + FRAMES - len(stamps)
-    assert len(stamps) > FRAMES - 4 and f"360 in, {len(stamps)} instants tracked" in said
+    frames = np.round((stamps - stamps[0]) * 30e-9).astype(int) + SHORT - len(stamps)
+    assert len(stamps) > SHORT - 4 and f"{2 * SHORT} in, {len(stamps)} instants tracked" in said
     assert np.median(np.linalg.norm(places - TRUTH.positions[frames], axis=-1)) < 0.02
 
 
@@ -163,7 +169,7 @@ def test_videos_too_short_to_find_the_places_say_so(rig, capsys, monkeypatch):
     assert "the place of camera 'right' was not found; expected a person who moves" in capsys.readouterr().err
 
 
-def test_of_several_people_the_largest_in_each_video_is_tracked_all_the_time(rig, capsys, monkeypatch):
+def test_of_several_people_the_largest_in_each_video_is_tracked_all_the_time(short, capsys, monkeypatch):
     """The detector names the surest one first, which is now the one and now the other."""
     detect = Knowing.detect
 
@@ -178,7 +184,29 @@ def test_of_several_people_the_largest_in_each_video_is_tracked_all_the_time(rig
     assert "2 people in the images of right, the first, largest one is tracked: 0.0 to" in capsys.readouterr().out
     with np.load("walk.npz") as motion:
         frames, pelvis = np.round(motion["stamp_ns"] * 30e-9).astype(int), motion["joint_positions"][:, 0]
-    assert len(frames) > FRAMES - 4 and np.linalg.norm(np.diff(pelvis, axis=0), axis=1).max() < 0.06
+    assert len(frames) > SHORT - 4 and np.linalg.norm(np.diff(pelvis, axis=0), axis=1).max() < 0.06
+
+
+def test_all_people_in_several_videos_have_their_motion(short, monkeypatch):
+    """Two people side by side, whom the detectors name in changing order; tracked backward, too."""
+
+    def both(self, image, seconds):
+        landmarks = TRUTH.landmarks[next(self._frames)]
+        places = [pixels(self._camera, seconds, landmarks + [x, 0.0, 0.0], self._random) for x in (-0.6, 0.6)]
+        people = [Detected(place, np.full(17, 0.9)) for place in places]
+        return people if round(seconds * 30) % 20 < 10 else people[::-1]
+
+    monkeypatch.setattr(Knowing, "detect", both)
+    monkeypatch.setattr(Knowing, "several", True)
+    command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--person", "all"]
+    assert main([*command, "--export", "walk.npz"]) == 0
+    with np.load("walk.npz") as motion:
+        for person in ("p1", "p2"):
+            mine = motion["person"] == person
+            frames = np.round(motion["stamp_ns"][mine] * 30e-9).astype(int)
+            middle = EYES[0].pose_at(0).into_camera(TRUTH.positions[frames, 0])
+            away = np.linalg.norm(motion["joint_positions"][mine, 0] - middle, axis=1)
+            assert len(frames) > SHORT - 6 and np.abs(away - 0.6).max() < 0.1
 
 
 @pytest.mark.parametrize(("begin", "told"), [(0.0, False), (0.01, False), (0.5, True)])
@@ -207,8 +235,8 @@ def test_a_person_who_was_out_of_view_for_a_while_is_tracked_again(bystander):
     ]
 
 
-@pytest.mark.parametrize("at, placed, kept", [(FRAMES + 60, True, 60), (60, True, 0), (FRAMES + 60, False, 0)])
-def test_after_an_interrupt_the_part_that_all_cameras_show_is_kept(rig, capsys, monkeypatch, at, placed, kept):
+@pytest.mark.parametrize("at, placed, kept", [(SHORT + 30, True, 30), (30, True, 0), (SHORT + 30, False, 0)])
+def test_after_an_interrupt_the_part_that_all_cameras_show_is_kept(short, capsys, monkeypatch, at, placed, kept):
     """In the second of two cameras that are known; or before any, or too early to find where the cameras are."""
     detect, images = Knowing.detect, count(1)
 
@@ -233,19 +261,14 @@ def test_saving_the_cameras_of_one_video_is_refused(rig, capsys):
     assert "--save-cameras is for several videos" in capsys.readouterr().err
 
 
-def test_the_report_has_the_images_of_both(rig):
-    command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--causal", "--report", "walk.html"]
-    assert main(command) == 0
+def test_report_and_video_show_the_images_of_both_with_the_skeleton(short):
+    files = ["--report", "walk.html", "--video", "out.mp4"]
+    assert main(["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--causal", *files]) == 0
     page = Path("walk.html").read_text(encoding="utf-8")
     images = json.loads(re.search(r'<script type="application/json" id="images">(.*?)</script>', page).group(1))
-    assert min(len(images["time"]), *(len(other["time"]) for other in images["others"])) > FRAMES - 4
-
-
-def test_the_video_shows_the_skeleton_in_the_image_of_each_camera(rig):
-    command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--causal", "--video", "out.mp4"]
-    assert main(command) == 0
+    assert min(len(images["time"]), *(len(other["time"]) for other in images["others"])) > SHORT - 4
     shown = [image.rgb for image in open_source("out.mp4").images]
-    assert len(shown) == FRAMES
+    assert len(shown) == SHORT
     height = min(HEIGHT_OF_SEVERAL, HEIGHT)
     width = round(WIDTH * height / HEIGHT)
     assert abs(shown[0].shape[1] - (2 * width + height)) <= 2
@@ -258,7 +281,7 @@ def test_the_video_shows_the_skeleton_in_the_image_of_each_camera(rig):
 
 
 @pytest.mark.parametrize("frame", [[], ["-p", "fixed_frame:=world"]])
-def test_the_view_shows_the_skeleton_in_the_image_of_each_camera_and_where_the_cameras_are(rig, tmp_path, frame):
+def test_the_view_shows_the_skeleton_in_the_image_of_each_camera_and_where_the_cameras_are(short, tmp_path, frame):
     pytest.importorskip("rerun", reason="--view needs rerun-sdk")
     command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--causal", "--view", "walk.rrd"]
     assert main([*command, *frame]) == 0
@@ -270,18 +293,18 @@ def test_the_view_shows_the_skeleton_in_the_image_of_each_camera_and_where_the_c
         batch = chunk.to_record_batch()
         shown = [name for name in batch.schema.names if name.startswith(("Transform3D", "LineStrips2D:strips"))]
         columns.setdefault(path, {}).update({name: batch.column(name).to_pylist() for name in shown})
-    assert counts["/body/skeleton"] > FRAMES - 4
+    assert counts["/body/skeleton"] > SHORT - 4
     for camera in EYES:
         path = f"/camera/{camera.name}"
-        assert counts[f"{path}/image"] == FRAMES
-        assert min(counts[f"{path}/image/{part}"] for part in ("keypoints", "skeleton")) > FRAMES - 4
+        assert counts[f"{path}/image"] == SHORT
+        assert min(counts[f"{path}/image/{part}"] for part in ("keypoints", "skeleton")) > SHORT - 4
         pose, origin = camera.pose_at(0), EYES[0].pose_at(0)
         rotation, where = (pose.rotation, pose.centre) if frame else relative(origin, pose)
         centre, axes = (columns[path][f"Transform3D:{part}"][-1][0] for part in ("translation", "mat3x3"))
         assert np.allclose(centre, where, atol=1e-3)
         assert np.allclose(np.reshape(axes, (3, 3)), rotation, atol=1e-3)  # Rerun's matrices are column-major
         outline = np.array(columns[f"{path}/image/skeleton"]["LineStrips2D:strips"][-1])
-        joints = pixels(camera, 0, TRUTH.positions[-1], np.random.default_rng(0), 0.0)
+        joints = pixels(camera, 0, TRUTH.positions[SHORT - 1], np.random.default_rng(0), 0.0)
         scale = min(1.0, LONGEST_SIDE / max(WIDTH, HEIGHT))
         assert np.median(np.linalg.norm(outline[:, None, 1] - scale * joints, axis=-1).min(axis=1)) < 6
 
@@ -295,8 +318,8 @@ def relative(origin, pose):
     "options, words",
     [
         (["--fov", "60", "--height", "0"], "nothing shows the size; give --height"),
-        (["--cameras", "calib.toml", "--person", "all"], "expected no --person, max_people 1 and rep155 false"),
-        (["--cameras", "calib.toml", "-p", "max_people:=2"], "expected no --person, max_people 1 and rep155 false"),
+        (["--cameras", "calib.toml", "--person", "2"], "--person 2 with several videos; expected largest or all"),
+        (["--cameras", "calib.toml", "-p", "max_people:=2"], "finds one person; expected YOLO-pose or RTMO"),
         (["--cameras", "calib.toml", "-p", "cameras:=[left]"], "cameras is left; expected no setting: the videos name"),
         (["--cameras", "calib.toml", "--fov", "60"], "expected neither --camera-info nor --fov"),
         (["--cameras", "others.toml"], "has no camera 'left'; its cameras are: right, lft"),
@@ -305,7 +328,7 @@ def relative(origin, pose):
         (["--cameras", "nothing.toml"], "nothing.toml"),
     ],
 )
-def test_unusable_input_is_one_line(rig, capsys, tmp_path, options, words):
+def test_unusable_input_is_one_line(short, capsys, tmp_path, options, words):
     write_calibration(tmp_path / "others.toml", ["right", "lft"])
     write_calibration(tmp_path / "one.toml", ["a"])
     write_calibration(tmp_path / "same.toml", ["a-1", "a_1"])

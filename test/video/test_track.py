@@ -68,6 +68,19 @@ def test_images_give_motion_and_video(images, tmp_path, monkeypatch, capsys):
     )
 
 
+def test_an_export_of_a_person_who_enters_late_begins_with_the_video(images, tmp_path, monkeypatch, capsys):
+    class Entering(Standing):
+        def detect(self, image, seconds):
+            return super().detect(image, seconds) if seconds > 0.05 else []  # from the third image on
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Entering())
+    motion = tmp_path / "motion.amass.npz"
+    assert main([str(images), "--height", "1.8", "--fov", "60", "--export", str(motion)]) == 0
+    assert "0.067 s after the recording begins: shift .amass.npz by it" in capsys.readouterr().out
+    with np.load(motion) as file:
+        assert abs(float(file["start_time"]) - 2 / 30) < 1e-3
+
+
 def refused(arguments, text, capsys):
     """The command ends with code 2, and one line with the text; a warning about the camera may precede it."""
     assert main([str(argument) for argument in arguments]) == 2
@@ -380,7 +393,7 @@ def test_a_parameter_file_of_a_robot_is_used_without_its_topics(images, monkeypa
 def test_the_images_of_a_video_are_raw_unless_the_command_says_otherwise(images, monkeypatch):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
     seen = []
-    monkeypatch.setattr(track_module, "OfflineTracker", lambda tracker, node, *_, **__: seen.append(node) or 1 / 0)
+    monkeypatch.setattr(track_module, "Pipeline", lambda tracker, node, *_, **__: seen.append(node) or 1 / 0)
     for given in ([], ["-p", "rectified:=true"]):
         with pytest.raises(ZeroDivisionError):
             main([str(images), "--height", "1.75", "--params-file", str(CONFIG / "zed.yaml"), *given])

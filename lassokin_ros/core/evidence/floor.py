@@ -20,8 +20,8 @@ ANKLE_HEIGHT = 0.05
 DEVIATION = 0.02
 """m: standard deviation of that height."""
 SCALE = 2.0
-"""Scale of the loss, in standard deviations. With 3, a floor that is stated 10 cm too high costs the validation people
-5 instead of 2 mm."""
+"""Scale of the loss, in standard deviations. A floor that is stated 10 cm too high costs 2 mm; with a scale of 3, it
+costs 5."""
 
 
 class Floor(Evidence):

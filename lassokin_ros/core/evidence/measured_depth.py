@@ -17,11 +17,10 @@ from lassokin_ros.core.image.frame_data import FrameData
 
 WEIGHT_FACTOR = 1.5
 """Factor on the weights of the depths, whose noise is independent from frame to frame, unlike the errors of prior and
-network. It was chosen, with their factors, on three of the network's validation people."""
+network. It was chosen, with their factors, in validation."""
 SCALE_BEHIND, SCALE_IN_FRONT = 3.0, 3.5
-"""Scales of the loss, in standard deviations. With a SCALE_IN_FRONT of 6, the body of the network's validation people
-moves by 12 cm if half of the depths are on an occluder. With a SCALE_BEHIND of 3.5, the first fit may follow an image
-of a wall."""
+"""Scales of the loss, in standard deviations. With a SCALE_IN_FRONT of 6 the body moves by 12 cm if half of the
+depths are on an occluder. With a SCALE_BEHIND of 3.5, the first fit may follow an image of a wall."""
 FARTHEST_BEHIND = 0.8
 """m: a measurement that is farther behind the landmark belongs to the background and has no influence."""
 LARGEST_COST = 0.5 * SCALE_IN_FRONT**2

@@ -18,7 +18,7 @@ BONES = (True, True), (False, True), (True, False)
 
 
 class MirroredLimbs:
-    """Mirrors the limbs whose first joint moves a landmark; in turn both bones, the outer and the inner one."""
+    """Mirrors the limbs whose first joint moves a landmark."""
 
     def __init__(self, kinematics: Kinematics) -> None:
         names = kinematics.skeleton.joint_names
@@ -26,14 +26,15 @@ class MirroredLimbs:
         chains = [[names.index(joint) for joint in limb] for limb in LIMBS if set(limb) <= set(names)]
         self._kinematics, self._moving = kinematics, moving
         self._chains = [chain for chain in chains if moving[chain[0]]]
-        self._turn = 0
 
-    def propose(self, tracked: EvaluatedState, frame: FrameData) -> BodyState | None:
-        """The tracked state with each limb mirrored, one state per limb; None if there is no limb."""
+    def propose(self, tracked: EvaluatedState, frame: FrameData, turn: int) -> BodyState | None:
+        """The tracked state with each limb mirrored, one state per limb; None if there is no limb.
+
+        turn: number of proposals before; both bones, the outer and the inner one are mirrored in turn.
+        """
         if not self._chains:
             return None
-        bones, self._turn = BONES[self._turn % len(BONES)], self._turn + 1
-        centre = frame.seeing.camera.centre
+        centre, bones = frame.seeing.camera.centre, BONES[turn % len(BONES)]
         rotations = np.array([self._mirrored(tracked, centre, chain, *bones) for chain in self._chains])
         return BodyState(rotations, np.repeat(tracked.state.translation[None], len(rotations), axis=0))
 

@@ -56,8 +56,8 @@ class NetworkPose:
         joints = self._relative.dot(pose.positions.take(self._joints, axis=0))
         return float(norm(places.take(self._shared, axis=0) - joints).sum()) / len(joints)
 
-    def propose(self, tracked: EvaluatedState, frame: FrameData) -> BodyState | None:
-        """The pose, as a batch of one, if it is far from the tracked one; it does not depend on the frame."""
+    def propose(self, tracked: EvaluatedState, frame: FrameData, turn: int) -> BodyState | None:
+        """The pose, as a batch of one, if it is far from the tracked one; it depends on neither frame nor turn."""
         if self.distance(tracked.pose) < SAME_POSE:
             return None
         state = self.state()

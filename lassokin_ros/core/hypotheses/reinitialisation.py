@@ -2,13 +2,15 @@
 
 If the new fit has less than half of the tracked state's cost, the tracked state is nearly always wrong. If not, the
 observation itself is unlikely (a rare pose, a wrong skeleton, a detector with larger errors than configured), and the
-next attempt is later. Without it, validation people who lie have 63 instead of 51 mm. With the network it changes
-nothing: there the network's pose is the other explanation.
+next attempt is later. MPJPE of people who lie: 51 mm with, 63 without. With the network it changes nothing: there the
+network's pose is the other explanation.
 """
 
 from __future__ import annotations
 
 import math
+
+from lassokin_ros.core.observation import has_passed, is_longer
 
 HIGH_COST = 2.4
 """Cost per landmark of the layout and per depth (negative log-likelihood) above which a state is doubtful: 1 frame in
@@ -42,11 +44,11 @@ class Reinitialisation:
         if not cost > HIGH_COST * measurements:
             self._costly_since = math.inf
             return False
-        if stamp - self._costly_at > LONGEST_INTERVAL:
+        if is_longer(stamp - self._costly_at, LONGEST_INTERVAL):
             self.reset()
         self._costly_at = stamp
         self._costly_since = min(self._costly_since, stamp)
-        if stamp - self._costly_since < HIGH_COST_S or stamp < self._next:
+        if not (has_passed(stamp - self._costly_since, HIGH_COST_S) and has_passed(stamp - self._next, 0.0)):
             return False
         self._next = stamp + self._interval
         self._interval = min(2 * self._interval, LONGEST_INTERVAL)

@@ -14,6 +14,7 @@ import numpy as np
 from lassokin_ros.core.image.keypoint_tracks import KeypointTracks
 from lassokin_ros.core.image.robust_loss import norm, squared_norm
 from lassokin_ros.core.image.side_swaps import SWAP_GAIN, SideSwaps
+from lassokin_ros.core.observation import STAMP_TOLERANCE, has_passed
 
 GATE = 2 * 5.0**2
 """Largest squared distance of a point from its prediction over the variance along each axis, before it is an
@@ -65,12 +66,12 @@ class KeypointFilter:
         deviation of the constant offset between keypoint and landmark, a lower limit for that of the filtered points.
         """
         gap = stamp - self._stamp
-        if gap >= MAX_GAP:  # `_unseen` does not count a gap without any frame
+        if has_passed(gap, MAX_GAP):  # `_unseen` does not count a gap without any frame
             self._known[:] = False
         step = min(max(gap, 0.0), MAX_GAP)  # 0 after an earlier frame was filtered and then rejected
         self._stamp = stamp
         if not self._swaps.pending:
-            limits = SWAP_GAIN / 2, MAX_GAP, model_error
+            limits = SWAP_GAIN / 2, MAX_GAP - STAMP_TOLERANCE, model_error
             own = self._known, self._unseen
             followed = self._tracks.follow(step, acceleration, points, weights, *own, limits)
             if followed is not None:
@@ -98,7 +99,7 @@ class KeypointFilter:
             self._swaps.start_tracks(restarted, stamp)
         good = used | restarted
         self._unseen = (self._unseen + step) * ~good
-        self._known = (self._known | restarted) & (self._unseen < MAX_GAP)
+        self._known = (self._known | restarted) & (self._unseen < MAX_GAP - STAMP_TOLERANCE)
         coasting = self._known & (~seen | (self._outlier_frames == 1))
         filtered = 1 / np.sqrt(np.maximum(self._tracks.variance, 0.0) + model_error * model_error)
         self._weights = np.where(good | coasting, filtered, 0.0)

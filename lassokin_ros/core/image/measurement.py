@@ -17,7 +17,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.depth_gating import gate_depth
 from lassokin_ros.core.image.keypoint_filter import PREDICTED_WEIGHT, KeypointFilter
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.observation import HERE, CameraPose, Observation
+from lassokin_ros.core.observation import HERE, CameraPose, Observation, is_longer
 from lassokin_ros.core.record import record
 
 ACCELERATION = 3.5
@@ -120,7 +120,7 @@ class MeasurementFilter:
         """
         stamp, focal, visible = observation.stamp, observation.focal, weights > 0
         repeated = self._age(observation)
-        lost = stamp - (self.newest if repeated else self.last_new_stamp) > config.lost_after
+        lost = is_longer(stamp - (self.newest if repeated else self.last_new_stamp), config.lost_after)
         if lost:
             self._filter.reset()
             repeated = 0.0

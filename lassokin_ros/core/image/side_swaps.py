@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lassokin_ros.core.body.symmetry import partners
+from lassokin_ros.core.observation import STAMP_TOLERANCE
 
 SWAP_GAIN = 40.0
 """A pair is swapped if its squared distances from the tracks, over the variances, are less by this after exchanging."""
@@ -71,8 +72,8 @@ class SideSwaps:
         swapped, in_place = self._evidence(straight, crossed, variance)
         age = stamp - np.maximum(self._begun, self._begun[other])
         lasted = np.max(age, where=swapped, initial=0.0)
-        returned = swapped & (age < self._before)
-        held = swapped & ~returned & (self._spent < min(MAX_DURATION, MAX_SHARE * lasted))
+        returned = swapped & (age < self._before - STAMP_TOLERANCE)
+        held = swapped & ~returned & (self._spent < min(MAX_DURATION, MAX_SHARE * lasted) - STAMP_TOLERANCE)
         given_up = swapped & ~held
         self._before = np.where(returned, 0.0, np.where(given_up, age - self._spent, self._before))
         # Pairs without evidence follow the majority of their limbs, or of the body.

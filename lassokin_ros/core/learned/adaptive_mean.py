@@ -7,8 +7,7 @@ Ornstein-Uhlenbeck process about the shipped mean, with `SHARE` of the shipped c
 
 A Kalman filter updates m by a few frames per second. The measurement is the frame's rows besides those of the prior,
 linear in theta, the root's rotation and the translation. The prior keeps its shipped covariance: a limb on the wrong
-side in depth would otherwise soon become the person's posture. Without the learned mean, validation people have 50.9
-instead of 49.8 mm.
+side in depth would otherwise soon become the person's posture. MPJPE: 49.8 mm with, 50.9 without.
 """
 
 from __future__ import annotations
@@ -22,6 +21,7 @@ from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.evidence.pose_prior import PosePrior
 from lassokin_ros.core.lasso.problem import Lasso
+from lassokin_ros.core.observation import has_passed
 from lassokin_ros.core.scipy_functions import lapack
 
 SHARE = 0.3
@@ -58,7 +58,7 @@ class AdaptiveMean:
     def update(self, stamp: float, start: BodyState, problem: Lasso, rows: Mapping[str, slice]) -> bool:
         """Use a tracked frame: its lasso about the state `start`. Returns True if the prior's mean has changed."""
         step = stamp - self._measured_at
-        if step < PERIOD_S:
+        if not has_passed(step, PERIOD_S):
             return False
         self._measured_at = stamp
         kept = math.exp(-step / TIME_CONSTANT_S)

@@ -14,6 +14,7 @@ import numpy as np
 
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.image.robust_loss import MEDIAN_OF_NORMAL
+from lassokin_ros.core.observation import is_longer
 
 LONGEST_STEP = 0.12
 """s between frames; after a longer step the acceleration is larger than the noise."""
@@ -63,7 +64,7 @@ class DepthNoise:
 
     def _learn(self, stamp: float, depth: np.ndarray, weights: np.ndarray) -> None:
         step, self._stamp = stamp - self._stamp, stamp
-        if step > LONGEST_STEP:
+        if is_longer(step, LONGEST_STEP):
             self._past = []
         self._past = [*self._past[-2:], np.where(weights > 0, depth, np.nan)]
         if len(self._past) < 3:

@@ -20,17 +20,15 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import MEDIAN_OF_NORMAL
 from lassokin_ros.core.learned.camera_finder import CameraFinder
 from lassokin_ros.core.learned.size_check import SizeCheck
-from lassokin_ros.core.observation import CameraPose
+from lassokin_ros.core.observation import CameraPose, has_passed
 
 GIVEN_DEVIATION = np.array([0.035, 0.035, 0.035, 0.03, 0.03, 0.03])
-"""rad and m: standard deviation of a given pose, for rotation and translation. Two cameras, one of them 3 cm and 2
-degrees off, 10 s of the validation people: the absolute error is 103 mm with the given pose, 48 mm with the learned
-one."""
+"""rad and m: standard deviation of a given pose, for rotation and translation. Absolute error, one of two cameras 3 cm
+and 2 degrees off: 48 mm with the learned pose, 103 with the given one."""
 EXACT = 0.3
 """Size of a correction, in GIVEN_DEVIATION, of which half is used. Those of exact poses are noise, of 0.1 to 0.3; poses
-that are 3 cm and 2 degrees off give 0.7 to 1.0. Absolute error of the validation people: from exact poses 19.2 instead
-of 21.0 mm (18.5 with the given ones), from those poses 47.7 instead of 48.8, with half of that error 35.0 instead of
-32.8."""
+that are 3 cm and 2 degrees off give 0.7 to 1.0. Absolute error from exact poses: 19.2 mm with, 21.0 without; from
+those poses 47.7 and 48.8."""
 FOUND_DEVIATION = np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])
 """rad and m: the same of a pose that was found from the person: it does not count."""
 TURNED, SHIFTED = np.array(3 * [1.0] + 3 * [1e-6]), np.array(3 * [1e-6] + 3 * [3.0])
@@ -60,7 +58,7 @@ WRONG, RIGHT = 0.15, 0.1
 half the logarithm of the person's size in space), above which it is said to be wrong, and below which another
 explanation is right. A detector's errors cause 0.01, an unknown height 0.05."""
 FOUND = 0.015
-"""Misfit below which a pose that was found from the person is used. It is at most 0.011 for validation people and the
+"""Misfit below which a pose that was found from the person is used. It is at most 0.011 in validation and for the
 pairs of cameras of Shelf's recording, and 0.02 or more (42 pairs of people) if each camera sees another person."""
 LEAST_SHARE = 0.5
 """Share of the limbs that must have a plausible length, so that an explanation counts."""
@@ -124,6 +122,11 @@ class Extrinsics:
             self.found[name] = self._given[name] = pose.after(moved.inverse)
         self._finders.clear()
 
+    def resize(self, ratio: float, centre: np.ndarray | None) -> None:
+        """See `CameraFinder.resize`."""
+        for finder in self._finders.values():
+            finder.resize(ratio, centre)
+
     def corrected(self, pose: CameraPose) -> CameraPose:
         """Return a given pose with the correction of its camera; for an unknown pose, the found one with it, if any.
 
@@ -167,7 +170,7 @@ class Extrinsics:
         frames = _entries(finder, pose)
         if len(frames) < FEWEST:
             return
-        pose = _moved(pose, self._solved(_stacked(frames), np.zeros(6), FOUND_DEVIATION, steps=15))
+        pose = _moved(pose, self._solved(_stacked(frames), np.zeros(6), FOUND_DEVIATION, sized=True, steps=15))
         frames = _entries(finder, pose)
         if self._misfit(_stacked(frames)) < FOUND:
             self.found[name], self._frames[name] = pose, frames
@@ -198,7 +201,7 @@ class Extrinsics:
         else:
             off, done = f"about {self._explained(name)}", "not "
         done = f"this is {done}corrected (see extrinsics)"
-        return f"camera '{name}' is {off} off its given pose, as the person shows; {done}"
+        return f"camera '{name}': the keypoints suggest that its pose is off by {off}; {done}"
 
     def _explained(self, name: str) -> str:
         """Return by how much a camera is turned or shifted, in words: both values if it cannot be told which."""
@@ -213,7 +216,7 @@ class Extrinsics:
 
     def update(self, stamp: float, frame: FrameData) -> None:
         """Use a frame with the views of all cameras. stamp: s."""
-        if stamp < self._newest + PERIOD_S:
+        if not has_passed(stamp - self._newest, PERIOD_S):
             return
         self._newest, first = stamp, self._anchor_of(frame)
         if first is None or first.camera.name not in self._given:
@@ -230,8 +233,9 @@ class Extrinsics:
             frames.append(pair)
             if due and len(frames) >= FEWEST:
                 pairs, before = _stacked(frames), self._solutions.get(name, np.zeros(6))
-                deviation = FOUND_DEVIATION if name in self.found else GIVEN_DEVIATION
-                self._solutions[name] = self._solved(pairs, before, deviation)
+                found = name in self.found
+                deviation = FOUND_DEVIATION if found else GIVEN_DEVIATION
+                self._solutions[name] = self._solved(pairs, before, deviation, found or self.size_known)
                 self.wrong[name] = self._what_is_wrong(pairs, first.camera.name, name)
                 if not self._used and self.moved(name) is not None:
                     self._explain(_stacked(list(frames)[::THINNED]), name)
@@ -278,14 +282,18 @@ class Extrinsics:
         """Fit a turn, a shift, and both, without regard to the given pose."""
         before, found = self._explanations.get(name, 3 * [(np.zeros(6), 0.0)]), []
         for (start, _), deviation in zip(before, (TURNED, SHIFTED, FOUND_DEVIATION)):
-            solution = self._solved(pairs, start, deviation)
+            solution = self._solved(pairs, start, deviation, self.size_known)
             distances, *_ = self._residuals(pairs, solution)
             found.append((solution, float(np.median(np.abs(distances[pairs.weights > 0])))))
         self._explanations[name] = found
 
-    def _solved(self, pairs: Pairs, correction: np.ndarray, deviation: np.ndarray, steps: int = 3) -> np.ndarray:
-        """Return the correction (6,) that fits all frames best, by Gauss-Newton from a start. deviation: (6,) of the
-        given pose.
+    def _solved(
+        self, pairs: Pairs, correction: np.ndarray, deviation: np.ndarray, sized: bool, steps: int = 3
+    ) -> np.ndarray:
+        """Return the correction (6,) that fits all frames best, by Gauss-Newton from a start.
+
+        deviation: (6,) of the given pose. sized: whether the size of the body in use counts: it is given, or was
+        measured by other cameras.
         """
         share = math.sqrt(1 / len(pairs.a))  # all frames count as one: the errors of a detector last
         seen, step = pairs.weights.reshape(-1) > 0, 1e-5
@@ -302,7 +310,7 @@ class Extrinsics:
             H, g = J.T @ J, J.T @ r
             H[np.arange(6), np.arange(6)] += 1 / deviation**2
             g += correction / deviation**2
-            if self.size_known:
+            if sized:
                 row = np.array([(one[1] - base[1]) / step for one in moved]) / SIZE_DEVIATION
                 H += np.outer(row, row)
                 g += row * base[1] / SIZE_DEVIATION

@@ -20,7 +20,7 @@ from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.floor import ANKLE_HEIGHT
 from lassokin_ros.core.evidence.floor import DEVIATION as FLOOR_DEVIATION
 from lassokin_ros.core.image.measurement import Measurement
-from lassokin_ros.core.observation import CameraPose
+from lassokin_ros.core.observation import CameraPose, has_passed
 from lassokin_ros.core.record import record
 
 PEOPLE_DEVIATION = 0.15
@@ -36,8 +36,8 @@ CORRELATED_S = 0.1
 LARGEST_FLOOR_DEVIATION = 0.05
 """Standard deviation of the logarithm, by tilt and distance, above which feet on the floor do not measure the size."""
 FLOOR_AFTER = 0.5
-"""s after the first foot on the floor before the floor is used: with the poses and lengths before, validation people
-are 2 to 3 % too tall."""
+"""s after the first foot on the floor before the floor is used: with the poses and lengths before, people are 2 to 3 %
+too tall."""
 TIME_CONSTANT_S = 5.0
 """s: time constant of the average. The first frames' poses are the least exact."""
 LEAST_DEVIATION = 0.035
@@ -123,9 +123,10 @@ class HeightEstimator:
         elif floor is not None:
             self.floor_deviation, self._floor_since = floor.deviation, min(self._floor_since, stamp)
             usable = floor.deviation < LARGEST_FLOOR_DEVIATION and RANGE[0] < floor.ratio * height < RANGE[1]
-            if usable and stamp >= self._floor_since + FLOOR_AFTER:
+            if usable and has_passed(stamp - self._floor_since, FLOOR_AFTER):
                 self._add(stamp, floor.ratio * height, floor.deviation)
-        if not self.measured or stamp - self._adopted_at < PAUSE_S or abs(np.log(self.height / height)) < CHANGE:
+        changed = self.measured and abs(np.log(self.height / height)) >= CHANGE
+        if not (changed and has_passed(stamp - self._adopted_at, PAUSE_S)):
             return False
         self._adopted_at = stamp
         return True

@@ -19,6 +19,7 @@ import numpy as np
 
 from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
+from lassokin_ros.core.observation import has_passed
 from lassokin_ros.core.scipy_functions import lapack
 
 INITIAL = 0.004
@@ -64,7 +65,7 @@ class ModelError:
 
     def due(self, stamp: float) -> bool:
         """Whether `update` uses a frame at this stamp, s."""
-        return stamp - self._measured_at >= self._interval()
+        return has_passed(stamp - self._measured_at, self._interval())
 
     def _interval(self) -> float:
         return max(SHORTEST_INTERVAL, SHARE * self._known)

@@ -17,6 +17,7 @@ from lassokin_ros.core.body.roles import sided
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.learned.height import CORRELATED_S
+from lassokin_ros.core.observation import has_passed
 
 SHORTEST = 0.08
 """As a fraction of the height: shortest limb that is used."""
@@ -94,7 +95,7 @@ class SizeCheck:
         """Use a tracked frame."""
         if measurement.depth is None or measurement.depth_weights is None or measurement.repeated:
             return
-        if measurement.stamp < self._newest + CORRELATED_S:
+        if not has_passed(measurement.stamp - self._newest, CORRELATED_S):
             return
         usable = (measurement.depth_weights > 0) & measurement.visible & (measurement.weights > 0)
         places = measurement.depth[:, None] * np.column_stack([measurement.points, np.ones(len(usable))])

@@ -35,6 +35,8 @@ TIMES = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
 """s before the present: times of the keypoints in the input."""
 LONGEST_GAP = 0.6
 """s: detections further apart are not interpolated."""
+SAME_TIME = 1e-5
+"""s: a detection nearer to a time than this is of that time; the rounding of stamps is 0.2 us."""
 
 Offset = tuple[float, float, float]
 
@@ -362,13 +364,8 @@ class History:
     def sampled(self) -> tuple[np.ndarray, np.ndarray]:
         """(points (times, canonical, 2), seen (times, canonical)) at `TIMES` before the newest frame."""
         stamps = self._stamps[: self._count]
-        if kernel.active:
-            points, seen = np.empty((len(TIMES), len(NAMES), 2)), np.empty((len(TIMES), len(NAMES)), dtype=bool)
-            kept = stamps, self._points[: self._count], self._seen[: self._count]
-            if kernel.sampled(*kept, TIMES, np.array([LONGEST_GAP]), points, seen):
-                return points, seen
         wanted = stamps[-1] - TIMES
-        later = np.minimum(np.maximum(stamps.searchsorted(wanted - 1e-9), 1), self._count - 1)
+        later = np.minimum(np.maximum(stamps.searchsorted(wanted - SAME_TIME), 1), self._count - 1)
         frames = np.maximum([later - 1, later], 0)
         return interpolated(wanted, stamps.take(frames), self._points.take(frames, 0), self._seen.take(frames, 0))
 
@@ -384,9 +381,10 @@ def interpolated(
     before, after = stamps
     gap = after - before
     share = np.minimum(np.maximum((wanted - before) / np.maximum(gap, 1e-6), 0.0), 1.0)
-    share[wanted >= after - 1e-6] = 1.0
-    inside = (wanted >= before - 1e-6) & (gap <= LONGEST_GAP)
+    share[wanted <= before + SAME_TIME] = 0.0
+    share[wanted >= after - SAME_TIME] = 1.0
+    inside = (wanted >= before - SAME_TIME) & (gap <= LONGEST_GAP + SAME_TIME)
     s = share[..., None]
-    known = (inside | (share >= 1)) & (wanted <= after + 1e-6)
-    seen = (seen[0] | (s >= 1 - 1e-6)) & (seen[1] | (s <= 1e-6)) & known[..., None]
+    known = (inside | (share >= 1)) & (wanted <= after + SAME_TIME)
+    seen = (seen[0] | (s >= 1)) & (seen[1] | (s <= 0)) & known[..., None]
     return (points[1] - points[0]) * s[..., None] + points[0], seen

@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from lassokin_ros.core.body.roles import STANDING_HEIGHT
+from lassokin_ros.core.observation import has_passed
 
 LEAST_HEIGHT = 0.28
 """In heights: least difference of the standing heights of the visible points; shoulders and head alone may lean."""
@@ -48,7 +49,7 @@ class ImageRoll:
 
         stamp: s; points: (k, 2) normalised, any finite value if not seen; seen: (k,) bool.
         """
-        if stamp - self._newest < PERIOD_S:
+        if not has_passed(stamp - self._newest, PERIOD_S):
             return
         up = self._direction(points, seen & self._used)
         if up is None:

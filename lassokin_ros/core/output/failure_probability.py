@@ -3,8 +3,8 @@
 It depends on three figures. The mean deviation of the joints includes posterior, bone lengths and depth network. The
 cost is the negative log-likelihood of all evidence and is high for keypoints that fit no pose. The learned model error
 grows for such keypoints (see `model_error`), which lowers the cost. A logistic regression on the three logarithms
-predicts whether the mean joint error is above `WRONG`. It was fitted on the validation people (training/motion.py) in
-many conditions; benchmarks/accuracy.py --failure-probability checks it on other people.
+predicts whether the mean joint error is above `WRONG`. It was fitted on motion capture (training/motion.py) in many
+conditions; benchmarks/accuracy.py --failure-probability checks it on other people.
 """
 
 from __future__ import annotations

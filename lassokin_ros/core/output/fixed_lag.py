@@ -19,6 +19,7 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.estimate import Estimate
+from lassokin_ros.core.observation import is_longer
 from lassokin_ros.core.output.output_filter import Forward, is_too_far_in_depth, moved
 from lassokin_ros.core.record import record
 
@@ -76,7 +77,7 @@ class FixedLag:
         self._waiting.append(newest)
         if newest.backward is not None:
             self._compared.append((newest.estimate.stamp, newest.estimate.cost - newest.backward.cost))
-            while self._compared[0][0] < self._waiting[0].estimate.stamp - COMPARED_S:
+            while is_longer(self._waiting[0].estimate.stamp - self._compared[0][0], COMPARED_S):
                 self._compared.popleft()
 
     def due(self, now: float, lag: float) -> list[Estimate]:
@@ -123,7 +124,11 @@ class FixedLag:
 
     def _share(self, stamp: float) -> float:
         """Share of the way to the backward track: its odds by the costs about a stamp, s."""
-        near = [more for when, more in self._compared if abs(when - stamp) <= COMPARED_S and math.isfinite(more)]
+        near = [
+            more
+            for when, more in self._compared
+            if not is_longer(abs(when - stamp), COMPARED_S) and math.isfinite(more)
+        ]
         odds = TEMPER * sum(near) / max(len(near), 1)
         return 1 / (1 + math.exp(-min(max(odds, -50.0), 50.0)))
 

@@ -45,12 +45,10 @@ from lassokin_ros.core.scipy_functions import lapack
 FACTOR = 1.6
 """Factor on the posterior's standard deviation s, at the usual disagreement of the pose with the depth network."""
 FACTOR_WITH_DEPTH = 0.8
-"""The same, if half of the landmarks or more have a measured depth. Fitted to the network's validation people."""
+"""The same, if half of the landmarks or more have a measured depth. Fitted in validation."""
 FACTOR_OF_SEVERAL = 1.0
-"""The same, for several cameras, which observe the lengths: their deviation does not count. Two cameras at 30 and at 90
-degrees, validation people: 65 and 79 % of the errors are within one deviation, 96 and 99 % within two; strangers 60 and
-63 %, 95 and 98 %.
-"""
+"""The same, for several cameras, which observe the lengths: their deviation does not count. Errors within one and two
+deviations: 65 and 96 % with two cameras at 30 degrees, 79 and 99 % at 90 degrees."""
 FACTOR_BELOW_LAST_KEYPOINT = 1.5
 """Further factor for positions and rotations of joints beyond the last visible keypoint of a limb."""
 USUAL_DISAGREEMENT = 0.06

@@ -19,7 +19,6 @@ from lassokin_ros.pipeline.camera_images import CameraImages
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.pipeline import Pipeline
-from msg_adapters.keypoints import stamp_of
 
 
 class CameraInputs:
@@ -31,9 +30,11 @@ class CameraInputs:
         pipeline: Pipeline,
         images: CameraImages,
         diagnostics: Diagnostics,
+        on_depth: Callable[[str, Any], None],
         on_error: Callable[[str, Exception], None],
     ) -> None:
-        """images: of this camera. on_error: called with a name of the message and the exception.
+        """images: of this camera. on_depth: called with its name and a depth image. on_error: called with a name of the
+        message and the exception.
 
         Raises ConfigurationError if the package of a required message type is not installed.
         """
@@ -55,7 +56,7 @@ class CameraInputs:
         self._depth = None
         if images.depth is not None:
             depth = pipeline.config.depth_topic(images.name)
-            self._depth = DepthInput(node, depth, pipeline.config, images.depth, now)
+            self._depth = DepthInput(node, depth, images.depth, partial(on_depth, images.name), now)
 
     def poll(self) -> None:
         """Process the messages received so far."""
@@ -63,13 +64,6 @@ class CameraInputs:
             self.camera_info.poll()
         except Exception as error:  # the other inputs must still be polled
             self._on_error("a camera_info message", error)
-
-    def with_depth(self, message: Any, work: Callable[[], None]) -> None:
-        """Process a keypoint message by `work`, as soon as its depth image is received or not expected."""
-        if self._depth is None:
-            work()
-        else:
-            self._depth.hold(stamp_of(message), work)
 
     def check(self, now: float) -> str:
         """Log missing inputs; now: s, steady clock. Call it periodically. Return faults, in words."""

@@ -31,16 +31,18 @@ class SceneInputs:
         node: Node,
         pipeline: Pipeline | PerBodyPipeline,
         diagnostics: Diagnostics,
+        on_depth: Callable[[str, Any], None],
         on_error: Callable[[str, Exception], None],
     ) -> None:
-        """on_error: called with a name of the message and the exception.
+        """on_depth: called with the name of a camera and its depth image. on_error: called with a name of the message
+        and the exception.
 
         Raises ConfigurationError if the package of a required message type is not installed.
         """
         self._node, self._pipeline, self._on_error = node, pipeline, on_error
         self.simulated_time = SimulatedTime(node)
         self._cameras = {
-            name: CameraInputs(node, pipeline, images, diagnostics, on_error)
+            name: CameraInputs(node, pipeline, images, diagnostics, on_depth, on_error)
             for name, images in pipeline.cameras.items()
         }
         user = pipeline.places or pipeline.mount
@@ -64,10 +66,6 @@ class SceneInputs:
                 self._on_error(what, error)
         for camera in self._cameras.values():
             camera.poll()
-
-    def with_depth(self, camera: str, message: Any, work: Callable[[], None]) -> None:
-        """Process a keypoint message of a camera by `work`, as soon as its depth image is received or not expected."""
-        self._cameras[camera].with_depth(message, work)
 
     def check(self, now: float) -> str:
         """Log missing inputs; now: s, steady clock. Call it periodically. Return faults of clock and TF, in words."""

@@ -17,7 +17,7 @@ from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.calibration_text import FORMS, values_in
 from lassokin_ros.pipeline.camera.lens import Lens
 from msg_adapters.backends import Backend
-from msg_adapters.camera_info import decode_camera_info
+from msg_adapters.camera_info import Intrinsics, intrinsics_of
 from msg_adapters.errors import AdapterError
 from msg_adapters.inputs import camera_info
 
@@ -78,14 +78,21 @@ class Calibration:
 
     def message(self, backend: Backend, stamp_ns: int, frame_id: str, rectified: bool = False) -> Any:
         """Return the calibration as sensor_msgs/CameraInfo. Raises CameraError if no lens can be made of it."""
+        self.intrinsics(frame_id, rectified)
         message = camera_info(backend, stamp_ns, frame_id, self.K, self.D, self.size, self.model)
         if self.P is not None:
             message.p = self.P.reshape(12)
+        return message
+
+    def intrinsics(self, frame_id: str, rectified: bool = False) -> Intrinsics:
+        """Return the calibration as the tracker takes it. Raises CameraError if no lens can be made of it."""
+        P = np.hstack([self.K, np.zeros((3, 1))]) if self.P is None else self.P
         try:
-            Lens.from_intrinsics(decode_camera_info(message, rectified), rectified)
+            intrinsics = intrinsics_of(self.K, self.D, self.model, P, self.size, frame_id, rectified)
         except AdapterError as error:
             raise CameraError(str(error)) from None
-        return message
+        Lens.from_intrinsics(intrinsics, rectified)
+        return intrinsics
 
 
 def read_calibration(path: Path) -> Calibration:

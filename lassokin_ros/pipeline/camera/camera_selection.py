@@ -181,11 +181,15 @@ class Camera:
         return stays
 
     def update(self, message: Any) -> bool:
-        """Apply a CameraInfo message. Return True if the present camera changes to another frame_id.
+        """Apply a CameraInfo message, Intrinsics or a Lens. Return True if the camera changes to another frame_id.
 
         Raises AdapterError if the message is refused; the last good camera then stays.
         """
         before = self.view
+        if isinstance(message, (Intrinsics, Lens)):
+            arrays = message if isinstance(message, Intrinsics) else message.intrinsics
+            self._newest = self._viewed(arrays, 0), self._newest[0]
+            return before is not None and before.intrinsics.frame_id != arrays.frame_id
         frame, key = message.header.frame_id.lstrip("/"), _key(message)
         shared = frame in self._by_frame and self._alternates(frame)
         self._note_message(frame, key, _stamp_ns(message))
@@ -241,15 +245,19 @@ class Camera:
     def _decode(self, message: Any) -> View:
         try:
             intrinsics = decode_camera_info(message, self._rectified)
-            lens = Lens.from_intrinsics(intrinsics, self._rectified)
         except AdapterError as error:
             self.fault = str(error)
             raise
+        return self._viewed(intrinsics, _stamp_ns(message))
+
+    def _viewed(self, intrinsics: Intrinsics, stamp_ns: int) -> View:
+        try:
+            lens = Lens.from_intrinsics(intrinsics, self._rectified)
         except CameraError as error:
             self.fault = str(error)
             raise AdapterError("camera_unusable", self.fault) from None
         self.fault = ""
-        return View(lens, intrinsics, _stamp_ns(message))
+        return View(lens, intrinsics, stamp_ns)
 
     def _remember(self, frame: str, key: tuple[Any, ...], view: View) -> None:
         previous = self._by_frame.pop(frame, (None, None))[0]

@@ -74,6 +74,12 @@ class Lens:
             )
         return unusual and f"{words} is unusual for a lens: {unusual}; check the calibration"
 
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The same camera as the session takes it."""
+        P = np.hstack([self.K, np.zeros((3, 1))])
+        return Intrinsics(self.K, self.D, self.model, np.eye(3), P, *self.size, frame_id="", warning=self.warning)
+
     @cached_property
     def focal(self) -> float:
         """px per normalised unit: geometric mean of fx and fy."""

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from lassokin_ros.pipeline.camera.camera_mount import roll_and_pitch
+from lassokin_ros.pipeline.concerns.catalogue import Raised, say
 from lassokin_ros.pipeline.frame_result import FrameResult
 
 LONG_S = 10.0
@@ -36,30 +37,14 @@ class BodyDirection:
         if self._angle < SIDE or math.isinf(self._upright_at):
             self._upright_at = now
 
-    def words(self, now: float) -> str:
-        """Return what is unusual about the direction, empty if nothing is. now: s."""
+    def concern(self, now: float) -> Raised | None:
+        """Return what is unusual about the direction: a problem if the body points down, else a note. now: s."""
         if now - self._upright_at <= LONG_S:
-            return ""
+            return None
+        when, is_down = f"for more than {LONG_S:g} s", self._angle >= DOWN
         if self._fixed:
-            way = "to the side" if self._angle < DOWN else "down"
-            return (
-                f"the body has pointed {way} for more than {LONG_S:g} s: the person lies, or the image is turned, or "
-                "the camera's pose in TF is not that of its optical frame"
-            )
-        if self._angle < DOWN:
-            return (
-                f"the body has pointed to the side in the image for more than {LONG_S:g} s (the depth network gets a "
-                "turned image): the person lies, or the camera or the image is turned; then set camera_roll"
-            )
-        return (
-            f"the body has pointed down in the image for more than {LONG_S:g} s: check that the image is not upside "
-            "down, and that y is counted from the top; for a camera that hangs upside down set camera_roll to 3.14"
-        )
-
-    @property
-    def is_down(self) -> bool:
-        """True if the body points down."""
-        return self._angle >= DOWN
+            return say("turned_down_in_frame" if is_down else "turned_in_frame", when=when)
+        return say("upside_down" if is_down else "turned", when=when)
 
 
 def _angle(frame: FrameResult, roll: float | None) -> float | None:

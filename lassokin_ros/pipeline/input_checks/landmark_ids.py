@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lassokin_ros.pipeline.concerns.catalogue import say
 from msg_adapters.keypoints import Keypoints
 
 EVERY, FEWEST_MESSAGES = 5, 20
@@ -36,7 +37,4 @@ class LandmarkIds:
         """That the ids seem to begin at 1, in words; else empty."""
         if self._messages < FEWEST_MESSAGES or self._counts[0] or (self._counts[1:] < USUAL * self._messages).any():
             return ""
-        return (
-            f"landmark 0 ({self._names[0]}) was in no message, all others were: if the detector counts "
-            "landmarks from 1, subtract 1 from the ids"
-        )
+        return say("ids_from_1", landmark=self._names[0]).text

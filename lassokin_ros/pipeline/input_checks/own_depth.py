@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from lassokin_ros.core.learned.height import FEWEST
+from lassokin_ros.pipeline.concerns.catalogue import say
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S, Repeats
 from msg_adapters.keypoints import Keypoints
 
@@ -40,8 +41,5 @@ class OwnDepth:
     def warning(self) -> str:
         """Why the depths of the last message are not used, in words; empty if they are, or if there are none."""
         if self._frozen_s > FROZEN_S:
-            return (
-                f"the depths in the keypoint messages are frozen: the same ones for more than {FROZEN_S:g} s, with new "
-                "stamps; check the depth camera of the detector"
-            )
+            return say("own_depth_frozen", limit=FROZEN_S).text
         return self._note

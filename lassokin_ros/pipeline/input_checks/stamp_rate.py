@@ -9,6 +9,8 @@ from collections import deque
 
 import numpy as np
 
+from lassokin_ros.pipeline.concerns.catalogue import say
+
 KEPT, KEPT_NS = 2000, 5_000_000_000
 """Messages that are compared, and ns of arrivals."""
 FEWEST, SHORTEST_S = 20, 2.0
@@ -52,19 +54,11 @@ class StampRate:
         for mean in (np.mean, np.median) if regular else (np.mean,):
             step, period = float(mean(stamps)), float(mean(arrivals))
             if period > 0 and not 1 / FARTHEST <= step / period <= FARTHEST:
-                return _words(step, period)
+                rate = f"{1 / step:.3g} Hz" if step > 0 else "no time between them"
+                return say("stamp_rate", rate=rate, arrivals=1 / period).text
         return ""
 
 
 def _is_jump(stamp_ns: int, arrival_ns: int) -> bool:
     """Return True for steps of the stamps or arrivals, ns, that are none of a clock that advances."""
     return stamp_ns < 0 or arrival_ns < 0 or stamp_ns > JUMP_NS + LONG_STEP * arrival_ns
-
-
-def _words(step: float, period: float) -> str:
-    rate = f"{1 / step:.3g} Hz" if step > 0 else "no time between them"
-    return (
-        f"by their stamps the keypoints have {rate}, but they arrive at {1 / period:.3g} Hz: check the unit of "
-        "header.stamp (for a time t in ns, sec is t // 10**9 and nanosec is t % 10**9); if a recording is played "
-        "faster or slower, use `ros2 bag play --clock` and set use_sim_time"
-    )

@@ -16,6 +16,7 @@ from lassokin_ros.pipeline.outputs.body_frames import BodyFrames
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names
 from lassokin_ros.pipeline.outputs.limbs import Limbs
 from lassokin_ros.pipeline.outputs.rep155 import MappedJoints
+from lassokin_ros.pipeline.outputs.skeletons_message import joints_report
 from lassokin_ros.pipeline.outputs.status.certificate_status import certificate_status
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import Backend
@@ -147,16 +148,7 @@ class FrameMessages:
             topics.POSE: lambda t, f, frame, e: pose(
                 t, f, e.pose.positions[0], frame.quaternions[-1], frame.uncertainty.absolute.pelvis
             ),
-            topics.SKELETON: lambda t, f, frame, e: joints(
-                t,
-                f,
-                e.pose.positions,
-                frame.joint_velocities,
-                frame.uncertainty.absolute.joints,
-                frame.observed,
-                frame.contacts,
-                frame.uncertainty.rotation_deviation,
-            ),
+            topics.SKELETON: lambda t, f, frame, _: joints(t, f, joints_report(frame)),
             topics.LIMBS: lambda t, f, frame, _: ends(t, f, *limbs.read(frame)),
             topics.UNCERTAINTY_MARKERS: lambda t, f, frame, e: ellipsoids(
                 t, f, e.pose.positions, *principal_axes(frame.uncertainty.covariance)

@@ -1,4 +1,4 @@
-"""The ends of the limbs relative to their roots in axes of the trunk, for ~/limbs."""
+"""The ends of the limbs relative to their roots, in axes of the chest (arms) and of the pelvis (legs), for ~/limbs."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ LIMBS = tuple(
     for end in ends
 )
 """End and root of each entry, by the names of the joints. Joints that a skeleton does not have are left out."""
-TRUNK = "spine3"
-"""Joint whose orientation gives the axes; the first joint in a skeleton without it."""
+CHEST = "spine3"
+"""Joint whose orientation gives the axes of the arms; the first joint in a skeleton without it. Legs have those of the
+first joint, the pelvis."""
 
 
 class Limbs:
@@ -25,7 +26,8 @@ class Limbs:
         names = list(skeleton.joint_names)
         pairs = [(names.index(end), names.index(root)) for end, root in LIMBS if end in names and root in names]
         self.ends, self.roots = [end for end, _ in pairs], [root for _, root in pairs]
-        self._trunk = names.index(TRUNK) if TRUNK in names else 0
+        chest = names.index(CHEST) if CHEST in names else 0
+        self._axes = [0 if names[root].endswith("hip") else chest for root in self.roots]
 
     def read(self, frame: FrameResult) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return positions (k, 3) m, their covariance (k, 3, 3) m^2, and which ends are observed (k,) bool.
@@ -35,7 +37,8 @@ class Limbs:
         """
         assert frame.estimate is not None and frame.estimate.pose is not None
         pose, covariance = frame.estimate.pose, frame.uncertainty.covariance
-        axes = pose.orientations[self._trunk] @ BODY_FROM_ROOT
-        along = (pose.positions[self.ends] - pose.positions[self.roots]) @ axes
-        turned = axes.T @ (covariance[self.ends] + covariance[self.roots]) @ axes
+        axes = pose.orientations[self._axes] @ BODY_FROM_ROOT
+        apart = pose.positions[self.ends] - pose.positions[self.roots]
+        along = np.einsum("kij,ki->kj", axes, apart)
+        turned = axes.transpose(0, 2, 1) @ (covariance[self.ends] + covariance[self.roots]) @ axes
         return along, turned, frame.observed[self.ends]

@@ -21,11 +21,14 @@ class SkeletonsMessage:
 
     def build(self, image: Image, frames: Sequence[FrameResult]) -> Any:
         """Return the message. image: stamp in ns and frame_id of the keypoints; frames: the results of the image."""
-        return self._builder.fill(*image, [_joints(frame) for frame in frames if frame.accepted])
+        return self._builder.fill(*image, [joints_report(frame) for frame in frames if frame.accepted])
 
 
-def _joints(frame: FrameResult) -> JointsReport:
+def joints_report(frame: FrameResult) -> JointsReport:
+    """Return what ~/skeleton and ~/skeletons say about the person of an accepted frame."""
     assert frame.estimate is not None and frame.estimate.pose is not None
+    still, up = frame.estimate.still, frame.estimate.up
+    assert still is not None and up is not None
     return JointsReport(
         number_of(id_of(frame)),
         frame.estimate.pose.positions,
@@ -33,5 +36,9 @@ def _joints(frame: FrameResult) -> JointsReport:
         frame.uncertainty.absolute.joints,
         frame.observed,
         frame.contacts,
+        still,
         frame.uncertainty.rotation_deviation,
+        frame.uncertainty.deviation,
+        frame.quaternions[:-1],
+        up,
     )

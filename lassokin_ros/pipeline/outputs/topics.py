@@ -62,11 +62,12 @@ class OutputTopic:
     latched: bool = False
 
 
+MARKERS_OUTPUT = OutputTopic(MARKERS, MARKERS_TYPE)
 FRAME_OUTPUTS = (
     OutputTopic(JOINT_STATES, "sensor_msgs/msg/JointState"),
     OutputTopic(TRANSLATION, "geometry_msgs/msg/PointStamped"),
     OutputTopic(JOINTS, "geometry_msgs/msg/PoseArray"),
-    OutputTopic(MARKERS, MARKERS_TYPE),
+    MARKERS_OUTPUT,
     OutputTopic(CERTIFICATE, "diagnostic_msgs/msg/DiagnosticArray"),
     OutputTopic(JOINT_UNCERTAINTY, "sensor_msgs/msg/PointCloud2"),
     OutputTopic(POSE, "geometry_msgs/msg/PoseWithCovarianceStamped"),

@@ -17,7 +17,7 @@ import numpy as np
 
 from lassokin_ros.core.learned.size_check import SizeCheck
 from lassokin_ros.pipeline.people.cross_view import compared, triangulated
-from lassokin_ros.pipeline.people.tracked_person import Sight
+from lassokin_ros.pipeline.seen import Sight
 
 LEFT_OUT = "left out, does not fit the others"
 """Key of the count of images of a camera that is left out; the camera's name precedes it."""

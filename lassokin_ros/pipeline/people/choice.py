@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lassokin_ros.core.errors import LassokinError
-
-if TYPE_CHECKING:
-    from lassokin_ros.pipeline.people.tracked_person import Detection
+from lassokin_ros.pipeline.seen import Seen
 
 CONFIDENT, NEAREST, CENTRE = "confident", "nearest", "centre"
 RULES = (CONFIDENT, NEAREST, CENTRE)
@@ -32,35 +29,35 @@ def number_named(follow: str) -> int | None:
 
 
 def nobody_to_lock(follow: str, candidates: int) -> str:
-    """Return why nobody was locked. candidates: number of people in the newest image who can be tracked."""
+    """Return why the lock failed. candidates: number of people in the newest image who can be tracked."""
     if candidates == 0:
-        return "nobody was locked: the newest image shows nobody who can be tracked"
-    return f"nobody was locked: follow is '{follow}', and the detector's newest image has no person of this number"
+        return "lock failed: the newest image shows nobody who can be tracked"
+    return f"lock failed: no person {follow} in the newest image"
 
 
-def _confidence(detection: Detection) -> float:
+def _confidence(detection: Seen) -> float:
     counted = np.isfinite(detection.confidence) & np.isfinite(detection.points).all(axis=1)
     return float(np.where(counted, detection.confidence, 0.0).clip(max=1.0).sum())
 
 
-def _depth(detection: Detection) -> float:
+def _depth(detection: Seen) -> float:
     """Return the median depth, m; NaN if none is measured."""
     depth = np.empty(0) if detection.depth is None else detection.depth[detection.depth > 0]
     return float(np.median(depth)) if len(depth) else np.nan
 
 
-def _size(detection: Detection) -> float:
+def _size(detection: Seen) -> float:
     """Return the diagonal of the points in the image."""
     seen = detection.points[np.isfinite(detection.points).all(axis=1)]
     return float(np.linalg.norm(seen.max(axis=0) - seen.min(axis=0))) if len(seen) else 0.0
 
 
-def _nearness_to_centre(detection: Detection) -> float:
+def _nearness_to_centre(detection: Seen) -> float:
     seen = detection.points[np.isfinite(detection.points).all(axis=1)]
     return -float(np.linalg.norm(seen.mean(axis=0))) if len(seen) else -np.inf
 
 
-def scores(rule: str, detections: Sequence[Detection]) -> list[float]:
+def scores(rule: str, detections: Sequence[Seen]) -> list[float]:
     """Return the score of each detection by a rule; the person with the highest one is followed.
 
     The nearest person is that of the least depth if everybody's is measured, else the largest one in the image.
@@ -73,6 +70,6 @@ def scores(rule: str, detections: Sequence[Detection]) -> list[float]:
     return [-depth for depth in depths] if np.isfinite(depths).all() else [_size(detection) for detection in detections]
 
 
-def preferred(rule: str, detections: Sequence[Detection]) -> int:
+def preferred(rule: str, detections: Sequence[Seen]) -> int:
     """Return the index of the detection, of one or more, that a rule prefers: the first of equals."""
     return int(np.argmax(scores(rule, detections)))

@@ -15,7 +15,7 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.learned.size_check import SizeCheck
-from lassokin_ros.pipeline.people.tracked_person import Sight
+from lassokin_ros.pipeline.seen import Sight
 
 SAME_PERSON = 0.2
 """Largest cost of two detections of one person, as a fraction of the person's size."""

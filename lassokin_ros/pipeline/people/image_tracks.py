@@ -1,26 +1,40 @@
-"""Who is who in the image: a track of keypoints for each person in view, whether followed or not.
+"""Who is who in the images of one camera: a track of keypoints for each person in view, whether followed or not.
 
-A person who is followed must not be exchanged for a bystander. A detection therefore belongs to a bystander if a
-bystander's track explains it nearly as well as the followed person's does: the followed person is then absent.
+Place, size and number decide together, see `_assigned`. A person who is guarded (locked, or the only one who is
+followed) must not be exchanged for a bystander. A detection therefore belongs to a bystander if a bystander's track
+explains it nearly as well as the guarded person's does: that person is then absent.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from lassokin_ros.pipeline.people.assignment import assign
 from lassokin_ros.pipeline.people.choice import GUESS_AFTER_S
-from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, match_radius
-from lassokin_ros.pipeline.people.tracked_person import Detection
+from lassokin_ros.pipeline.people.matching import (
+    FARTHEST,
+    NEAR,
+    SPREAD_PER_S,
+    assign,
+    distance,
+    distances,
+    match_radius,
+)
+from lassokin_ros.pipeline.people.numbers import SILENCE_S, Numbers, same_numbers
+from lassokin_ros.pipeline.seen import Seen
 
 RIVAL = 0.7
-"""The followed person gets a detection that a bystander's track explains, too, if its cost is below this share of the
+"""A guarded person gets a detection that a bystander's track explains, too, if its cost is below this share of the
 bystander's cost; after an absence of GUESS_AFTER_S not at all."""
-FARTHEST_FOLLOWED = 0.5
-"""Largest cost of a detection that is the followed person's. Bystanders' tracks explain detections farther away."""
+FARTHEST_GUARDED = 0.5
+"""Largest cost of a detection that is a guarded person's. Bystanders' tracks explain detections farther away."""
+OTHER_NUMBER = 0.1
+"""Cost of another number than the track's, beside that of the place."""
+NUMBER_NEAR = 0.9
+"""Largest cost of the place of a detection with the track's number; it grows with SPREAD_PER_S after SILENCE_S, and
+from FARTHEST on there is none."""
 SIZE_WEIGHT = 0.5
 """Weight of the logarithm of the ratio of sizes, in the cost of a pair; the rest is the distance of `matching`."""
 SAME_BODY = 0.5 * NEAR
@@ -29,6 +43,10 @@ LONGEST_PREDICTION_S = 0.5
 """s: a track is continued with constant velocity for this long."""
 VELOCITY_MEMORY_S = 0.2
 """s: averaging time of a track's velocity."""
+LARGEST = 100.0
+"""Larger than the cost of any pair."""
+MOST_MISSED = 1
+"""Images in a row that may miss a person, for ImageTrack.run."""
 
 
 @dataclass(eq=False)
@@ -37,15 +55,19 @@ class ImageTrack:
 
     detection: the newest one; points: (l, 2) normalised, the newest position of each landmark; seen_ns: stamp of the
     newest detection; velocity: (2,) 1/s; gap_s: s between the two newest detections; by_place: the newest detection
-    was found by place, not by a persistent number.
+    was found by place, not by number and place; number: the detector's, None if it is not known (any more); run: number
+    of detections without two images in a row that miss the person; missed: number of images since the newest one.
     """
 
-    detection: Detection
+    detection: Seen
     points: np.ndarray
     seen_ns: int
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(2))
     gap_s: float = 0.0
     by_place: bool = False
+    number: int | None = None
+    run: int = 1
+    missed: int = 0
 
     def unseen_s(self, stamp_ns: int) -> float:
         """Return s since the newest detection."""
@@ -56,7 +78,7 @@ class ImageTrack:
         shifted: np.ndarray = self.points + self.velocity * min(self.unseen_s(stamp_ns), LONGEST_PREDICTION_S)
         return shifted
 
-    def see(self, detection: Detection, stamp_ns: int, by_place: bool) -> None:
+    def see(self, detection: Seen, stamp_ns: int, by_place: bool) -> None:
         """Continue the track with a detection."""
         step = _mean(detection.points - self.points)
         self.gap_s, self.by_place = self.unseen_s(stamp_ns), by_place
@@ -67,94 +89,125 @@ class ImageTrack:
             self.velocity = np.zeros(2)
         self.points = np.where(np.isfinite(detection.points), detection.points, self.points + step)
         self.detection, self.seen_ns = detection, stamp_ns
+        self.run, self.missed = (self.run if self.missed <= MOST_MISSED else 0) + 1, 0
 
 
 class ImageTracks:
-    """The tracks of all people. Times are stamps, ns; only differences matter."""
+    """The tracks of all people in the images of one camera. Times are stamps, ns; only differences matter."""
 
-    def __init__(self) -> None:
+    def __init__(self, sure: bool = False) -> None:
+        """sure: see `Numbers`."""
         self._tracks: list[ImageTrack] = []
-
-    @property
-    def tracks(self) -> Sequence[ImageTrack]:
-        """All tracks, oldest first."""
-        return self._tracks
+        self.numbers = Numbers(sure)
+        """What is known about the detector's numbers."""
 
     def seen_at(self, stamp_ns: int) -> list[ImageTrack]:
         """Return the tracks with a detection in the image of this stamp."""
         return [track for track in self._tracks if track.seen_ns == stamp_ns]
 
-    def clear(self) -> None:
-        """Forget all tracks."""
-        self._tracks.clear()
+    def begin_alone(self, detection: Seen, stamp_ns: int) -> ImageTrack:
+        """Begin the track of the only person, and forget all others."""
+        self._tracks = [ImageTrack(detection, detection.points.copy(), stamp_ns)]
+        return self._tracks[0]
+
+    def hear(self, stamp_ns: int, numbers: Sequence[int], lasting: bool) -> bool:
+        """Note the numbers of all people in an image, before `update`, also of an empty one.
+
+        lasting: as in `Image`. Return True if nobody has a number from before any more.
+        """
+        forgotten = self.numbers.hear(stamp_ns, numbers)
+        if forgotten or not lasting:
+            for track in self._tracks:
+                track.number = None
+        return forgotten
 
     def update(
         self,
         stamp_ns: int,
-        detections: Sequence[Detection],
-        persistent: bool,
+        detections: Sequence[Seen],
+        lasting: bool,
         forget_after: float,
-        followed: ImageTrack | None = None,
-        expected: Callable[[], np.ndarray | None] = lambda: None,
+        expected: Mapping[ImageTrack, np.ndarray | None] | None = None,
+        guarded: Collection[ImageTrack] = (),
     ) -> None:
         """Continue the tracks with the detections of one image, and begin new ones.
 
-        persistent: a detection with the number of a track belongs to it, wherever it is. followed: the track of the
-        followed person, which is never forgotten; expected: returns (l, 2), where this person is expected, None: by the
-        track. forget_after: s.
+        lasting: the numbers say who is who, see `Numbers`. expected: the tracks of people who are followed, which are
+        never forgotten, and (l, 2), where these are expected; None: by the track. guarded: those that no doubtful
+        detection continues. forget_after: s.
         """
-        self._forget(stamp_ns, forget_after, followed)
-        rest = self._continue_numbers(stamp_ns, detections) if persistent else list(detections)
-        open_tracks = [track for track in self._tracks if track.seen_ns != stamp_ns]
-        near = [track for track in open_tracks if track.unseen_s(stamp_ns) <= forget_after]
-        for track, detection in self._assigned(stamp_ns, near, rest, followed, expected):
+        expected = expected or {}
+        self._tracks = [t for t in self._tracks if t in expected or 0 <= t.unseen_s(stamp_ns) <= forget_after]
+        rest = list(detections)
+        believed = lasting and self.numbers.believed(stamp_ns)
+        pairs = self._of_sure_numbers(rest) if believed and self.numbers.sure else []
+        for track, detection in pairs:
             rest.remove(detection)
-            track.see(detection, stamp_ns, by_place=True)
+            track.see(detection, stamp_ns, by_place=False)
+        for track, detection, by_place in self._assigned(stamp_ns, rest, believed, forget_after, expected, guarded):
+            rest.remove(detection)
+            if believed and track.number not in (None, detection.number):
+                self._take_number(detection.number, track, stamp_ns)
+            track.see(detection, stamp_ns, by_place)
         self._begin(stamp_ns, rest)
-
-    def _forget(self, stamp_ns: int, forget_after: float, followed: ImageTrack | None) -> None:
-        kept = [t for t in self._tracks if t is followed or 0 <= t.unseen_s(stamp_ns) <= forget_after]
-        self._tracks = kept
-
-    def _continue_numbers(self, stamp_ns: int, detections: Sequence[Detection]) -> list[Detection]:
-        """Continue the tracks by number. Return the detections with other numbers."""
-        by_number = {track.detection.number: track for track in self._tracks}
-        rest = []
-        for detection in detections:
-            track = by_number.get(detection.number)
-            if track is None:
-                rest.append(detection)
+        for track in self._tracks:
+            if track.seen_ns == stamp_ns:
+                track.number = track.detection.number if lasting else None
             else:
-                track.see(detection, stamp_ns, by_place=False)
-        return rest
+                track.missed += 1
+
+    def _of_sure_numbers(self, detections: Sequence[Seen]) -> list[tuple[ImageTrack, Seen]]:
+        """Return the detections whose numbers tracks have, with these."""
+        numbered = {track.number: track for track in self._tracks if track.number is not None}
+        return [(numbered[one.number], one) for one in detections if one.number in numbered]
+
+    def _take_number(self, number: int, track: ImageTrack, stamp_ns: int) -> None:
+        """Take a number from its owner. It has jumped to another track."""
+        owner = next((one for one in self._tracks if one is not track and one.number == number), None)
+        if owner is not None:
+            owner.number = None
+            self.numbers.jump(stamp_ns, number)
 
     def _assigned(
         self,
         stamp_ns: int,
-        tracks: Sequence[ImageTrack],
-        detections: Sequence[Detection],
-        followed: ImageTrack | None,
-        expected: Callable[[], np.ndarray | None],
-    ) -> list[tuple[ImageTrack, Detection]]:
-        """Return the tracks with their detections by least total cost. In doubt the followed person gets none."""
+        detections: Sequence[Seen],
+        believed: bool,
+        forget_after: float,
+        expected: Mapping[ImageTrack, np.ndarray | None],
+        guarded: Collection[ImageTrack],
+    ) -> list[tuple[ImageTrack, Seen, bool]]:
+        """Return tracks with detections, by least total cost, and whether it is by place only.
+
+        The cost is that of the place, and OTHER_NUMBER. The place alone reaches as far as `match_radius`, for up to
+        forget_after; with the track's number as far as `_number_radius`. In doubt a guarded person gets none.
+        """
+        tracks = [track for track in self._tracks if track.seen_ns != stamp_ns]
         if not tracks or not detections:
             return []
-        places = [expected() if track is followed else None for track in tracks]
-        points = [t.predicted(stamp_ns) if place is None else place for t, place in zip(tracks, places)]
+        points = [t.predicted(stamp_ns) if (place := expected.get(t)) is None else place for t in tracks]
         costs = pair_costs(np.stack(points), detections)
-        limits = np.array([_reach(track, stamp_ns, track is followed) for track in tracks])
-        pairs = dict(assign(costs, limits))
-        row = next((i for i, track in enumerate(tracks) if track is followed), None)
-        if row is not None and row in pairs:
+        unseen = np.array([track.unseen_s(stamp_ns) for track in tracks])
+        reach = np.array([_reach(track, stamp_ns, track in guarded) for track in tracks])
+        reach[unseen > forget_after] = -1.0
+        same = same_numbers([t.number if believed else None for t in tracks], [one.number for one in detections])
+        sure = same if self.numbers.proven else np.zeros_like(same)
+        used = np.where((unseen > forget_after)[:, None], same, sure)
+        costs = np.where(used & np.isinf(costs), NUMBER_NEAR, costs)  # too few points for a place
+        by_number = np.maximum(np.array([_number_radius(s) for s in unseen]), reach)
+        limits = np.where(used, by_number[:, None], reach[:, None])
+        weighed = np.where(costs <= limits, costs + np.where(used, 0.0, OTHER_NUMBER), np.inf)
+        pairs = dict(assign(weighed, np.full(len(tracks), LARGEST)))
+        for row in [i for i, track in enumerate(tracks) if track in guarded and i in pairs and not sure[i, pairs[i]]]:
             column = pairs[row]
-            rivals = [i for i in range(len(tracks)) if i not in pairs and costs[i, column] <= limits[i]]
-            rival = min(rivals, key=lambda i: float(costs[i, column]), default=None)
-            share = RIVAL if tracks[row].unseen_s(stamp_ns) <= GUESS_AFTER_S else 0.0
-            if rival is not None and costs[row, column] > share * costs[rival, column]:
+            rivals = [i for i in range(len(tracks)) if i not in pairs and costs[i, column] <= limits[i, column]]
+            rival = min(rivals, key=lambda i: (not used[i, column], float(costs[i, column])), default=None)
+            share = RIVAL if unseen[row] <= GUESS_AFTER_S else 0.0
+            if rival is not None and (used[rival, column] or costs[row, column] > share * costs[rival, column]):
                 pairs[rival] = pairs.pop(row)
-        return [(tracks[i], detections[j]) for i, j in pairs.items()]
+        return [(tracks[i], detections[j], not sure[i, j]) for i, j in pairs.items()]
 
-    def _begin(self, stamp_ns: int, detections: Sequence[Detection]) -> None:
+    def _begin(self, stamp_ns: int, detections: Sequence[Seen]) -> None:
         """Begin a track for each detection that is no duplicate of another one in the image."""
         for detection in sorted(detections, key=lambda d: -int(np.count_nonzero(d.confidence))):
             others = [track.detection for track in self.seen_at(stamp_ns)]
@@ -171,13 +224,19 @@ def _mean(vectors: np.ndarray) -> np.ndarray:
     return total / np.add.reduce(known, axis=0)
 
 
-def _reach(track: ImageTrack, stamp_ns: int, followed: bool) -> float:
-    """Return the largest cost of a detection that belongs to a track."""
+def _reach(track: ImageTrack, stamp_ns: int, guarded: bool) -> float:
+    """Return the largest cost of a detection that belongs to a track by its place alone."""
     radius = match_radius(track.unseen_s(stamp_ns))
-    return min(radius, FARTHEST_FOLLOWED) if followed else radius
+    return min(radius, FARTHEST_GUARDED) if guarded else radius
 
 
-def pair_costs(predicted: np.ndarray, detections: Sequence[Detection]) -> np.ndarray:
+def _number_radius(unseen_s: float) -> float:
+    """Return the largest cost of a detection that belongs to a track by its number and its place."""
+    radius = NUMBER_NEAR + SPREAD_PER_S * max(0.0, unseen_s - SILENCE_S)
+    return radius if radius < FARTHEST else LARGEST
+
+
+def pair_costs(predicted: np.ndarray, detections: Sequence[Seen]) -> np.ndarray:
     """Return the cost (p, d) of each pair of predicted points (p, l, 2) and a detection: distance, and ratio of sizes.
 
     Infinite with too few common points.

@@ -1,14 +1,17 @@
-"""Distance between a detection and a tracked person: mean distance to the predicted landmarks."""
+"""Distance between a detection and a tracked person, the mean one to the predicted landmarks; optimal assignment."""
 
 from __future__ import annotations
 
-from typing import Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.robust_loss import norm
-from lassokin_ros.pipeline.people.tracked_person import Detection
+from lassokin_ros.core.scipy_functions import compiled_module
+from lassokin_ros.pipeline.seen import Seen
+
+linear_sum_assignment = compiled_module("optimize", "_lsap", "optimize").linear_sum_assignment
 
 FARTHEST = 1.0
 """Upper limit of one point's distance, as a fraction of the person's size. It limits the effect of an outlier."""
@@ -24,7 +27,7 @@ FEWEST_POINTS = 3
 
 
 def distances(
-    predicted: np.ndarray, detections: Sequence[Detection], min_confidence: float, fewest: int = FEWEST_POINTS
+    predicted: np.ndarray, detections: Sequence[Seen], min_confidence: float, fewest: int = FEWEST_POINTS
 ) -> np.ndarray:
     """Return (p, d) mean distances of detections from predicted points (p, l, 2), as fractions of the person's size.
 
@@ -43,12 +46,12 @@ def distances(
     return np.where(counts < fewest, np.inf, mean)
 
 
-def distance(predicted: np.ndarray, detection: Detection, min_confidence: float) -> float:
+def distance(predicted: np.ndarray, detection: Seen, min_confidence: float) -> float:
     """Return the distance of one detection from predicted points (l, 2), see `distances`."""
     return float(distances(predicted[None], [detection], min_confidence)[0, 0])
 
 
-def is_trackable(detection: Detection, config: TrackerConfig) -> bool:
+def is_trackable(detection: Seen, config: TrackerConfig) -> bool:
     """Return True if the detection has enough landmarks for a tracker with these settings."""
     finite = np.isfinite(detection.points)
     good = (detection.confidence >= max(config.min_confidence, 1e-9)) & finite[:, 0] & finite[:, 1]
@@ -58,3 +61,15 @@ def is_trackable(detection: Detection, config: TrackerConfig) -> bool:
 def match_radius(unseen_s: float) -> float:
     """Return the largest distance of a detection that matches a person who was out of sight for `unseen_s` s."""
     return min(NEAR + SPREAD_PER_S * unseen_s, FARTHEST - 1e-6)
+
+
+def assign(costs: np.ndarray, limits: Sequence[float] | np.ndarray) -> list[tuple[int, int]]:
+    """Return the (row, column) pairs of least total cost.
+
+    costs: (rows, columns); limits: per row, the largest cost of a pair.
+    """
+    if costs.size == 0:
+        return []
+    allowed = costs <= np.asarray(limits, dtype=float)[:, None]
+    rows, columns = linear_sum_assignment(np.where(allowed, costs, 1e3))
+    return [(int(r), int(c)) for r, c in zip(rows, columns) if allowed[r, c]]

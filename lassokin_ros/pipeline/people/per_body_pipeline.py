@@ -17,6 +17,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.observation import Status
 from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.pipeline.answers import Answer, frames_of
 from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.choice import NoPersonError
@@ -73,7 +74,7 @@ class PerBodyPipeline(Pipeline):
 
     def lock(self, now_ns: int) -> str:
         """Raise NoPersonError."""
-        raise NoPersonError("nobody was locked: each person has a topic of keypoints, and the detector says who is who")
+        raise NoPersonError("lock failed: each person has a topic of keypoints, and the detector says who is who")
 
     def is_informed_at(self, now_ns: int) -> bool:
         """As Pipeline.is_informed_at. The detector's list says who is there; each listed body must have keypoints."""
@@ -125,12 +126,16 @@ class PerBodyPipeline(Pipeline):
             self.counts["people come"] += 1
 
     def frames_of(self, person: str, message: Any, arrival_ns: int) -> list[FrameResult]:
-        """Track one person's message, see `Pipeline.frames`. Return no result if the person is not present."""
+        """Return the results of `push_of`."""
+        return frames_of(self.push_of(person, message, arrival_ns))
+
+    def push_of(self, person: str, message: Any, arrival_ns: int) -> list[Answer]:
+        """Track one person's message, see `Pipeline.push`. Return no answer if the person is not present."""
         pipeline = self._present.get(person)
         if pipeline is None:
             return []
         pipeline.enabled, jumps, before = self.enabled, self.counts[JUMPS], pipeline.image
-        frames = pipeline.frames(message, arrival_ns, self.first.name)
+        answers = pipeline.push(message, arrival_ns, self.first.name)
         if self.counts[JUMPS] > jumps:
             self._note_jump(pipeline.jumps, None if before is None else before[0])
         self.answered = self.answered or pipeline.answered
@@ -138,7 +143,10 @@ class PerBodyPipeline(Pipeline):
         self.image, mine.frame_id = pipeline.image, theirs.frame_id
         mine.nobody_in_view, mine.unused_confidence = theirs.nobody_in_view, theirs.unused_confidence
         mine.stamp_rate, mine.own_depth, mine.landmark_ids = theirs.stamp_rate, theirs.own_depth, theirs.landmark_ids
-        return [replace(frame, person=person, label=person) for frame in frames]
+        return [
+            replace(answer, frames=[replace(frame, person=person, label=person) for frame in answer.frames])
+            for answer in answers
+        ]
 
     def _note_jump(self, jumps: PoseJumps, before_ns: int | None) -> None:
         """Keep a jump that a person's image shows, unless it is the one that images of others have shown already.

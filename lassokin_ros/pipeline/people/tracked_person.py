@@ -18,15 +18,14 @@ from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import HERE, CameraPose, Observation, Status
 from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.core.output.observed import ObservedJoints
-from lassokin_ros.core.record import record
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.doubt.live import LiveDoubts
 from lassokin_ros.doubt.signs import NO_TURN, Signs, signs_of
-from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.repeats import Repeats
 from lassokin_ros.pipeline.outputs.status.rejection_text import frozen_text, rejection_text
 from lassokin_ros.pipeline.people.joint_states import SHORTEST_NS, JointStates, Moment
+from lassokin_ros.pipeline.seen import Sight
 
 VELOCITY_MEMORY_S = 0.2
 """s: averaging time of the velocity used for prediction."""
@@ -36,34 +35,6 @@ FROZEN = "frozen"
 
 LONGEST_PREDICTION_S = 0.5
 """s: a person out of sight is predicted to move with constant velocity for this long, then to stand still."""
-
-
-@record
-class Detection:
-    """One person in one image.
-
-    points: (l, 2) normalised, NaN = missing; confidence: (l,); number: the person number in the message; pixels:
-    (l, 2) px from the detector, None without a detection. depth, depth_of_surface, depth_age: as in
-    Observation.
-    """
-
-    points: np.ndarray
-    confidence: np.ndarray
-    number: int = 0
-    pixels: np.ndarray | None = None
-    depth: np.ndarray | None = None
-    depth_of_surface: bool = True
-    depth_age: float = 0.0
-
-
-@record
-class Sight:
-    """A detection of a person, and how its image was taken. stamp_ns: ns. camera: which camera, and where it is."""
-
-    stamp_ns: int
-    seen: Detection
-    lens: Lens
-    camera: CameraPose = HERE
 
 
 class TrackedPerson:
@@ -217,7 +188,8 @@ class TrackedPerson:
         name = sight.camera.name
         if name not in self._repeats:
             self._repeats[name] = Repeats()
-        repeated = self._repeats[name].age(sight.stamp_ns, sight.seen.points)
+        content = np.column_stack((sight.seen.points, sight.seen.confidence))  # as the tracker compares them
+        repeated = self._repeats[name].age(sight.stamp_ns, content)
         return repeated if repeated > self.tracker.config.lost_after else 0.0
 
     def mark_absent(self, sight: Sight) -> list[FrameResult]:

@@ -15,6 +15,8 @@ from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.core.recording import track_backward
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.seen import key_of
+from msg_adapters.output_messages.people import number_of
 
 STILL = 0.01
 """m, and rad: a camera whose pose in TF changes by less stands still."""
@@ -54,36 +56,45 @@ class _Instant(NamedTuple):
 
 
 class KeptObservations:
-    """The observations of one person, in a temporary file. Methods raise SpoolError if it cannot be written."""
+    """The observations of each person, in a temporary file. Methods raise SpoolError if it cannot be written."""
 
     def __init__(self) -> None:
         self._spool = ArraySpool()
-        self._people: list[tuple[str, list[_Instant]]] = []
-        """The person's ids in order; of each the instants at which the person was seen under it."""
+        self._people: dict[int | None, dict[str, list[_Instant]]] = {}
+        """By number, None if one person is followed: the ids in order; of each the instants at which the person was
+        seen under it."""
+        self.identities: dict[tuple[str, bytes], int] = {}
+        """The number of each of several people by what was seen, see `Pipeline.identities`."""
         self._first_ns = 0
-        self._newest_ns: int | None = None  # of the accepted frames
+        self._newest_ns: dict[int | None, int] = {}  # of the accepted frames, by number
         self._cameras: dict[str, CameraPose] = {}  # first pose of each, by name
         self._in_order, self._moving, self._alone = True, False, False
 
+    @property
+    def numbers(self) -> list[int | None]:
+        """The numbers of the people; None alone if one person is followed."""
+        return list(self._people)
+
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
-        """Keep the observations of a message; a listener of OfflineTracker."""
+        """Keep the observations of a message; a listener of Playback."""
         for frame in frames:
-            newer = self._newest_ns is None or frame.stamp_ns > self._newest_ns
+            number = number_of(frame.person) if frame.person else None
+            newest_ns = self._newest_ns.get(number)
+            newer = newest_ns is None or frame.stamp_ns > newest_ns
             if frame.accepted:
                 self._in_order = self._in_order and newer
-                self._newest_ns = frame.stamp_ns
+                self._newest_ns[number] = frame.stamp_ns
+            if number is not None:
+                self.identities |= {(one.camera.name, key_of(one.points)): number for one in frame.images}
             if frame.observations and (frame.accepted or newer):  # not one that was refused because it is late
-                self._append(frame.label, frame.stamp_ns, frame.observations)
+                instants = self._people.setdefault(number, {}).setdefault(frame.label or frame.person, [])
+                instants.append(self._instant(frame.stamp_ns, frame.observations))
 
-    def _append(self, person: str, stamp_ns: int, observations: Sequence[Observation]) -> None:
-        if not self._people:
-            self._first_ns = stamp_ns
+    def _instant(self, stamp_ns: int, observations: Sequence[Observation]) -> _Instant:
+        self._first_ns = self._first_ns or stamp_ns
         self._follow_cameras([one.camera for one in observations if one.camera.known])
-        if not self._people or self._people[-1][0] != person:
-            self._people.append((person, []))
         arrays = {f"{n} {name}": array for n, one in enumerate(observations) for name, array in _arrays(one).items()}
-        names = tuple(one.camera.name for one in observations)
-        self._people[-1][1].append(_Instant(stamp_ns, names, self._spool.append(arrays)))
+        return _Instant(stamp_ns, tuple(one.camera.name for one in observations), self._spool.append(arrays))
 
     @property
     def usable(self) -> bool:
@@ -102,16 +113,14 @@ class KeptObservations:
         self._alone = self._alone or len(poses) == 1
 
     def track_backward(
-        self, tracker: Tracker, placed: Callable[[Sequence[Observation]], list[Observation]]
+        self, number: int | None, tracker: Tracker, placed: Callable[[Sequence[Observation]], list[Observation]]
     ) -> Mapping[int, Backward]:
-        """Track backward in time, and return the frames by stamp in ns; none if it is not `usable`.
+        """Track a person backward in time, and return the frames by stamp in ns.
 
         tracker: a new one, with the person's lengths. placed: gives the observations of an instant their cameras.
         """
         frames = SpooledFrames()
-        if not self.usable:
-            return frames
-        for _, instants in reversed(self._people):
+        for instants in reversed(self._people[number].values()):
             tracker.reset(same_camera=True)
             seen = (placed(instant) for instant in self._latest_first(instants))
             for stamp, found in track_backward(tracker, (instant for instant in seen if instant)):

@@ -121,7 +121,7 @@ class ReplayLog:
     _images: dict[str, ImageOfPerson] = field(default_factory=dict)
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
-        """Add the frames of one keypoint message, in the order of `FramesInOrder`.
+        """Add the frames of one keypoint message, in the order of the stamps.
 
         time_ns: recording time. seconds: tracking time.
         """

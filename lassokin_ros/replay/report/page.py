@@ -13,9 +13,9 @@ from typing import Any
 
 from lassokin_ros.common.atomic_files import refuse_existing
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.pipeline.concerns.catalogue import Raised
 from lassokin_ros.replay.report import tables
 from lassokin_ros.replay.report.facts import Facts
-from lassokin_ros.replay.report.findings import Finding
 from lassokin_ros.replay.report.page_json import page_data, timing_data
 
 SCRIPTS = ("common", "body", "space", "image", "series", "page")
@@ -37,7 +37,7 @@ def check_report(path: Path, replace: bool = False) -> None:
     refuse_existing(path, replace, ReportError)
 
 
-def page(facts: Facts, findings: Sequence[Finding], images: dict[str, Any]) -> str:
+def page(facts: Facts, findings: Sequence[Raised], images: dict[str, Any]) -> str:
     """Return the HTML text.
 
     findings: in their order on the page. images: see `ReportImages.data`.
@@ -47,7 +47,7 @@ def page(facts: Facts, findings: Sequence[Finding], images: dict[str, Any]) -> s
         title=escape(facts.title),
         subtitle=escape(" · ".join(_subtitle(facts))),
         style=_file("page.css"),
-        findings="".join(f'<li class="{f.level}">{tables.marked(f.text)}</li>' for f in findings),
+        findings="".join(f'<li class="{f.level}">{tables.marked(f.sentence)}</li>' for f in findings),
         figures=tables.figures(facts),
         timing=tables.timing(facts),
         rejections=tables.rejections(facts),

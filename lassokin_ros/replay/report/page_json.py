@@ -14,10 +14,10 @@ import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.body.surface import HEAD
+from lassokin_ros.pipeline.concerns.rejections import reason_text
 from lassokin_ros.replay.analysis.capsules import capsules
 from lassokin_ros.replay.report.facts import Facts, floor_of, landmark_errors
 from lassokin_ros.replay.report.log import PersonRow
-from lassokin_ros.replay.report.rejection_advice import reason_text
 
 BUDGET = 2_000_000
 """bytes: limit for skeletons, image points and angles in the page, before base64 (which adds a third)."""

@@ -9,11 +9,11 @@ import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.pipeline.concerns.catalogue import DOUBT, PROBLEM, Raised, say
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.image_sets import SAME_INSTANT_NS
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.replay.report.facts import Facts
-from lassokin_ros.replay.report.finding import DOUBT, NOTE, PROBLEM, Finding
 from lassokin_ros.replay.report.findings import findings
 from lassokin_ros.replay.report.images import ReportImages
 from lassokin_ros.replay.report.log import ReplayLog
@@ -37,26 +37,32 @@ class Report:
         self.images = {name: ReportImages() for name in names}
         """The images of each camera, each added with the stamp of its keypoint message."""
         self.remarks: list[str] = []
-        """Sentences that the page shows as notes."""
-        self.problems: list[str] = []
-        self.doubts: list[str] = []
-        """The sentences of the problems and of the doubts on the page, after `write`."""
+        """Texts that the page shows as notes."""
+        self.findings: list[Raised] = []
+        """What the page says, after `write`."""
 
     @property
     def summary_lines(self) -> list[str]:
         """The problems and doubts as lines for the terminal."""
-        lines = {"problem": self.problems, "doubt": self.doubts}
-        return [f"{level:<15} {text}" for level, texts in lines.items() for text in texts]
+        return [f"{one.level:<15} {one.sentence}" for one in self.findings if one.level in (PROBLEM, DOUBT)]
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
-        """Add the frames of one keypoint message, see `OfflineTracker.listeners`."""
+        """Add the frames of one keypoint message, see `Playback.listeners`."""
         self._log.add(frames, time_ns, seconds)
 
-    def write(self, files: AtomicFiles, title: str, topics: tuple[str, str], own_keypoints: bool = False) -> None:
+    def write(
+        self,
+        files: AtomicFiles,
+        title: str,
+        topics: tuple[str, str],
+        own_keypoints: bool = False,
+        warnings: Sequence[Raised] = (),
+    ) -> None:
         """Write the page as part of `files`.
 
         title: name of the recording. topics: keypoint topic and camera_info topic, or what else they come from.
-        own_keypoints: see `Facts`. Raises ReportError, and the error of `files`.
+        own_keypoints: see `Facts`. warnings: those of the diagnostics, see `WarningLog`. Raises
+        ReportError, and the error of `files`.
         """
         title = title.encode(errors="backslashreplace").decode()  # file names may hold bytes that are not UTF-8
         pipeline = self._pipeline
@@ -73,7 +79,5 @@ class Report:
         apart_ns = SAME_INSTANT_NS if len(self.images) > 1 else 0
         photos, *more = (images.data(times, apart_ns) for images in self.images.values())
         images = {**photos, "others": more}
-        found = [*findings(facts), *(Finding(NOTE, text) for text in self.remarks)]
-        self.problems = [finding.text for finding in found if finding.level == PROBLEM]
-        self.doubts = [finding.text for finding in found if finding.level == DOUBT]
-        files.write_text(self._path, page(facts, found, images))
+        self.findings = [*findings(facts, warnings), *(say("remark", text=text) for text in self.remarks)]
+        files.write_text(self._path, page(facts, self.findings, images))

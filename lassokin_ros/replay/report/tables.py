@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from lassokin_ros.pipeline.concerns.rejections import advice_for, reason_text
 from lassokin_ros.replay.report.facts import Facts, bone_changes, landmark_errors
-from lassokin_ros.replay.report.rejection_advice import advice_for, reason_text
 
 MOST_ROWS = 40
 """Maximum number of rows of the table of gaps."""

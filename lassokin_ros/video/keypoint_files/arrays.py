@@ -9,7 +9,14 @@ from zlib import error as DamagedArchive
 import numpy as np
 
 from lassokin_ros.detector.backend import Detected
-from lassokin_ros.video.keypoint_files.keypoints import MOST_NUMBERS, Keypoints, by_names, detected, in_order, on_frames
+from lassokin_ros.video.keypoint_files.keypoints import (
+    MOST_NUMBERS,
+    KeypointFile,
+    by_names,
+    detected,
+    in_order,
+    on_frames,
+)
 from lassokin_ros.video.sources import SourceError
 
 FORM = (
@@ -18,7 +25,7 @@ FORM = (
 )
 
 
-def read_arrays(file: Path) -> Keypoints:
+def read_arrays(file: Path) -> KeypointFile:
     """Read an archive. Raises SourceError."""
     try:
         with np.load(file, allow_pickle=False) as archive:
@@ -40,12 +47,12 @@ def read_arrays(file: Path) -> Keypoints:
     if stamps is None and "fps" in data and float(data["fps"]) > 0:
         stamps = np.arange(len(rows)) / float(data["fps"])
     if stamps is None:
-        return Keypoints(layout, [[row] for row in rows], size=known)
+        return KeypointFile(layout, [[row] for row in rows], size=known)
     times, numbers = np.unique(stamps, return_inverse=True)  # an export has a row for each person
     found: dict[int, list[Detected]] = {}
     for number, row in zip(numbers.ravel().tolist(), rows):
         found.setdefault(number, []).append(row)
-    return Keypoints(layout, on_frames(found), times - times[0], known)
+    return KeypointFile(layout, on_frames(found), times - times[0], known)
 
 
 WANTED = (

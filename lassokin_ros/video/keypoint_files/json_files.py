@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.detector.backend import Detected
-from lassokin_ros.video.keypoint_files.keypoints import MOST_NUMBERS, Keypoints, body_of, detected, number_in, on_frames
+from lassokin_ros.video.keypoint_files.keypoints import (
+    MOST_NUMBERS,
+    KeypointFile,
+    body_of,
+    detected,
+    number_in,
+    on_frames,
+)
 from lassokin_ros.video.sources import SourceError, natural_key
 
 FORM = "expected the JSON of OpenPose, AlphaPose or COCO"
@@ -23,7 +30,7 @@ def openpose_files(folder: Path) -> list[Path]:
     return sorted(own or files, key=lambda file: natural_key(file.name))
 
 
-def read_openpose(folder: Path) -> Keypoints:
+def read_openpose(folder: Path) -> KeypointFile:
     """Read a folder of OpenPose: `walk_000000000012_keypoints.json` with `people`, `pose_keypoints_2d`.
 
     Raises SourceError.
@@ -41,10 +48,10 @@ def read_openpose(folder: Path) -> Keypoints:
         rows = [_points(person, ("pose_keypoints_2d", "pose_keypoints"), str(file)) for person in people]
         layouts |= dict.fromkeys(layout for layout, _ in rows)
         found[number if counted and number is not None else order] = [detected(points) for _, points in rows]
-    return Keypoints(_one(layouts, str(folder)), on_frames(found))
+    return KeypointFile(_one(layouts, str(folder)), on_frames(found))
 
 
-def read_results(file: Path) -> Keypoints:
+def read_results(file: Path) -> KeypointFile:
     """Read the results of AlphaPose or COCO, or COCO's annotations, which have the images' size. Raises SourceError."""
     data = _load(file)
     rows, size, names = data, None, {}
@@ -67,7 +74,7 @@ def read_results(file: Path) -> Keypoints:
         layouts[layout] = None
         found.setdefault(number, []).append(detected(points))
     known = size if size is not None and all(isinstance(side, int) and side > 0 for side in size) else None
-    return Keypoints(_one(layouts, str(file)), on_frames(found), size=known)
+    return KeypointFile(_one(layouts, str(file)), on_frames(found), size=known)
 
 
 def _load(file: Path) -> Any:

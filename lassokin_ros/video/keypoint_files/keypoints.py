@@ -24,7 +24,7 @@ MOST_NUMBERS = 50_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Keypoints:
+class KeypointFile:
     """The keypoints of a file.
 
     layout: name of the landmark layout. people: the people in each of f images. seconds: (f,) s, rising; None if the

@@ -15,7 +15,7 @@ from lassokin_ros.detector.backend import Detected, Detector
 from lassokin_ros.pipeline.camera.calibration_file import read_calibration
 from lassokin_ros.video.keypoint_files.arrays import read_arrays
 from lassokin_ros.video.keypoint_files.json_files import openpose_files, read_openpose, read_results
-from lassokin_ros.video.keypoint_files.keypoints import Keypoints
+from lassokin_ros.video.keypoint_files.keypoints import KeypointFile
 from lassokin_ros.video.keypoint_files.tables import read_table
 from lassokin_ros.video.sources import ASSUMED_FPS, Image, Source, SourceError, images_of, open_source, timing_of
 
@@ -28,7 +28,7 @@ PICKLED = (".pickle", ".pkl", ".h5")
 class StoredKeypoints:
     """The keypoints of a file as a Detector: the images are known by their times."""
 
-    def __init__(self, keypoints: Keypoints, seconds: np.ndarray, size: tuple[int, int]) -> None:
+    def __init__(self, keypoints: KeypointFile, seconds: np.ndarray, size: tuple[int, int]) -> None:
         """seconds: (f,) of the images. size: (width, height) px."""
         self.landmarks = keypoints.layout
         self.several = max(map(len, keypoints.people), default=0) > 1
@@ -70,7 +70,7 @@ def open_input(options: argparse.Namespace) -> tuple[Source, Detector | None]:
     return source, StoredKeypoints(keypoints, seconds, size)
 
 
-def _read(path: Path) -> Keypoints | None:
+def _read(path: Path) -> KeypointFile | None:
     """Return the keypoints in a file or a folder, None if it has none. Raises SourceError."""
     suffix = path.suffix.lower()
     if os.path.isdir(path):
@@ -82,7 +82,7 @@ def _read(path: Path) -> Keypoints | None:
     return READERS[suffix](path) if suffix in READERS else None
 
 
-def _size(options: argparse.Namespace, keypoints: Keypoints, path: Path) -> tuple[int, int]:
+def _size(options: argparse.Namespace, keypoints: KeypointFile, path: Path) -> tuple[int, int]:
     """Return the size of the images: --image-size, that in the file, or that of the calibration. Raises SourceError."""
     if options.image_size is not None:
         found = re.fullmatch(r"(\d{1,5})[x,](\d{1,5})", options.image_size)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lassokin_ros.video.keypoint_files.keypoints import Keypoints, body_of, by_names, detected, in_order
+from lassokin_ros.video.keypoint_files.keypoints import KeypointFile, body_of, by_names, detected, in_order
 from lassokin_ros.video.sources import SourceError
 
 FORM = (
@@ -31,7 +31,7 @@ LARGEST_SHARE = 3.0
 """Points are shares of the image's sides if nine tenths of them are below this."""
 
 
-def read_table(file: Path) -> Keypoints:
+def read_table(file: Path) -> KeypointFile:
     """Read a table. Raises SourceError."""
     try:
         with file.open(encoding="utf-8-sig", newline="") as text:
@@ -58,7 +58,7 @@ def read_table(file: Path) -> Keypoints:
         points = in_order(order, points)
     seen = points[points[..., 2] > 0][:, :2]
     relative = bool(len(seen) and np.nanquantile(np.abs(seen), 0.9) < LARGEST_SHARE)
-    return Keypoints(layout, [[detected(row)] for row in points], _times(header, numbers), relative=relative)
+    return KeypointFile(layout, [[detected(row)] for row in points], _times(header, numbers), relative=relative)
 
 
 def _header(rows: list[list[str]]) -> tuple[list[tuple[str, ...]], list[list[str]]]:

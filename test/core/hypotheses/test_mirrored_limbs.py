@@ -28,11 +28,8 @@ def seen_from(camera):
 
 
 def mirrored(kinematics, tracked, turn, camera=HERE):
-    """The states proposed in the turn-th call, one per limb."""
-    limbs = MirroredLimbs(kinematics)
-    for _ in range(turn):
-        limbs.propose(tracked, seen_from(camera))
-    return limbs.propose(tracked, seen_from(camera))
+    """The states of the turn-th proposal, one per limb."""
+    return MirroredLimbs(kinematics).propose(tracked, seen_from(camera), turn)
 
 
 @pytest.mark.parametrize("limb, turn", CASES)
@@ -92,7 +89,7 @@ def test_both_bones_the_outer_and_the_inner_one_come_in_turn():
     kinematics = body()
     tracked = evaluated(kinematics, random_state(np.random.default_rng(4), kinematics))
     limbs = MirroredLimbs(kinematics)
-    proposed = [limbs.propose(tracked, seen_from(HERE)).rotations for _ in range(2 * len(BONES))]
+    proposed = [limbs.propose(tracked, seen_from(HERE), turn).rotations for turn in range(2 * len(BONES))]
     assert set(BONES) == {(True, True), (True, False), (False, True)}
     for turn in range(len(BONES)):
         assert np.array_equal(proposed[turn], proposed[turn + len(BONES)])
@@ -118,7 +115,7 @@ def test_a_bone_along_the_line_of_sight_is_reversed():
 def test_a_skeleton_without_limbs_has_no_proposals():
     kinematics = random_body(np.random.default_rng(0))
     state = BodyState(np.tile(np.eye(3), (kinematics.joint_count, 1, 1)), np.array([0.0, 0.0, 3.0]))
-    assert MirroredLimbs(kinematics).propose(evaluated(kinematics, state), seen_from(HERE)) is None
+    assert MirroredLimbs(kinematics).propose(evaluated(kinematics, state), seen_from(HERE), 0) is None
 
 
 def test_a_limb_that_moves_no_landmark_is_not_mirrored():

@@ -81,14 +81,14 @@ def test_a_pose_is_proposed_if_it_is_far_from_the_tracked_one(apart, proposed):
     positions = positions_of(pose)
     positions["head"] = positions["head"] + [0.0, 0.0, apart * len(positions)]
     network_pose = NetworkPose(lambda: places_of(positions), KINEMATICS, MEAN)
-    found = network_pose.propose(SimpleNamespace(pose=pose), None)
+    found = network_pose.propose(SimpleNamespace(pose=pose), None, 0)
     assert (found is not None) == proposed
     assert not proposed or (found.rotations.shape == (1, 24, 3, 3) and found.translation.shape == (1, 3))
 
 
 def test_without_an_estimate_there_is_no_pose():
     network_pose = NetworkPose(lambda: None, KINEMATICS, MEAN)
-    assert network_pose.state() is None and network_pose.propose(SimpleNamespace(pose=pose_of(0)), None) is None
+    assert network_pose.state() is None and network_pose.propose(SimpleNamespace(pose=pose_of(0)), None, 0) is None
 
 
 def test_the_networks_pose_is_near_the_person():

@@ -42,7 +42,7 @@ class Scene:
         )
 
     def other_pose(self, nothing=False):
-        def propose(tracked, frame):
+        def propose(tracked, frame, turn):
             self.proposals += 1
             return None if nothing else BodyState(self.right.state.rotations[None], np.zeros((1, 3)))
 

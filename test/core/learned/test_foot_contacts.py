@@ -5,7 +5,16 @@ from dataclasses import replace
 import numpy as np
 from sequences import CONFIG
 
-from lassokin_ros.core.learned.foot_contacts import NEW_DEVIATION, SETTLED_DEVIATION, SETTLED_S, STILL, FootContacts
+from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.learned.foot_contacts import (
+    FLOOR_GATE,
+    NEW_DEVIATION,
+    SETTLED_DEVIATION,
+    SETTLED_S,
+    STILL,
+    FootContacts,
+    on_floor,
+)
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
@@ -90,3 +99,26 @@ def test_the_tracker_holds_a_foot_that_stands():
     assert speed[0] < 0.75 * speed[1]
     tracker.reset()
     assert tracker.learned.feet.anchors is None
+
+
+def test_a_foot_above_the_lower_one_is_not_on_the_floor():
+    up = np.array([0.0, -0.8, 0.6])
+    for apart, expected in ((0.99 * FLOOR_GATE, [True, True]), (1.01 * FLOOR_GATE, [True, False])):
+        assert on_floor(PLACES + np.outer((0, apart), up), up).tolist() == expected
+
+
+def test_a_person_who_stands_on_one_leg_has_one_contact_and_two_still_feet():
+    tracker = Tracker(replace(CONFIG, hold_feet=True))
+    state, names = motion(tracker.skeleton, np.array([5.0])), tracker.skeleton.joint_names
+    rotations = state.rotations.copy()
+    for joint, angle in (("right_hip", -1.2), ("right_knee", 1.6)):  # rad, about the axis to the left
+        rotations[:, names.index(joint)] = exponential(np.array([angle, 0.0, 0.0]))
+    pose = tracker.kinematics.pose(replace(state, rotations=rotations))
+    points, ankles = pose.landmarks[0], [names.index("left_ankle"), names.index("right_ankle")]
+    random = np.random.default_rng(0)
+    for index in range(60):
+        seen = points[:, :2] / points[:, 2:] + 0.001 * random.normal(size=(len(points), 2))
+        estimate = tracker.track(Observation(index / RATE, seen, np.ones(len(points)), 1000.0))
+    heights = estimate.pose.positions[ankles] @ estimate.up
+    assert heights[1] - heights[0] > 0.2
+    assert estimate.contacts[ankles].tolist() == [True, False] and estimate.still[ankles].tolist() == [True, True]

@@ -14,7 +14,7 @@ from msg_adapters.detectors.definitions import DEFINITIONS as DETECTORS  # noqa:
 from msg_adapters.inputs import POINT, camera_info, point_cloud, rgb_image  # noqa: E402
 from msg_adapters.output_messages import builders, image_markers, joint_uncertainty, markers, people  # noqa: E402
 from msg_adapters.output_messages.skeleton_cloud import POINT as SKELETON_POINT  # noqa: E402
-from msg_adapters.output_messages.skeleton_cloud import SkeletonCloudBuilder  # noqa: E402
+from msg_adapters.output_messages.skeleton_cloud import JointsReport, SkeletonCloudBuilder  # noqa: E402
 
 STAMP, FRAME = 12_345_678_901, "camera"
 POSITIONS = np.arange(6.0).reshape(2, 3)
@@ -133,19 +133,10 @@ def test_diagnostics_of_more_and_fewer_lines_and_values(backend):
 
 def test_the_skeletons_cloud(backend):
     builder = SkeletonCloudBuilder(backend, 2)
-    cloud = points(
-        builder.fill(
-            STAMP,
-            FRAME,
-            POSITIONS,
-            POSITIONS + 20,
-            SYMMETRIC,
-            np.array([True, False]),
-            np.array([False, True]),
-            np.array([0.5, 0.25]),
-        ),
-        SKELETON_POINT,
-    )
+    no, yes, turns = np.array([True, False]), np.array([False, True]), np.arange(8.0).reshape(2, 4)
+    doubts, up = (np.array([0.5, 0.25]), np.array([0.125, 2.0])), np.array([7.0, 8.0, 9.0])
+    report = JointsReport(3, POSITIONS, POSITIONS + 20, SYMMETRIC, no, yes, no, *doubts, turns, up)
+    cloud = points(builder.fill(STAMP, FRAME, report), SKELETON_POINT)
     assert SKELETON_POINT.names[:12] == ("x", "y", "z", "vx", "vy", "vz", "xx", "xy", "xz", "yy", "yz", "zz")
     for joint, point in enumerate(cloud.tolist()):
         expected = [
@@ -155,7 +146,11 @@ def test_the_skeletons_cloud(backend):
             joint,
             1 - joint,
             joint,
-            (0.5, 0.25)[joint],
+            doubts[0][joint],
+            doubts[1][joint],
+            *turns[joint],
+            *up,
+            1 - joint,
         ]
         assert point == tuple(expected)
 

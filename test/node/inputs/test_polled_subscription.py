@@ -115,7 +115,7 @@ def test_time_and_camera_are_read_before_the_keypoints_are_processed():
         order = []
         node._inputs.simulated_time.poll = lambda: order.append("time")
         node._inputs.camera_info.poll = lambda: order.append("camera")
-        node.work_on = lambda message, *_: order.append("keypoints")
+        node._pipeline.push = lambda *_: order.append("keypoints") or []
         peer.spin_until(lambda: [peer.send(0, PIXELS[0]), serve()] and "keypoints" in order)
         assert order[:3] == ["time", "camera", "keypoints"]
 

@@ -49,7 +49,7 @@ WARN = b"\x01"
 def running():
     """(process, peer) of one node that tracks."""
     namespace = "/faults"
-    with NodeProcess(namespace) as node, Peer(namespace) as peer:
+    with NodeProcess(namespace, own=True) as node, Peer(namespace) as peer:
         peer.start(PIXELS[0])
         peer.frames_sent, peer.newest_ns = 1, peer.start_ns
         yield node.process, peer
@@ -287,7 +287,7 @@ def test_signals_during_initialisation_end_the_node():
     signals = [(TERM,), (INT, INT), (INT,), (TERM, TERM), (INT, TERM), (INT, INT)]
     end = time.monotonic() + 2 * DEADLINE_S  # six processes start at once, perhaps on a busy machine
     with ExitStack() as stack:
-        nodes = [stack.enter_context(NodeProcess("/early")) for _ in signals]
+        nodes = [stack.enter_context(NodeProcess("/early", own=True)) for _ in signals]
         waiting = list(zip(nodes, STAGES, signals))
         while waiting:
             assert time.monotonic() < end and all(node.process.poll() is None for node, _, _ in waiting), waiting

@@ -9,10 +9,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from forked import Forked  # noqa: E402
 from live import ROOT, TRACKER, NodeProcess, Peer  # noqa: E402
 from messages import pixels_of_motion  # noqa: E402
-
-from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
 INT, TERM = signal.SIGINT, signal.SIGTERM
 
@@ -21,7 +20,7 @@ INT, TERM = signal.SIGINT, signal.SIGTERM
 def test_a_signal_ends_the_node_with_exit_code_0(signals):
     """While the node is idle; under load see test_live_faults."""
     namespace = "/signals_" + "_".join(str(int(s)) for s in signals)
-    with NodeProcess(namespace) as node, Peer(namespace) as peer:
+    with NodeProcess(namespace, own=True) as node, Peer(namespace) as peer:
         peer.start(pixels_of_motion(1)[0])
         code, said = node.stop(*signals)
     assert code == 0, said
@@ -61,10 +60,10 @@ def test_a_signal_that_an_earlier_thread_gets_interrupts_nothing():
     ],
 )
 def test_a_failed_start_is_explained_in_one_line(arguments, word):
-    done = subprocess.run([*TRACKER, *arguments], capture_output=True, text=True, cwd=ROOT, timeout=120)
-    lines = done.stderr.strip().splitlines()
-    assert done.returncode == 2, done.stderr
-    assert len(lines) == 1 and lines[0].startswith("tracker: ") and word in lines[0], done.stderr
+    process = Forked([*TRACKER, *arguments])
+    lines = process.communicate(timeout=120)[1].strip().splitlines()
+    assert process.returncode == 2, lines
+    assert len(lines) == 1 and lines[0].startswith("tracker: ") and word in lines[0], lines
 
 
 def test_a_home_that_cannot_be_written_is_one_line_with_the_remedy():
@@ -90,15 +89,3 @@ def test_a_qos_policy_that_cannot_be_overridden_is_reported():
             peer.next_diagnostics()
         _, said = node.stop(signal.SIGINT)
     assert said.count("there is no parameter") == 1 and f"'{own}.durability'" in said
-
-
-def test_a_killed_node_can_be_started_again():
-    namespace, pixels = "/killed", pixels_of_motion(1)[0]
-    with Peer(namespace) as peer:
-        with NodeProcess(namespace) as first:
-            peer.start(pixels)
-            first.stop(signal.SIGKILL)
-        peer.clear()
-        with NodeProcess(namespace):
-            peer.start(pixels)
-            assert peer.got[topics.JOINT_STATES]

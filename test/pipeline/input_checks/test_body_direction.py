@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lassokin_ros.core.observation import HERE
+from lassokin_ros.pipeline.concerns.catalogue import PROBLEM
 from lassokin_ros.pipeline.input_checks.body_direction import LONG_S, BodyDirection
 
 NAMES = ("pelvis", "neck", "head")
@@ -27,7 +28,8 @@ def words(*frames, seconds=12, roll=0.0):
     direction = BodyDirection()
     for second in range(seconds):
         direction.update(frames, roll, float(second))
-    return direction.words(float(seconds - 1)), direction.is_down
+    found = direction.concern(float(seconds - 1))
+    return ("", False) if found is None else (found.text, found.level == PROBLEM)
 
 
 @pytest.mark.parametrize(
@@ -48,12 +50,12 @@ def test_a_body_points_up_to_the_side_or_down(degrees, side, down):
 
 def test_it_is_said_after_ten_seconds_and_ends_with_the_first_upright_body():
     direction = BodyDirection()
-    assert direction.words(100.0) == ""
+    assert direction.concern(100.0) is None
     for second in range(12):
         direction.update([frame(180)], 0.0, float(second))
-        assert bool(direction.words(float(second))) == (second > LONG_S)
+        assert (direction.concern(float(second)) is not None) == (second > LONG_S)
     direction.update([frame(0)], 0.0, 12.0)
-    assert direction.words(12.0) == direction.words(22.0) == "" and not direction.is_down
+    assert direction.concern(12.0) is None and direction.concern(22.0) is None
 
 
 def test_the_roll_of_the_camera_is_known():

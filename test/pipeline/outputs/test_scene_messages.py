@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.observation import CameraPose, Status
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.outputs.naming import Naming
-from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
+from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of, person_report
 from lassokin_ros.pipeline.outputs.rep155 import LINKS
 from lassokin_ros.pipeline.outputs.skeletons_message import SkeletonsMessage
 from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState
@@ -24,9 +24,9 @@ from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.replay.offline_tracker import add_type
+from lassokin_ros.replay.playback import register_types
 from msg_adapters.backends import RosbagsBackend
-from msg_adapters.output_messages.people import BUILDERS, CLOUD_TYPE, DEFINITIONS, DETECTIONS_TYPE, PEOPLE_TYPE, POINT
+from msg_adapters.output_messages.people import BUILDERS, CLOUD_TYPE, DETECTIONS_TYPE, PEOPLE_TYPE, POINT
 from msg_adapters.output_messages.skeleton_cloud import POINT as SKELETON_POINT
 from msg_adapters.output_messages.skeleton_cloud import SKELETONS_POINT
 
@@ -34,8 +34,8 @@ pytest.importorskip("rosbags")
 START_NS, SECOND = 5_000_000_000, 1_000_000_000
 PIXELS = pixels_of_motion(8)
 BACKEND = rosbags_backend()
-for _name, _definition in DEFINITIONS.items():
-    add_type(BACKEND._typestore, _name, _definition)
+for _type in BUILDERS:
+    register_types(BACKEND._typestore, NodeSettings(people_type=_type))
 
 
 @pytest.fixture(scope="module")
@@ -88,6 +88,19 @@ def test_each_people_type_contains_the_person_of_the_frame(frames, message_type,
         given = [at.x, at.y, at.z], person.reliability, float(tags["zz"])
     assert np.allclose(given[0], place, atol=1e-6) and given[1] == pytest.approx(sure, abs=1e-6)
     assert given[2] == pytest.approx(covariance[2, 2], rel=1e-5)
+
+
+def test_a_person_is_uncertain_along_the_same_line_when_the_frame_has_jumped(frames):
+    frame, turn = frames[-1], Rotation.from_rotvec([0.3, -0.5, 1.0])
+    moved = CameraPose("map", turn.as_matrix(), np.array([1.0, 2.0, 3.0]))
+    before, after = person_report(frame, True), person_report(frame, True, moved=moved)
+    assert np.allclose(after.position, turn.apply(before.position) + [1, 2, 3])
+    assert np.allclose(after.velocity, turn.apply(before.velocity))
+    for block in (slice(0, 3), slice(3, 6)):  # of the place, and of the rotation
+        expected = turn.as_matrix() @ before.covariance[block, block] @ turn.as_matrix().T
+        assert np.allclose(after.covariance[block, block], expected)
+    now = Rotation.from_quat(after.quaternion) * Rotation.from_quat(before.quaternion).inv()
+    assert np.allclose(now.as_matrix(), turn.as_matrix())
 
 
 def test_covariances_are_computed_only_for_a_message(frames):

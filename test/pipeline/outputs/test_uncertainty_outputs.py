@@ -79,7 +79,18 @@ def test_the_skeleton_has_the_deviations_of_rotations_after_its_other_fields(tra
     assert (offsets["zz"], offsets["index"], offsets["contact"], offsets["rotation_deviation"]) == (44, 48, 56, 60)
     points = points_of(message)
     assert np.allclose(points["rotation_deviation"], expected, rtol=1e-6) and points["observed"].tolist().count(1) > 10
-    assert SKELETONS_POINT.fields["person"][1] == 60 and SKELETONS_POINT.names[-1] == "rotation_deviation"
+    assert SKELETONS_POINT.fields["person"][1] == 60
+
+
+def test_the_skeleton_has_rotations_relative_deviations_and_the_vertical(tracked):
+    _, frame = tracked
+    points = points_of(dict(FrameMessages(rosbags_backend(), frame.skeleton).build(frame))[topics.SKELETON])
+    turns = Rotation.from_quat(np.stack([points[name] for name in ("qx", "qy", "qz", "qw")], axis=1)).as_matrix()
+    assert np.allclose(turns, frame.estimate.pose.orientations, atol=1e-6)
+    assert np.allclose(points["deviation"], frame.uncertainty.deviation, rtol=1e-6) and points["deviation"][0] == 0
+    up = np.stack([points[name] for name in ("up_x", "up_y", "up_z")], axis=1)
+    assert np.allclose(up, frame.estimate.up, atol=1e-6) and up[0] @ turns[joints.PELVIS][:, 1] > 0.9
+    assert points["still"].sum() == frame.estimate.still.sum()
 
 
 def test_deviations_of_rotations_are_not_computed_without_a_subscriber(tracked):
@@ -104,14 +115,15 @@ def test_ellipsoids_are_one_standard_deviation_along_each_axis(tracked, backend)
 
 
 @pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
-def test_limbs_are_relative_to_their_roots_in_axes_of_the_trunk(tracked, backend):
+def test_limbs_are_relative_to_their_roots_in_axes_of_chest_and_pelvis(tracked, backend):
     _, frame = tracked
     (message,) = (m for t, m in FrameMessages(backend, frame.skeleton).build(frame) if t == topics.LIMBS)
     limbs, places = points_of(message), frame.estimate.pose.positions
     named = {(joints.NAMES[limb["root"]], joints.NAMES[limb["index"]]): limb for limb in limbs}
     assert len(named) == 12 and ("left_shoulder", "left_hand") in named and ("right_hip", "right_foot") in named
-    forward, left, up = np.eye(3)[[2, 0, 1]] @ frame.estimate.pose.orientations[joints.SPINE3].T  # of the T-pose
     for (root, end), limb in named.items():
+        owner = joints.PELVIS if root.endswith("hip") else joints.SPINE3
+        forward, left, up = np.eye(3)[[2, 0, 1]] @ frame.estimate.pose.orientations[owner].T  # of the T-pose
         apart = places[joints.INDEX[end]] - places[joints.INDEX[root]]
         assert np.allclose([limb[axis] for axis in "xyz"], [forward @ apart, left @ apart, up @ apart], atol=1e-6)
         both = sum(frame.uncertainty.covariance[joints.INDEX[name]] for name in (root, end))

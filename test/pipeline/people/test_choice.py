@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from lassokin_ros.pipeline.people.choice import CENTRE, CONFIDENT, NEAREST, preferred
-from lassokin_ros.pipeline.people.tracked_person import Detection
+from lassokin_ros.pipeline.seen import Seen
 
 BODY = np.array([[0.0, 0.0], [0.3, 0.0], [0.0, 0.4], [0.3, 0.4]])
 
 
 def detection(size=1.0, shift=0.0, confidence=0.9, depth=None):
-    return Detection(size * BODY + shift, np.full(4, confidence), depth=None if depth is None else np.array(depth))
+    return Seen(size * BODY + shift, np.full(4, confidence), depth=None if depth is None else np.array(depth))
 
 
 @pytest.mark.parametrize(

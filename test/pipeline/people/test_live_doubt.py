@@ -8,7 +8,8 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 from messages import camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.doubt.doubt import REASONS, Event  # noqa: E402
+from lassokin_ros.doubt.doubt import Event  # noqa: E402
+from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -39,7 +40,7 @@ def tracked(pixels, lag=0.0):
         frames += due
         if (index + 1) % RATE == 0:
             lines.append(diagnostics.line(now))
-    return frames + pipeline.flush(), lines
+    return frames + frames_of(pipeline.finish()), lines
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.1])
@@ -49,12 +50,12 @@ def test_an_exchange_of_the_sides_is_said_at_once(lag):
     assert not any(frame.doubt.has_sign for frame in frames[:BEGIN])
     begun = frames[BEGIN]
     assert Event.SIDES_EXCHANGED in begun.doubt.events and begun.doubtful_s == 0
-    assert begun.doubtful[0] == REASONS[Event.SIDES_EXCHANGED]
+    assert begun.doubtful[0] == Event.SIDES_EXCHANGED.value
     assert all(frame.doubtful for frame in frames[BEGIN : BEGIN + 7])
     assert [line.level for line in lines][0] == OK
     said = [line for line in lines if "the detector exchanges left and right" in line.message]
     assert said and all(line.level == WARN for line in said)
-    assert said[0].message.startswith("tracking; the pose has been doubtful for ")
+    assert said[0].message.startswith("tracking; the pose is likely wrong for the last ")
 
 
 def test_good_keypoints_are_not_doubted():
@@ -69,7 +70,7 @@ def test_hidden_legs_are_said_without_a_warning():
     frames, lines = tracked(pixels)
     assert frames[10].doubt.unseen == () and frames[-1].doubt.unseen == ("left leg", "right leg")
     assert not frames[-1].observed[[frames[-1].skeleton.index(f"{side}_knee") for side in ("left", "right")]].any()
-    assert "left leg, right leg not seen, so their pose is a guess" in lines[-1].message
+    assert "not seen: left leg, right leg; without keypoints their pose is a guess" in lines[-1].message
 
 
 def test_a_reset_forgets_the_doubt():

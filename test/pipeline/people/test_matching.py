@@ -6,12 +6,10 @@ import pytest
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera.lens import Lens
-from lassokin_ros.pipeline.detections import MOST_PEOPLE, detection, detections_by_person
-from lassokin_ros.pipeline.people.assignment import assign
-from lassokin_ros.pipeline.people.matching import distance, distances, is_trackable, match_radius
-from lassokin_ros.pipeline.people.multi_person import SAME_BODY, _without_duplicates, name
+from lassokin_ros.pipeline.people.image_tracks import ImageTracks
+from lassokin_ros.pipeline.people.matching import assign, distance, distances, is_trackable, match_radius
 from lassokin_ros.pipeline.people.presence import best
-from lassokin_ros.pipeline.people.tracked_person import Detection, Sight
+from lassokin_ros.pipeline.seen import MOST_PEOPLE, Seen, people_in
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
@@ -22,7 +20,7 @@ BODY = np.array([[0.0, 0.0], [0.3, 0.0], [0.0, 0.4], [0.3, 0.4]])
 
 def seen(points, confidence=None):
     points = np.array(points, dtype=float)
-    return Detection(points, np.full(len(points), 0.5) if confidence is None else np.array(confidence, dtype=float))
+    return Seen(points, np.full(len(points), 0.5) if confidence is None else np.array(confidence, dtype=float))
 
 
 def test_distance_is_the_mean_in_units_of_the_persons_size():
@@ -100,11 +98,10 @@ def test_the_best_status_is_selected():
 
 
 def test_the_more_complete_of_duplicate_detections_is_kept():
-    lens = Lens(np.eye(3))
-    full, part = Sight(0, seen(BODY), lens), Sight(0, seen(BODY + [0.05, 0], [0.5, 0.5, 0.5, 0]), lens)
-    other = Sight(0, seen(BODY + [2 * SAME_BODY * 0.5, 0]), lens)
-    assert _without_duplicates([part, full, other]) == [full, other]
-    assert name(12) == "p12"
+    full, part = seen(BODY), seen(BODY + [0.05, 0], [0.5, 0.5, 0.5, 0])
+    other, tracks = seen(BODY + [0.4, 0]), ImageTracks()
+    tracks.update(1, [part, full, other], lasting=False, forget_after=1.0)
+    assert [track.detection for track in tracks.seen_at(1)] == [full, other]
 
 
 LENS = Lens(np.array([[100.0, 0, 50], [0, 100, 50], [0, 0, 1]]))
@@ -118,22 +115,18 @@ def message(persons, depth=None):
 
 def test_a_message_is_split_into_detections():
     keypoints = message([7, 7, 3, 3], depth=np.array([1.0, 2, 3, NAN]))
-    third, seventh = detections_by_person(keypoints, 2, LENS)
+    third, seventh = people_in(keypoints, 2, LENS)
     assert (third.number, seventh.number) == (3, 7)
     assert third.points == pytest.approx(np.array([[0.02, 1], [0.03, 1]]))
     assert third.pixels.tolist() == [[52, 150], [53, 150]] and third.confidence.tolist() == [0.5, 0.5]
     assert np.array_equal(third.depth, [3, NAN], equal_nan=True) and seventh.depth.tolist() == [1, 2]
     assert not third.depth_of_surface
-    alone = detection(keypoints, 7, 2, LENS)
-    for field in ("points", "confidence", "pixels", "depth"):
-        assert np.array_equal(getattr(alone, field), getattr(seventh, field))
-    assert alone.number == 7 and not alone.depth_of_surface
-    assert detection(message([7, 7]), None, 2, LENS).number == 0
+    assert seventh.sampled is None and not seventh.depth_of_surface
 
 
 def test_the_number_of_people_in_a_message_is_limited():
     most = [number for number in range(MOST_PEOPLE) for _ in (0, 1)]
-    assert len(detections_by_person(message(most), 2, LENS)) == MOST_PEOPLE
+    assert len(people_in(message(most), 2, LENS)) == MOST_PEOPLE
     with pytest.raises(AdapterError, match="101 people; expected at most 100") as error:
-        detections_by_person(message([*most, 200, 200]), 2, LENS)
+        people_in(message([*most, 200, 200]), 2, LENS)
     assert error.value.reason == "too_many_people"

@@ -18,11 +18,12 @@ from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
-from lassokin_ros.pipeline.detections import MOST_PEOPLE  # noqa: E402
+from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.outputs.people_messages import id_of  # noqa: E402
-from lassokin_ros.pipeline.people.multi_person import MOST_REINITIALISED  # noqa: E402
+from lassokin_ros.pipeline.people.people_tracker import MOST_REINITIALISED  # noqa: E402
 from lassokin_ros.pipeline.people.presence import Presence  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.seen import MOST_PEOPLE  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -434,7 +435,7 @@ def test_with_a_lag_each_result_is_published_with_the_identity_of_its_message(ma
     for number, first in ((4, 100), (9, 150), (5, 105)):  # after a pause another person, then a loop
         for i in range(10):
             found += pipeline.frames(crowd(BACKEND, stamp(first + i), [(xy[i], confidence)], [number]), 0)
-    found += pipeline.flush()
+    found += frames_of(pipeline.finish())
     assert all(frame.accepted for frame in found) and len(found) == 30
     ids = ["p1", "p2", "p3"] if max_people == 1 else ["p4", "p9", "p5"]
     for k, (number, first) in enumerate(((4, 100), (9, 150), (5, 105))):

@@ -6,8 +6,9 @@ from camera_rig import MAP, eye, pixels, tf_of, truth_at
 from messages import camera_info, crowd, rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.pipeline.detections import MOST_PEOPLE
+from lassokin_ros.pipeline.answers import frames_of
 from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.seen import MOST_PEOPLE
 from lassokin_ros.pipeline.settings import NodeSettings
 
 pytest.importorskip("rosbags")
@@ -84,7 +85,7 @@ def test_an_image_with_the_stamp_of_an_earlier_result_does_not_spoil_the_velocit
         rig.pipeline.due(START_NS + index * PERIOD_NS + wait_ns)
         later_ns = 1_000_000 if index == 8 else 0
         frames += rig.send("third", index, {1: (rig.pixels("third", index), whole)}, later_ns, late_ns)
-        frames += rig.pipeline.due(START_NS + index * PERIOD_NS + 2 * wait_ns + late_ns)
+        frames += frames_of(rig.pipeline.due(START_NS + index * PERIOD_NS + 2 * wait_ns + late_ns))
         assert all(np.isfinite(frame.velocity).all() for frame in frames if frame.accepted)
 
 
@@ -97,7 +98,7 @@ def test_stamps_do_not_go_back_with_images_of_a_slower_detector():
             other = {5: (rig.pixels("right", index - late, (0.0, 1.5, 0.0)), np.full(17, 0.9))}
             frames += rig.send("right", index - late, other, late_ns=late * PERIOD_NS)
             stamps.append(rig.pipeline.image[0])
-            frames += rig.pipeline.due(START_NS + (index + late) * PERIOD_NS)
+            frames += frames_of(rig.pipeline.due(START_NS + (index + late) * PERIOD_NS))
             stamps.append(rig.pipeline.image[0])
         people |= {(frame.person, frame.camera.name) for frame in frames if frame.accepted}
     assert people == {("p1", "left"), ("p2", "right")}

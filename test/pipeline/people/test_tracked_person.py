@@ -7,7 +7,7 @@ import pytest
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.observation import CameraPose, Status
 from lassokin_ros.pipeline.people.joint_states import JointStates, Moment
 from lassokin_ros.pipeline.people.tracked_person import LONGEST_PREDICTION_S, VELOCITY_MEMORY_S, TrackedPerson
 
@@ -75,6 +75,15 @@ def test_a_person_is_lost_after_a_while_without_a_message(person):
     assert person.status_at(2 * SECOND + 10**6) is Status.LOST and person.status is Status.TRACKING
     person.status = Status.SEARCHING
     assert person.status_at(9 * SECOND) is Status.SEARCHING
+
+
+def test_a_person_moves_on_in_the_same_direction_when_the_frame_jumps(person):
+    move(person, (1.0, 0.0), (11.0, 1.0))  # 0.1 m/s along x
+    place, quarter = np.array([1.0, 0.0, 0.5]), np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    frame = CameraPose("map", quarter, np.array([0.2, 0.0, 0.0]))
+    person.move_frame(frame, 11 * SECOND)
+    expected = project(frame.into_camera(LANDMARKS + place) + [0, 0.02, 0])
+    assert person.predicted_landmarks(round(11.2 * SECOND)) == pytest.approx(expected, abs=1e-6)
 
 
 def test_joint_states_and_their_velocities():

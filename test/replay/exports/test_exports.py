@@ -531,18 +531,12 @@ def test_files_of_a_person_who_enters_late_say_when(tmp_path, capsys):
             assert (points["first_frame"], points["last_frame"]) == (round(30 * start), 29)
 
 
-def test_the_exports_of_an_archive_are_in_each_output(recording, tmp_path, capsys):
-    """The bytes are those of single replays."""
+def test_the_exports_of_an_archive_need_a_suffix_alone(recording, tmp_path, capsys):
+    """test_archive.py has the outputs."""
     write_recording(tmp_path / "walk2", 30)
     arguments = [str(recording), str(tmp_path / "walk2"), "--output", str(tmp_path / "all"), "--jobs", "1"]
     assert main([*arguments, "--export", "one.csv"]) == 2
     assert "names one file for many recordings; give the suffix alone, --export .csv" in capsys.readouterr().err
-    assert main([*arguments, "--export", ".csv"]) == 0
-    assert main([str(tmp_path / "walk2"), "--output", str(tmp_path / "alone"), "--export", ".csv"]) == 0
-    assert contents(tmp_path / "all" / "walk2_tracked") == contents(tmp_path / "alone")
-    assert (tmp_path / "all" / "walk_tracked" / "motion.csv").is_file()
-    capsys.readouterr()
-    assert main([*arguments, "--export", ".csv"]) == 0 and "2 done before" in capsys.readouterr().out
 
 
 def test_a_calibrated_skeletons_last_lengths_are_exported(recording, tmp_path):

@@ -16,10 +16,10 @@ from recordings import START_NS, read, synthetic_pixels, webcam_info, write_mess
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.observation import Rejection  # noqa: E402
 from lassokin_ros.doubt.failure_model import FailureModel  # noqa: E402
+from lassokin_ros.pipeline.concerns.rejections import REASONS  # noqa: E402
 from lassokin_ros.replay.bags import typestore  # noqa: E402
 from lassokin_ros.replay.report import page_json as data  # noqa: E402
 from lassokin_ros.replay.report.page import PLOTLY  # noqa: E402
-from lassokin_ros.replay.report.rejection_advice import REASONS  # noqa: E402
 from lassokin_ros.replay.report.wrong_spans import marked_frames  # noqa: E402
 from msg_adapters.backends import RosbagsBackend  # noqa: E402
 from msg_adapters.inputs import point_cloud  # noqa: E402
@@ -92,10 +92,9 @@ def clean(tmp_path_factory):
 
 def test_a_clean_recording_has_no_warnings(clean):
     _, page = clean
-    good, lengths, doubt = said(page)
+    good, doubt = said(page)
     assert good == ("good", "100.0% of the frames were tracked, and nothing suggests a wrong pose.")
     stated = re.match(r"The joints are off by about (\d+) mm relative to the pelvis, mostly in depth", doubt[1])
-    assert lengths[0] == "note" and lengths[1].startswith("Calibration changed the bone lengths")
     assert doubt[0] == "note" and 60 < int(stated.group(1)) < 120
     assert figure(page, "Keypoint messages") == f"{FRAMES} in 2.5 s, 30.0 Hz"
     assert figure(page, "With a skeleton") == f"{FRAMES} (100.0%)" and figure(page, "Initialised") == "once"
@@ -181,7 +180,9 @@ def test_the_summary_lists_the_problems_of_the_page(tmp_path, capsys):
     problems = [
         text for level, text in said(report(recording(tmp_path / "dark", absent(0, FRAMES)))) if level == "problem"
     ]
-    lines = [line.replace("`", "") for line in capsys.readouterr().out.splitlines() if line.startswith("problem  ")]
+    printed = capsys.readouterr().out.splitlines()
+    lines = [line.replace("`", "") for line in printed if line.startswith("problem  ")]
+    assert not any(line.startswith("warned") for line in printed)  # the page has them
     assert len(lines) > 1 and [line.partition(" ")[2].strip() for line in lines] == problems
 
 
@@ -223,10 +224,6 @@ def legs_below_the_image(stamps, pixels, confidence):
     pixels[:, 13:17, 1] += 400
 
 
-def half_seen(stamps, pixels, confidence):
-    confidence[::3, 3] = confidence[1::3, 3] = 0
-
-
 def without_legs(stamps, pixels, confidence):
     confidence[:, 13:17] = 0
 
@@ -248,7 +245,7 @@ def repeated(stamps, pixels, confidence):
 CASES = {
     "lost": (
         {"spoil": absent(20, 60)},
-        ("problem", "40 frames rejected: too few landmarks: fewer than min_landmarks keypoints had a confidence of"),
+        ("problem", "40 frames rejected: too few landmarks: check that a person is in the image"),
         ("problem", "Nobody was tracked from 0.6 to 2.0 s (1.4 s): 40 x too few landmarks."),
         ("note", "The person was re-initialised once, at 2.0 s; the skeleton may jump there."),
     ),
@@ -278,7 +275,7 @@ CASES = {
         {"spoil": shifted(40, -0.2)},
         (
             "problem",
-            "6 frames rejected: stamp not newer than the previous one: the stamps do not increase: check",
+            "6 frames rejected: stamp not newer than the previous one: check that the detector copies",
         ),
     ),
     "one stamp": ({"spoil": one_stamp}, ("note", "1 frame rejected: stamp jump: a single jump is")),
@@ -292,30 +289,22 @@ CASES = {
     "swapped": ({"spoil": swapped}, ("problem", "Landmarks far from their reprojection: ")),
     "upside down": (
         {"spoil": upside_down},
-        ("problem", "The shoulders are below the ankles in most images: check"),
+        ("problem", "The body has pointed down in the image in most images: check"),
     ),
     "larger image": (
         {"spoil": of_a_larger_image},
-        ("problem", f"In {FRAMES} of {FRAMES} messages keypoints lie outside the image of camera_info: check that"),
+        ("problem", f"Keypoints lie outside the image of 1280 x 720 px of camera_info in {FRAMES} of {FRAMES}"),
     ),
     "partly outside": (
         {"spoil": legs_below_the_image},
         (
             "note",
-            f"In {FRAMES} of {FRAMES} messages the person is partly outside of the image. If the whole person was",
+            "In 100% of the images the person is partly outside of the image.",
         ),
     ),
-    "seldom": ({"spoil": half_seen}, ("note", "Landmarks detected in fewer than half of the frames: left_ear 33%.")),
     "slow": (
         {"times": lambda s: s, "spoil": lambda s, p, c: s.__iadd__((s - s[0]) * 4)},
-        ("note", "The keypoint rate is 6.0 Hz; "),
-    ),
-    "hidden": (
-        {"spoil": without_legs},
-        (
-            "note",
-            r"Joints that the keypoints hardly show, with their deviations: left_knee 438 mm, right_knee ",
-        ),
+        ("note", "The keypoint rate is 6.0 Hz: "),
     ),
     "exchanged": (
         {"spoil": exchanged},
@@ -327,16 +316,16 @@ CASES = {
     ),
     "without legs": (
         {"spoil": without_legs},
-        ("note", "Hardly seen: left leg (in 0% of the frames), right leg (in 0%"),
+        ("note", "Not seen: left leg (seen in 0% of the frames), right leg (seen in 0%"),
     ),
     "repeated": ({"spoil": repeated}, ("note", f"{FRAMES // 2} of {FRAMES} messages repeat the previous keypoints")),
     "late": (
         {"times": lambda s: s + 2_500_000_000},
-        ("note", "The keypoints were recorded 2.5 s after their stamps (median): "),
+        ("problem", "Keypoints are 2.5 s old when they arrive: the detector queues images or is too slow; let it"),
     ),
     "no stamps": (
         {"spoil": lambda s, p, c: s.__imul__(0)},
-        ("problem", f"{FRAMES} messages have no stamp; the recording time"),
+        ("problem", f"Keypoints without a stamp: outputs carry the time of their arrival ({FRAMES} messages): let"),
     ),
     "nothing": (
         {"spoil": absent(0, FRAMES)},

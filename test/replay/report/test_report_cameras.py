@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.demo.synthetic import DISTANCE  # noqa: E402
-from lassokin_ros.replay.report.video_findings import place  # noqa: E402
+from lassokin_ros.replay.report.findings import distance  # noqa: E402
 from msg_adapters.inputs import rgb_image  # noqa: E402
 
 BACKEND, START_NS, FRAMES = rosbags_backend(), 1_700_000_000_000_000_000, 30
@@ -120,8 +120,8 @@ def test_a_person_far_from_the_origin_of_the_map_is_drawn_and_has_the_distance_t
 
 @pytest.mark.parametrize("cameras, word", [([""], "`--camera-info`"), (["left", "right"], "translations are m")])
 def test_an_unlikely_distance_names_what_gives_the_scale(cameras, word):
-    facts = SimpleNamespace(tracks=[SimpleNamespace(depth=0.2)], cameras=dict.fromkeys(cameras))
-    (finding,) = place(facts)
+    facts = SimpleNamespace(tracks=[SimpleNamespace(depth=0.2)], cameras=dict.fromkeys(cameras), own_keypoints=True)
+    (finding,) = distance(facts)
     assert "is 0.2 m: check" in finding.text and word in finding.text
 
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from lassokin_ros.core.body.rotations import to_quaternion
 from lassokin_ros.core.errors import LassokinError, SkeletonError
+from lassokin_ros.pipeline.concerns.cameras import wrong_cameras
+from lassokin_ros.pipeline.concerns.catalogue import words_of
 from lassokin_ros.pipeline.outputs.description.skeleton_file import write_text
 from lassokin_ros.pipeline.pipeline import Pipeline
 
@@ -25,7 +27,7 @@ def camera_commands(pipeline: Pipeline) -> list[str]:
     places, extrinsics = pipeline.places, pipeline.extrinsics
     if places is None or not pipeline.config.several_cameras:
         raise CamerasFileError("there is one camera, or none with a pose; expected several (parameter cameras)")
-    if wrong := _wrong_cameras(pipeline):
+    if wrong := words_of(wrong_cameras(pipeline, learned=False)):
         raise CamerasFileError(
             f"nothing is written, because {'; '.join(wrong)}. Correct that, reset the tracker, and save when a person "
             "has been seen for some seconds"
@@ -50,14 +52,6 @@ def camera_commands(pipeline: Pipeline) -> list[str]:
             "extrinsics check or learn"
         )
     return commands
-
-
-def _wrong_cameras(pipeline: Pipeline) -> list[str]:
-    """Return what is wrong with cameras beyond an error that is learned, in words."""
-    extrinsics = pipeline.extrinsics
-    poses = [] if extrinsics is None else [extrinsics.wrong.get(name, "") for name in pipeline.cameras]
-    wrong = [*pipeline.agreement.left_out.values(), *filter(None, poses)]
-    return wrong or list(pipeline.agreement.undecided())
 
 
 def save_cameras(pipeline: Pipeline, path: Path) -> Path:

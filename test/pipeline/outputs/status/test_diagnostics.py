@@ -138,7 +138,7 @@ def test_a_few_overtaken_messages_are_no_warning_and_texts_have_no_counts():
     assert messages(diagnostics, pipeline, 20, 0.9, 10**12).level == OK
     pipeline.counts.update({OVERTAKEN: 3})
     status = messages(diagnostics, pipeline, 20, 0.9, 10**12 + 10**9)
-    assert (status.level, status.message) == (WARN, f"tracking; messages {OVERTAKEN}")
+    assert status.level == WARN and status.message.startswith(f"tracking; messages {OVERTAKEN}: free the processor")
 
 
 @pytest.mark.parametrize(("confidence", "said"), [(0.19, True), (0.11, True), (0.09, False)])
@@ -172,7 +172,8 @@ def test_stamps_in_the_future_are_a_warning():
 
 def test_fractions_of_the_image_are_a_warning():
     status = status_of(PIXELS / [640.0, 480.0])
-    assert (status.level, status.message) == (WARN, "lost; keypoints rejected: fractions")
+    assert status.level == WARN
+    assert status.message.startswith("lost; keypoints rejected (fractions): multiply the coordinates by the width")
 
 
 def test_the_reason_why_nobody_of_several_people_is_tracked():
@@ -200,7 +201,7 @@ def test_a_height_that_is_to_be_measured_without_depth_is_a_warning():
     pipeline = Pipeline(TrackerConfig(height=0.0), NodeSettings())
     pipeline.set_camera(camera_info(BACKEND))
     status = messages(Diagnostics(pipeline, "tracker", 0.0), pipeline, 30, 0.9, 10**12)
-    assert status.level == WARN and status.message.endswith("but no depth is measured: 1.7 m is assumed")
+    assert status.level == WARN and "but no depth is measured: 1.7 m is assumed: set height" in status.message
 
 
 def test_a_height_that_contradicts_measured_depth_is_a_warning():

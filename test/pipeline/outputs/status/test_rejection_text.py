@@ -38,7 +38,7 @@ def spoilt(rejection, used):
         Rejection.LATE: (replace(used, camera=CameraPose("other")), "is not newer than the last one used, of another"),
         Rejection.UNPLACED: (
             replace(later, camera=CameraPose("right", known=False)),
-            "where camera 'right' is; expected",
+            "the pose of camera 'right' is unknown; expected",
         ),
         Rejection.NOT_FINITE: (replace(later, focal=np.inf), "the focal length inf px; expected finite numbers"),
         Rejection.WRONG_SHAPE: (replace(later, points=later.points[:5]), "points (5, 2), confidence (17,); "),
@@ -64,7 +64,8 @@ def test_invisible_landmarks_are_described():
     observation = replace(observation, points=1e3 * observation.points)
     said = rejection_text(tracker.track(observation), observation, CONFIG)
     assert said.startswith(
-        "0 landmarks at or above min_confidence 0.2, and 5 outside any field of view; expected 4 or more"
+        "0 landmarks at or above min_confidence 0.2, and 5 outside any field of view, as with camera_info of another "
+        "camera; expected 4 or more"
     )
 
 

@@ -1,0 +1,1 @@
+"""What may be wrong, with the words and the advice for each: see `catalogue.py`."""

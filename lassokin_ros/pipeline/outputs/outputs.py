@@ -1,0 +1,275 @@
+"""The messages of the session's answers: one list of topics, for the node and for the replay.
+
+`Outputs` asks a `Sink` to open each topic; a message is filled only if the sink wants it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+from lassokin_ros.core.errors import SkeletonError
+from lassokin_ros.pipeline.answers import Answer
+from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.camera_markers import CameraMarkers
+from lassokin_ros.pipeline.outputs.description.robot_description import RobotDescription
+from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
+from lassokin_ros.pipeline.outputs.naming import Naming
+from lassokin_ros.pipeline.outputs.people_messages import Image, PeopleMessages
+from lassokin_ros.pipeline.outputs.skeletons_message import SkeletonsMessage
+from lassokin_ros.pipeline.outputs.status.presence_state import TRACKING, PresenceState
+from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.settings import OFF
+from msg_adapters.backends import Backend
+from msg_adapters.detectors.registry import full_type_name
+from msg_adapters.output_messages.builders import StringBuilder
+
+REPEAT_S = 0.2
+"""s: ~/people and ~/state are repeated after this time, so that their absence shows that the node has stopped."""
+LINK_AS_FRAME = "frame_id is a link's name"
+"""Key of the count of frames whose frame_id robot_description cannot use as its base."""
+
+
+class Sink(Protocol):
+    """Where messages go. `Out` is what it knows a topic by."""
+
+    def open(self, topic: topics.OutputTopic, name: str, lasting: bool) -> Any | None:
+        """Return the handle of a topic; None if this sink does not take it.
+
+        name: before remapping. lasting: False for the topics of one of several people, which end when they leave.
+        """
+        ...
+
+    def close(self, out: Any) -> None:
+        """End a topic."""
+        ...
+
+    def wanted(self, out: Any) -> bool:
+        """Return whether somebody reads a topic."""
+        ...
+
+    def write(self, out: Any, message: Any) -> None:
+        """Publish or write a message, an object or serialised. The object is reused for the next frame."""
+        ...
+
+
+class PersonTopics:
+    """The topics of one person, with the body's description before the first frame that needs it."""
+
+    def __init__(self, sink: Sink, backend: Backend, pipeline: Pipeline, title: str, person: str, without: str) -> None:
+        """title: name of the node. person: the id, empty on the topics of one person. without: a topic left out."""
+        skeleton, config = pipeline.tracker.skeleton, pipeline.config
+        self._sink = sink
+        naming = Naming.of_person(config, title, person)
+        self._description = RobotDescription(backend, skeleton, config.root_frame, naming)
+        self.described: Callable[[str], None] | None = None
+        """Called with each new URDF."""
+        listed = [*topics.person_outputs(config.detects_bodies), *([topics.TF_OUTPUT] * (config.publish_tf != OFF))]
+        self.outs: dict[str, Any] = {}
+        """The handles by the topic's name."""
+        for topic in listed:
+            name = topics.of_person(topic.name, person, config.rep155)
+            if topic.name != without and (out := sink.open(topic, name, not person)) is not None:
+                self.outs[topic.name] = out
+        self._messages = FrameMessages(backend, skeleton, title, person, config, serialised=True)
+
+    def publish(self, frame: FrameResult, copy_markers: Callable[[Any], None] | None = None) -> None:
+        """Write the messages of an accepted frame. copy_markers: also called with its markers.
+
+        Raises SkeletonError, after all messages, if the frame_id is the name of a link: the URDF keeps its base.
+        """
+        try:
+            if (description := self._description.follow(frame)) is not None:
+                self._describe(description)
+        finally:
+            wanted = {topic for topic, out in self.outs.items() if self._sink.wanted(out)}
+            if copy_markers is not None:
+                wanted.add(topics.MARKERS)
+            if wanted:
+                self._publish_frame(frame, wanted, copy_markers)
+
+    def _publish_frame(self, frame: FrameResult, wanted: set[str], copy_markers: Callable[[Any], None] | None) -> None:
+        for topic, message in self._messages.build(frame, wanted):
+            if topic in self.outs:
+                self._sink.write(self.outs[topic], message)
+            if copy_markers is not None and topic == topics.MARKERS:
+                copy_markers(message)
+
+    def describe_first(self) -> None:
+        """Write the description before any frame. Raises SkeletonError for an impossible base frame."""
+        self._describe(self._description.first())
+
+    def _describe(self, description: Any) -> None:
+        if topics.ROBOT_DESCRIPTION in self.outs:
+            self._sink.write(self.outs[topics.ROBOT_DESCRIPTION], description)
+        if self.described is not None:
+            self.described(description.data)
+
+    def close(self) -> None:
+        """End the topics."""
+        for out in self.outs.values():
+            self._sink.close(out)
+
+
+class Outputs:
+    """The topics of all people, the list of them, and those about the scene: ~/people, ~/skeletons, ~/state, cameras.
+
+    With one person, that one's topics are opened at once. With several, each has topics from the first frame until they
+    leave, and the locked one those of one person, too.
+    """
+
+    def __init__(self, pipeline: Pipeline, sink: Sink, backend: Backend, title: str) -> None:
+        """title: name of the node.
+
+        Raises ConfigurationError if the package of a required message type is not installed.
+        """
+        self._pipeline, self._sink, self._backend, self._title = pipeline, sink, backend, title
+        config = pipeline.config
+        self.on_fault: Callable[[str], None] = lambda words: None
+        """Called with a reason why a message could not be made."""
+        self.on_state: Callable[[str], None] = lambda state: None
+        """Called with each new state."""
+        self._people: dict[str, PersonTopics] = {}
+        self.person: PersonTopics | None = None
+        """The topics of the only person; of several, those of the locked one, None before."""
+        self._ids: list[str] | None = None
+        self._list_out = self._markers_out = None
+        if config.several_people:
+            if not config.topic_per_body:  # else the detector publishes the list
+                tracked = topics.REP155_TRACKED_OUTPUT if config.rep155 else topics.TRACKED_OUTPUT
+                self._list_out = sink.open(tracked, tracked.name, True)
+            self._list = id_list(backend, config.rep155)
+            self._markers_out = sink.open(topics.MARKERS_OUTPUT, topics.MARKERS, True)
+        else:
+            self.person = self._open_person("")
+            self._markers_out = self.person.outs.get(topics.MARKERS)
+        kind = full_type_name(config.people_type)
+        people = topics.people_output(kind)
+        self._people_out = sink.open(people, people.name, True)
+        self._newest = PeopleMessages(backend, kind, True, config.several_cameras)
+        self._state_out = sink.open(topics.STATE_OUTPUT, topics.STATE, True)
+        self._state, self._text = PresenceState(), StringBuilder(backend)
+        self._skeletons_out = sink.open(topics.SKELETONS_OUTPUT, topics.SKELETONS, True)
+        self._skeletons = SkeletonsMessage(backend, pipeline.tracker.skeleton.joint_count, serialised=True)
+        self._cameras = CameraMarkers(backend, pipeline)
+        self._as_of_ns = 0  # newest time of the clock of arrivals for which the state was derived
+        self._people_at = self._state_at = 0.0  # s, see `repeat`
+
+    @property
+    def state(self) -> str:
+        """The newest state on ~/state."""
+        return self._state.value
+
+    def start(self, now_ns: int) -> None:
+        """Write the state and the list of people before the first answer. now_ns: ns of the clock of arrivals."""
+        self._write_state()
+        self.keep(self._pipeline.ids or [], now_ns)
+
+    def publish(self, answer: Answer, now_ns: int, now: float = 0.0) -> None:
+        """Write the messages of an answer. now_ns: ns of the clock of arrivals; now: s, see `repeat`."""
+        pipeline, accepted = self._pipeline, answer.accepted
+        self._publish_people(accepted)
+        if not answer.frames or accepted:  # a rejected message does not change the list of people
+            self.keep(pipeline.ids or [], now_ns)
+        if not answer.refused:
+            image = answer.stamp_ns, answer.frame_id
+            self._newest.update(answer.frames, pipeline.ids, pipeline.jumps.newest)
+            self._write_people(image, now)
+            if self._wants(self._skeletons_out):
+                self._sink.write(self._skeletons_out, self._skeletons.build(image, answer.frames))
+        if self._state.value != TRACKING or not accepted:
+            self.check(now_ns)
+
+    def _publish_people(self, frames: Sequence[FrameResult]) -> None:
+        several = self._pipeline.config.several_people
+        copy_markers = self._write_markers if several and self._wants(self._markers_out) else None
+        for frame in frames:
+            if several and frame.person not in self._people:
+                self._people[frame.person] = self._open_person(frame.person)
+            try:
+                if several:
+                    self._people[frame.person].publish(frame, copy_markers)
+                if not several or frame.person == self._pipeline.locked:
+                    self.person = self.person or self._open_person("", topics.MARKERS)
+                    self.person.publish(frame)
+            except SkeletonError as error:
+                self._pipeline.counts[LINK_AS_FRAME] += 1
+                self.on_fault(str(error))
+
+    def _open_person(self, person: str, without: str = "") -> PersonTopics:
+        return PersonTopics(self._sink, self._backend, self._pipeline, self._title, person, without)
+
+    def _write_markers(self, message: Any) -> None:
+        self._sink.write(self._markers_out, message)
+
+    def _wants(self, out: Any | None) -> bool:
+        return out is not None and self._sink.wanted(out)
+
+    def keep(self, ids: Sequence[str], now_ns: int) -> None:
+        """End the topics of people who have left, and write the list of ids if it has changed."""
+        for person in [person for person in self._people if person not in ids]:
+            self._people.pop(person).close()
+        if self._list_out is not None and list(ids) != self._ids:
+            self._sink.write(self._list_out, self._list(now_ns, "", list(ids)))
+        self._ids = list(ids)
+
+    def check(self, now_ns: int) -> None:
+        """Write the state if it has changed.
+
+        now_ns: ns of the clock of arrivals, a time up to which all messages were processed. A time before that of the
+        last call is replaced by it, so that the state does not return to an earlier one.
+        """
+        self._as_of_ns = max(now_ns, self._as_of_ns)
+        if self._update_state():
+            self.on_state(self._state.value)
+
+    def _update_state(self) -> bool:
+        """Derive the state, and write it if it has changed. Return True in this case."""
+        pipeline, now_ns = self._pipeline, self._as_of_ns
+        limits = pipeline.reported_lost_after, pipeline.config.forget_after
+        changed = self._state.update(pipeline.presence_at(now_ns), now_ns, *limits, pipeline.is_informed_at(now_ns))
+        if changed:
+            self._write_state()
+        return changed
+
+    def repeat(self, now_ns: int, now: float) -> None:
+        """Write ~/people and ~/state again if the last ones are older than REPEAT_S, and the places of the cameras.
+
+        now_ns: as for `check`; without a clock (0) there is no stamp for ~/people and ~/markers. now: s, steady clock.
+        """
+        if now_ns > 0 and now - self._people_at >= REPEAT_S:
+            self._write_people(self._pipeline.image_at(now_ns), now)
+        if now_ns > 0:
+            self.write_cameras(self._pipeline.image_at(now_ns)[0], now)
+        if now - self._state_at >= REPEAT_S and self._wants(self._state_out):
+            self._write_state(now)
+
+    def forget(self, now_ns: int) -> None:
+        """Forget all people: the session was reset, and the clock may have jumped. This is no news, see `on_state`."""
+        self.keep(self._pipeline.ids or [], now_ns)
+        self._newest.forget()
+        self.restart_clock()
+        self._update_state()
+
+    def restart_clock(self) -> None:
+        """Use the time of the next call of `check`, although it is earlier: the clock was set back."""
+        self._as_of_ns = 0
+
+    def _write_people(self, image: Image, now: float) -> None:
+        if self._wants(self._people_out):
+            pipeline = self._pipeline
+            limits = pipeline.reported_lost_after, pipeline.config.forget_after
+            more = pipeline.untracked_at(image[0]), pipeline.locked
+            self._sink.write(self._people_out, self._newest.build(image, *limits, *more))
+            self._people_at = now
+
+    def write_cameras(self, stamp_ns: int, now: float) -> None:
+        """Write the places of the cameras to ~/markers, at most at 5 Hz. now: s of any clock."""
+        if self._wants(self._markers_out) and (message := self._cameras.build(stamp_ns, now)) is not None:
+            self._sink.write(self._markers_out, message)
+
+    def _write_state(self, now: float = 0.0) -> None:
+        self._state_at = now
+        if self._state_out is not None:  # latched: also for those who come later
+            self._sink.write(self._state_out, self._text.fill(self._state.value))

@@ -1,0 +1,116 @@
+"""A robot's file: which links are at the places of a person's joints. docs/humanoids.md has its table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mapping, read_text, user_path
+
+SIDES = ("left", "right")
+CHAINS = {"arm": ("shoulder", "elbow", "wrist"), "leg": ("hip", "knee", "ankle")}
+"""Joints of a limb, from the trunk outwards."""
+PLACES = ("base", "torso", *(f"{side}_{joint}" for chain in CHAINS.values() for side in SIDES for joint in chain))
+"""The 14 places: pelvis and chest, whose axes are used, and joints, whose positions are used."""
+SETTINGS = {"sole": 0.0, "speed": 6.0, "acceleration": 100.0}
+"""m, rad/s, rad/s^2: the numbers of a robot's file, and what they are without it."""
+SHIPPED = ("g1", "h1", "h1_2", "talos")
+
+
+class RobotError(LassokinError, ValueError):
+    """A robot's file or its URDF cannot be used."""
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """A robot's file.
+
+    links: the link at each of PLACES. offsets: m, (3,) in the axes of the link, of places that are not at its origin.
+    lock: joints that do not move; joints that move none of the places never do. rest: rad (m) of joints; 0 for others.
+    limits: rad (m), lowest and highest position of joints, in place of the URDF's. sole: m, height of the ankles above
+    the floor. speed, acceleration: rad/s and rad/s^2, largest ones of all joints; the URDF's speeds hold too.
+    """
+
+    name: str
+    links: Mapping[str, str]
+    offsets: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    lock: tuple[str, ...] = ()
+    rest: Mapping[str, float] = field(default_factory=dict)
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    sole: float = SETTINGS["sole"]
+    speed: float = SETTINGS["speed"]
+    acceleration: float = SETTINGS["acceleration"]
+
+
+def load_robot(name: str) -> RobotFile:
+    """Return a robot's file. name: one of SHIPPED, or a path. Raises RobotError."""
+    if name in SHIPPED:
+        text, source = (resources.files(__package__) / "robots" / f"{name}.yaml").read_text(encoding="utf-8"), name
+    else:
+        path = user_path(name)
+        if not path.is_file():
+            raise RobotError(
+                f"there is no robot file '{name}'; expected {', '.join(SHIPPED)}, or the path of a YAML file"
+            )
+        text, source = read_text(path, RobotError), str(path)
+    return parse_robot(text, source)
+
+
+def parse_robot(text: str, source: str) -> RobotFile:
+    """Return the robot of a file's text. source: its name, for errors. Raises RobotError."""
+    data = load_mapping(text, source, RobotError)
+    check_keys(data, (*PLACES, "lock", "rest", "limits", *SETTINGS), source, RobotError)
+    lacking = [place for place in PLACES if place not in data]
+    if lacking:
+        raise RobotError(f"{source} has no {', '.join(lacking)}; expected the name of a link for each of 14 places")
+    links, offsets = {}, {}
+    for place in PLACES:
+        links[place], offset = _link(data[place], f"{source}: {place}")
+        if offset is not None:
+            offsets[place] = offset
+    lock = data.get("lock") or []
+    if not isinstance(lock, list) or not all(isinstance(joint, str) for joint in lock):
+        raise RobotError(f"{source}: lock is {lock!r}; expected a list of names of joints")
+    rest = {
+        name: _numbers([value], 1, f"{source}: rest of {name}")[0] for name, value in _mapping(data, "rest", source)
+    }
+    limits = {name: _range(value, f"{source}: limits of {name}") for name, value in _mapping(data, "limits", source)}
+    settings = {name: _numbers([data.get(name, value)], 1, f"{source}: {name}")[0] for name, value in SETTINGS.items()}
+    for name, least in (("speed", 0.0), ("acceleration", 0.0)):
+        if settings[name] <= least:
+            raise RobotError(f"{source}: {name} is {settings[name]:g}; expected more than 0")
+    return RobotFile(Path(source).stem, links, offsets, tuple(lock), rest, limits, **settings)
+
+
+def _link(value: Any, where: str) -> tuple[str, tuple[float, ...] | None]:
+    if isinstance(value, str):
+        return value, None
+    if isinstance(value, dict) and set(value) == {"link", "offset"} and isinstance(value["link"], str):
+        return value["link"], tuple(_numbers(value["offset"], 3, f"{where}: offset"))
+    raise RobotError(f"{where} is {value!r}; expected the name of a link, or {{link: NAME, offset: [x, y, z]}}")
+
+
+def _mapping(data: Mapping[str, Any], key: str, source: str) -> list[tuple[str, Any]]:
+    value = data.get(key) or {}
+    if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
+        raise RobotError(f"{source}: {key} is {value!r}; expected names of joints, each with its value")
+    return list(value.items())
+
+
+def _numbers(value: Any, count: int, where: str) -> list[float]:
+    numbers = finite_numbers(value, count)
+    if numbers is None:
+        expected = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise RobotError(f"{where} is {value[0] if count == 1 else value!r}; expected {expected}")
+    return numbers
+
+
+def _range(value: Any, where: str) -> tuple[float, float]:
+    low, high = _numbers(value, 2, where)
+    if low >= high:
+        raise RobotError(f"{where} are {low:g} and {high:g}; expected a lower and a higher one; lock joints that stay")
+    return low, high

@@ -1,0 +1,216 @@
+"""The node `imitate` as a process on real DDS: it is off at the start, follows one person, and holds in doubt."""
+
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import toy_robot
+
+pytest.importorskip("pink", reason="needs the extra robot: pip install lassokin_ros[robot]")
+rclpy = pytest.importorskip("rclpy")
+
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from rclpy.signals import SignalHandlerOptions  # noqa: E402
+from sensor_msgs.msg import JointState, PointCloud2  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+from std_srvs.srv import SetBool  # noqa: E402
+
+from lassokin_ros import joints  # noqa: E402
+from lassokin_ros.robot.check import people  # noqa: E402
+from msg_adapters.backends import RclpyBackend  # noqa: E402
+from msg_adapters.output_messages.people import PersonReport, people_builder  # noqa: E402
+from msg_adapters.output_messages.skeleton_cloud import JointsReport, SkeletonCloudBuilder  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[2]
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+DEADLINE_S, PERIOD_S = 90.0, 1 / 30
+PEOPLE = people()
+PERSON = PersonReport("p1", True, 0.9, np.ones(3), np.array([0, 0, 0, 1.0]), np.zeros(3), np.eye(6), np.ones((1, 3)))
+
+
+class Tracker:
+    """Sends ~/people and ~/skeleton of a person at 30 Hz while it spins, and collects what imitate says."""
+
+    def __init__(self, namespace):
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node("peer", context=self.context, namespace=namespace)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.people = self.node.create_publisher(PointCloud2, "tracker/people", 10)
+        self.skeleton = self.node.create_publisher(PointCloud2, "tracker/skeleton", 10)
+        self.state = self.node.create_publisher(String, "tracker/state", LATCHED)
+        self.description = self.node.create_publisher(String, "robot_description", LATCHED)
+        self.commands, self.said = [], []
+        self.node.create_subscription(JointState, "joint_commands", self.commands.append, 1000)
+        self.node.create_subscription(String, "imitating", lambda message: self.said.append(message.data), LATCHED)
+        self.enable = self.node.create_client(SetBool, "enable")
+        self.cloud, self.report = SkeletonCloudBuilder(RclpyBackend(), 24), people_builder(RclpyBackend(), PEOPLE_TYPE)
+        self.view, self.person, self.late_s, self.next_s = None, PERSON, 0.0, 0.0
+        self.sent_s = 0.0
+        self.state.publish(String(data="tracking"))
+
+    def send(self):
+        stamp_ns = time.time_ns() - round(1e9 * self.late_s)
+        still, ones = np.zeros(24, dtype=bool), np.ones(24)
+        still[[joints.LEFT_ANKLE, joints.RIGHT_ANKLE]] = self.view.contacts
+        flags, turns = (self.view.usable, still, still), np.tile([0, 0, 0, 1.0], (24, 1))
+        places = self.view.places + (0.0, 0.0, 3.0)
+        joints_of = JointsReport(
+            1, places, np.zeros((24, 3)), np.tile(np.eye(3), (24, 1, 1)), *flags, ones, ones, turns, self.view.up
+        )
+        self.people.publish(self.report.fill(stamp_ns, "camera", [self.person]))
+        self.skeleton.publish(self.cloud.fill(stamp_ns, "camera", joints_of))
+        self.sent_s = time.time()
+
+    def spin_until(self, condition, what):
+        end = time.monotonic() + DEADLINE_S
+        while not condition():
+            assert time.monotonic() < end, f"{what} did not come; the node said {self.said}"
+            if self.view is not None and time.monotonic() > self.next_s:
+                self.next_s = time.monotonic() + PERIOD_S
+                self.send()
+            self.executor.spin_once(timeout_sec=0.005)
+
+    def until_said(self, words):
+        self.spin_until(lambda: self.said and words in self.said[-1], f"'{words}'")
+
+    def call(self, on):
+        self.spin_until(self.enable.service_is_ready, "the service enable")
+        future = self.enable.call_async(SetBool.Request(data=on))
+        self.spin_until(future.done, "an answer")
+        return future.result()
+
+    def until_follows(self):
+        self.until_said("following")
+        self.commands.clear()
+        self.spin_until(lambda: moving(self.commands), "motion")
+
+    def until_still(self):
+        """Collect half a second of commands after the last change of what is said; return those that still move."""
+        self.commands.clear()
+        end = time.monotonic() + 0.5
+        self.spin_until(lambda: time.monotonic() > end and len(self.commands) > 20, "commands")
+        return moving(self.commands)
+
+
+PEOPLE_TYPE = "sensor_msgs/msg/PointCloud2"
+
+
+def moving(commands):
+    """The commands with a speed."""
+    return [command for command in commands if np.abs(command.velocity).max() > 1e-6]
+
+
+@pytest.fixture
+def live(tmp_path, request):
+    namespace = f"/imitate_{request.node.name.removeprefix('test_')[:20]}"
+    robot = tmp_path / "toy.yaml"
+    robot.write_text(toy_robot.as_yaml(toy_robot.robot()))
+    command = [sys.executable, "-m", "lassokin_ros.robot.command", "--ros-args", "-r", f"__ns:={namespace}"]
+    process = subprocess.Popen(
+        [*command, "-p", f"robot:={robot}"], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    tracker = Tracker(namespace)
+    yield tracker, process
+    process.kill()
+    process.communicate()
+    tracker.executor.shutdown()
+    tracker.node.destroy_node()
+    tracker.context.try_shutdown()
+
+
+def test_a_robot_follows_one_person_and_holds_in_doubt(live):
+    tracker, process = live
+    tracker.until_said("not enabled")
+    assert not tracker.call(True).success  # without a robot
+    tracker.description.publish(String(data=toy_robot.urdf().replace("left_hand_link", "hand")))
+    tracker.until_said("no link 'left_hand_link'")
+    tracker.description.publish(String(data=toy_robot.urdf()))
+    tracker.until_said("not enabled")
+    tracker.view = PEOPLE["elbows bent"]
+    assert tracker.until_still is not None and not tracker.commands  # off: no command
+    answer = tracker.call(True)
+    assert answer.success and "joint_states were not received" in answer.message
+    tracker.until_follows()
+    names = tracker.commands[-1].name
+    assert set(names) == {"waist"} | {f"{s}_{j}" for s in ("left", "right") for j, *_ in toy_robot.ARM}
+    elbow = names.index("left_elbow")
+    tracker.spin_until(lambda: tracker.commands[-1].position[elbow] < -1.3, "the bent elbow")
+
+    for name, person in (
+        ("guessed", {"guessed": True}),
+        ("doubtful", {"doubtful": True}),
+        ("lost", {"tracked": False}),
+    ):
+        tracker.person, tracker.view = PERSON, PEOPLE["arms forward" if name == "doubtful" else "arms down"]
+        tracker.until_follows()
+        since, tracker.person = tracker.sent_s, replace(PERSON, **person)
+        tracker.until_said("nobody certain")
+        assert not tracker.until_still(), name
+        assert time.time() - since < 30.0
+
+    tracker.person, tracker.view = PERSON, PEOPLE["elbows bent"]
+    tracker.until_follows()
+    tracker.person = replace(PERSON, id="p2")
+    tracker.until_said("another person is tracked")
+    assert not tracker.until_still()
+    assert tracker.call(True).success
+    tracker.until_said("following")
+
+    tracker.view, tracker.late_s = PEOPLE["arms down"], 1.5
+    tracker.until_said("nobody certain")
+    assert not tracker.until_still()
+    tracker.late_s = 0.0
+    tracker.until_follows()
+
+    usable = tracker.view.usable.copy()
+    usable[joints.LEFT_SHOULDER] = False
+    tracker.view = replace(tracker.view, usable=usable)
+    tracker.until_said("the shoulders are not seen")
+    tracker.view = PEOPLE["arms down"]
+    tracker.until_said("following")
+
+    assert tracker.call(False).success
+    tracker.until_said("not enabled")
+    process.send_signal(signal.SIGINT)
+    tracker.spin_until(lambda: process.poll() is not None, "the end")
+    assert process.returncode == 0, process.stderr.read()
+
+
+def test_a_tracker_that_is_killed_stops_the_robot_in_half_a_second(live):
+    tracker, _ = live
+    tracker.description.publish(String(data=toy_robot.urdf()))
+    tracker.until_said("not enabled")
+    tracker.view = PEOPLE["arms forward"]
+    assert tracker.call(True).success
+    tracker.until_follows()
+    tracker.commands.clear()
+    tracker.spin_until(lambda: len(tracker.commands) > 5, "commands")
+    last_s, tracker.view = tracker.sent_s, None
+    tracker.until_said("nobody certain was seen for 0.3 s")
+    tracker.spin_until(lambda: not moving(tracker.commands[-20:]), "a still robot")
+    stamps = [command.header.stamp.sec + 1e-9 * command.header.stamp.nanosec for command in tracker.commands]
+    ends = [stamp for stamp, command in zip(stamps, tracker.commands) if command in moving([command])]
+    longest = max(np.diff(stamps))  # s, between two ticks: 0.01, more on a busy machine
+    assert ends[-1] - last_s < 0.5 + 10 * (longest - 0.01)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("-p", "robot:=g7"), "expected g1, h1"),
+        (("-p", "robot:=g1", "-p", "rate:=1.0"), "rate is 1 Hz; expected 20 to 1000"),
+        (("-p", "robot:=g1", "-p", "commands:=torque"), "expected joint_state or trajectory"),
+    ],
+)
+def test_a_parameter_that_is_wrong_ends_the_node_in_one_line(arguments, words):
+    command = [sys.executable, "-m", "lassokin_ros.robot.command", "--ros-args", *arguments]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 2 and words in done.stderr.splitlines()[-1]
