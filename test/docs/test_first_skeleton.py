@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.common.report import data_folder
 from lassokin_ros.cli.lassokin import COMMANDS
 from lassokin_ros.video.command import parser
 
@@ -19,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "first-skeleton.md").read_text(encoding="utf-8")
 LINES = [shlex.split(line) for line in re.findall(r"^    (\S.*)$", PAGE, re.MULTILINE)]
 TRACK = [line[2:] for line in LINES if line[:2] == ["lassokin", "track"]]
-VIDEO = data_folder() / "video" / "balancing_cam01.mp4"
+SAMPLE = "examples/balancing.mp4"
 
 
 def table(header):
@@ -69,23 +68,22 @@ def test_the_cameras_parameters_are_those_of_the_node():
     assert given and set(given) <= set(PARAMETERS)
 
 
-@pytest.mark.skipif(not VIDEO.is_file(), reason=f"there is no video '{VIDEO}'")
 def test_the_longest_track_command_of_the_page_runs(tmp_path):
     """A recorded video replaces the webcam. The window of --view needs a screen and is not opened.
 
     test_track_commands.py runs all of them with a detector that costs nothing.
     """
-    line = max((line for line in TRACK if line[-1] != "--view" and "--detector" not in line), key=len)
+    line = max((line for line in TRACK if line[0] in ("0", SAMPLE) and line[-1] != "--view"), key=len)
     if "--view" in line:
         pytest.importorskip("rerun", reason="--view needs rerun-sdk")
     pytest.importorskip("mediapipe", reason="the detector of the page needs mediapipe")
-    given = [str(VIDEO) if word == "0" else word for word in line]
+    given = [str(ROOT / SAMPLE), *line[1:]]
     command = [sys.executable, "-m", "lassokin_ros.cli.lassokin", "track", *given]
     environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert "100 in, 100 tracked" in done.stdout
     assert all(line.startswith("lassokin track: ") for line in done.stderr.splitlines()), done.stderr
-    files = [word for word in line if re.search(r"\.\w+$", word) and not word[0].isdecimal()]
+    files = [word for word in line[1:] if re.search(r"\.\w+$", word) and not word[0].isdecimal()]
     assert files and sorted(file.name for file in tmp_path.iterdir()) == sorted(files)
     assert all((tmp_path / file).stat().st_size > 10_000 for file in files)
