@@ -59,7 +59,7 @@ def pytest_pycollect_makemodule(module_path, parent):
     return TestFile.from_parent(parent, path=module_path)
 
 
-SLOW_FOLDERS = set("archive benchmarks camera demo examples fuzz launch replay training video viewer".split())
+SLOW_FOLDERS = set("archive benchmarks camera demo examples fuzz launch replay robot training video viewer".split())
 """Folders whose tests run whole commands, programs or examples."""
 TESTS = Path(__file__).parent
 SLOW_TESTS = set((TESTS / "slow_tests.txt").read_text(encoding="utf-8").split())

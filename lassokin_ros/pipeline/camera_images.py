@@ -19,12 +19,12 @@ from lassokin_ros.pipeline.input_checks.image_size import ImageSize
 from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
 from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH, check_layout, has_leading_slash
 from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
+from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS, checked_positions, people_shown
 from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
+from lassokin_ros.pipeline.input_checks.stamps import StampWatch
 from lassokin_ros.pipeline.people.matching import is_trackable
-from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, checked_positions, people_shown
 from lassokin_ros.pipeline.seen import Image, people_in
 from lassokin_ros.pipeline.settings import NODE, NodeSettings
-from lassokin_ros.pipeline.stamps import StampWatch
 from msg_adapters.detectors.registry import keypoint_adapter
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints

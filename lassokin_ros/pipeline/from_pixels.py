@@ -9,7 +9,7 @@ from lassokin_ros.core.image.gating import LATEST_STAMP
 from lassokin_ros.core.observation import HERE, CameraPose, Observation
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.input_checks.image_size import refuse_outside
-from lassokin_ros.pipeline.placeholders import checked_positions
+from lassokin_ros.pipeline.input_checks.placeholders import checked_positions
 from lassokin_ros.pipeline.seen import people_in
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.config import LEARN, TrackerConfig
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.bone_lengths import Calibration
@@ -32,20 +32,18 @@ from lassokin_ros.pipeline.answers import Answer, AnswersInOrder, frames_of
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces
 from lassokin_ros.pipeline.camera.camera_selection import Camera
-from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
+from lassokin_ros.pipeline.camera.placement import Placement
 from lassokin_ros.pipeline.camera.transforms import Transforms
 from lassokin_ros.pipeline.camera_images import UNREADABLE, UNREADABLE_WORDS, CameraImages
 from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.image_sets import LATE, LONGEST_LATE_NS, ImageSets, stamp_of_set
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
-from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
 from lassokin_ros.pipeline.people.choice import NoPersonError
-from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.people_tracker import PERSON_ABSENT, PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
-from lassokin_ros.pipeline.seen import Image, Sight, key_of
+from lassokin_ros.pipeline.seen import Image, key_of
 from lassokin_ros.pipeline.settings import LASTING, NodeSettings
 from lassokin_ros.pipeline.waiting import Wait, Waiting
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
@@ -53,9 +51,6 @@ from msg_adapters.errors import AdapterError
 
 TF_POLL_S = 0.005
 """s between two looks whether TF has come that keypoints wait for."""
-JUMPS = "jumps of the cameras in fixed_frame"
-"""Key of the count of images before which the poses of all cameras in TF have jumped."""
-
 
 class Pipeline:
     """Decodes messages, removes the distortion, tracks people. No message content raises an error."""
@@ -102,19 +97,11 @@ class Pipeline:
         """The inputs of each camera by name; the name of the only camera is empty."""
         self.first = self.cameras[names[0]]
         """The inputs of the only camera, or of the first one."""
-        placed = bool(self.config.fixed_frame) or self.config.several_cameras
-        self.places = CameraPlaces(self.config.fixed_frame, names, poses) if placed else None
-        """Where the cameras are; None for one camera in whose frame the skeleton is kept."""
-        self.jumps = PoseJumps()
-        """Jumps of all cameras in their fixed frame."""
-        for tracked in self._trackable:
-            if (extrinsics := tracked.tracker.learned.extrinsics) is not None and self.config.several_cameras:
-                extrinsics.anchor = names[0]
+        self.placement = Placement(self.config, self._trackable, self.counts, poses)
+        """Where the cameras are, and which of them are used."""
         self._sets = ImageSets(self.config.camera_wait) if self.config.several_cameras else None
         self._waiting = {name: Waiting(self._waits_of(camera, patience)) for name, camera in self.cameras.items()}
         self._order, self._ready = AnswersInOrder(), list[Answer]()
-        self.agreement = CameraAgreement(layout.names)
-        """Which of several cameras contradicts the others about the one person who is followed."""
         self.detector_connected = True
         """False if nobody publishes keypoints of a camera. Set by the node; a recording has no such knowledge."""
         self._refused: set[str] = set()  # cameras whose last message was refused as a whole
@@ -155,6 +142,11 @@ class Pipeline:
     def mount(self) -> CameraMount | None:
         """The mount of the first camera from TF, None if the setting `camera_mount_frame` names no frame."""
         return self.first.mount
+
+    @property
+    def places(self) -> CameraPlaces | None:
+        """Where the cameras are; None for one camera in whose frame the skeleton is kept."""
+        return self.placement.places
 
     @property
     def nobody_in_view(self) -> bool:
@@ -271,7 +263,7 @@ class Pipeline:
         """Time without a result after which a person is reported as lost, s."""
         return min(self.config.stale_after, self.tracker.config.lost_after)
 
-    def is_informed_at(self, now_ns: int) -> bool:
+    def scene_known_empty(self, now_ns: int) -> bool:
         """Return True if it is known that nobody is in view who is not tracked, at a time in ns of the arrival clock.
 
         It is known from usable messages of all cameras in the last `stale_after`, if none of them shows somebody, be it
@@ -365,8 +357,7 @@ class Pipeline:
         if self._sets is not None:
             self._sets.reset()
         self._order.reset()
-        self.agreement.reset()
-        self.jumps.reset()
+        self.placement.reset()
         self._latest = self.image = self._shown_ns = None
         self._used_ns, self._untracked = {}, {}
         self.counts["resets"] += 1
@@ -528,8 +519,8 @@ class Pipeline:
         """Return the answers that the images of one instant make due."""
         stamp_ns = stamp_of_set(images)
         try:
-            placed, frame_id = self._placed(images)
-            placed = self._agreeing(placed)
+            placed, frame_id = self.placement.placed(images)
+            placed = self.placement.agreeing(placed)
             if not placed:
                 return []
             if self.first.mount is not None:
@@ -573,74 +564,6 @@ class Pipeline:
             self._untracked[image.camera.name] = image.stamp_ns, count
         if any(image.shown for image in images):
             self._shown_ns = arrival_ns
-
-    def _placed(self, images: Sequence[Image]) -> tuple[Sequence[Image], str]:
-        """Return the images whose camera has a pose, and the frame of the results.
-
-        Raises AdapterError if none has one. The others are counted. Poses that are to be found from the person come
-        last.
-        """
-        if self.places is None:
-            return images, images[0].frame_id
-        placed: list[Image] = []
-        missing: list[tuple[Image, AdapterError]] = []
-        for image in images:
-            try:
-                pose = self.places.pose(image.camera.name, image.frame_id, image.stamp_ns)
-                placed.append(replace(image, camera=pose))
-            except AdapterError as error:
-                missing.append((image, error))
-        stamp_ns = stamp_of_set(images)
-        others = self.places.others([image.camera.name for image in images], stamp_ns)
-        moved = self.jumps.update(stamp_ns, [*(image.camera for image in placed), *others])
-        for tracked in self._trackable:
-            tracked.tracker.place_cameras(others)
-            if moved is not None:
-                tracked.move_frame(moved, stamp_ns)
-        if moved is not None:
-            self.counts[JUMPS] += 1
-        return self._with_found(placed, missing), self.places.base
-
-    def _with_found(self, placed: Sequence[Image], missing: Sequence[tuple[Image, AdapterError]]) -> list[Image]:
-        """Return images with a pose by TF and those whose pose was found from the person, in the order of the cameras.
-
-        Those whose pose is to be found come last. Others are left out; raises AdapterError if no image remains.
-        """
-        assert self.places is not None
-        finds = self._sets is not None and self.tracker.config.extrinsics == LEARN and bool(self.places.newest)
-        found, order = list(placed), list(self.cameras)
-        for image, error in missing:
-            name = image.camera.name
-            if finds:
-                found.append(replace(image, camera=self.places.adopt(name, self._found_pose(name))))
-            else:
-                self.counts[f"no transform of {name}" if name else "no transform"] += 1
-        if not found:
-            raise missing[0][1]
-        return sorted(found, key=lambda image: (not image.camera.known, order.index(image.camera.name)))
-
-    def _found_pose(self, name: str) -> CameraPose:
-        """Return the pose of a camera that was found from a person; one that is not known if there is none yet."""
-        learned = (tracked.tracker.learned.extrinsics for tracked in self._trackable)
-        found = [one.found[name] for one in learned if one is not None and name in one.found]
-        return found[0] if found else CameraPose(name, known=False)
-
-    def _agreeing(self, images: Sequence[Image]) -> Sequence[Image]:
-        """Return the images without those of a camera that contradicts the others. These are counted."""
-        if self._sets is None or self.config.several_people:
-            return images
-        sights, learned = [], self.tracker.learned
-        for image in images:
-            if not self.agreement.is_due(image.camera.name, image.stamp_ns):
-                continue
-            people = [one for one in image.people if is_trackable(one, self.tracker.config)]
-            pose = image.camera if learned.extrinsics is None else learned.extrinsics.corrected(image.camera)
-            if len(people) == 1 and pose.known:
-                sights.append(Sight(image.stamp_ns, people[0], image.lens, pose))
-        self.agreement.update(sights, learned.size_check)
-        for image in images:
-            self.counts[f"{image.camera.name}: {LEFT_OUT}"] += image.camera.name in self.agreement.left_out
-        return [image for image in images if image.camera.name not in self.agreement.left_out]
 
     def _without_absences(self, frames: list[FrameResult], stamp_ns: int) -> list[FrameResult]:
         """Leave out the rejections of a camera that only did not see the person whom another camera sees."""

@@ -22,9 +22,9 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import read_text
 from lassokin_ros.robot.imitation import Imitation
-from lassokin_ros.robot.model import RobotModel, owner_of
-from lassokin_ros.robot.person import FARS, Person, posture
-from lassokin_ros.robot.robot_file import CHAINS, SHIPPED, SIDES, RobotError, load_robot
+from lassokin_ros.robot.model import RobotModel
+from lassokin_ros.robot.person import Person, posture
+from lassokin_ros.robot.robot_file import ARM_BONES, BONES, CHAINS, SHIPPED, SIDES, RobotError, load_robot
 
 PROGRAM = "lassokin robot"
 POSTURES: dict[str, dict[str, tuple[float, float, float]]] = {
@@ -76,15 +76,11 @@ def bone_angles(robot: Imitation, person: Person) -> dict[str, float]:
     """Return the angle, degrees, between each bone of the robot and that of the person, in axes of torso or base."""
     model, at = robot.model, robot.configuration.data.oMf
     wanted, result = posture(person.places, person.up).bones, {}
-    for index, far in enumerate(FARS if model.free else FARS[: len(FARS) // 2]):
-        side, _, joint = far.partition("_")
-        chain = next(names for names in CHAINS.values() if joint in names)
-        near = f"{side}_{chain[chain.index(joint) - 1]}"
-        owner = owner_of(far)
-        bone = at[model.frames[far]].translation - at[model.frames[near]].translation
-        bone = model.axes[owner].T @ at[model.frames[owner]].rotation.T @ bone
-        cosine = float(np.clip(bone @ wanted[index] / np.linalg.norm(bone), -1, 1))
-        result[far] = float(np.degrees(np.arccos(cosine)))
+    for bone, direction in zip(BONES[: None if model.free else ARM_BONES], wanted):
+        along = at[model.frames[bone.far]].translation - at[model.frames[bone.near]].translation
+        along = model.axes[bone.owner].T @ at[model.frames[bone.owner]].rotation.T @ along
+        cosine = float(np.clip(along @ direction / np.linalg.norm(along), -1, 1))
+        result[bone.far] = float(np.degrees(np.arccos(cosine)))
     return result
 
 

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from lassokin_ros.robot.robot_file import CHAINS, PLACES, SIDES, RobotError, RobotFile
+from lassokin_ros.robot.robot_file import ARM_BONES, BONES, CHAINS, PLACES, SIDES, RobotError, RobotFile
 
 LEAST_LENGTH = 0.02
 """m: a limb's bone that is shorter has two places at one point."""
@@ -97,18 +97,14 @@ class RobotModel:
         at = {place: data.oMf[frame].translation.copy() for place, frame in self.frames.items()}
         self.axes = {place: data.oMf[self.frames[place]].rotation.T.copy() for place in ("base", "torso")}
         self.lengths, self.offsets, wrong = {}, {}, []
-        for chain, joints in CHAINS.items():
-            for side in SIDES:
-                names = [f"{side}_{joint}" for joint in joints]
-                owner = owner_of(names[0])
-                self.offsets[names[0]] = at[names[0]] - at[owner]
-                for near, far in zip(names, names[1:]):
-                    self.lengths[far] = float(np.linalg.norm(at[far] - at[near]))
-                    if self.lengths[far] < LEAST_LENGTH:
-                        wrong.append(f"{near} and {far} are {self.lengths[far]:.3f} m apart")
-            left, right = (at[f"{side}_{joints[0]}"] for side in SIDES)
-            if not left[1] - right[1] > LEAST_LENGTH:
-                wrong.append(f"left_{joints[0]} is not to the left (y) of right_{joints[0]}")
+        for bone in BONES:
+            self.offsets[bone.first] = at[bone.first] - at[bone.owner]
+            self.lengths[bone.far] = float(np.linalg.norm(at[bone.far] - at[bone.near]))
+            if self.lengths[bone.far] < LEAST_LENGTH:
+                wrong.append(f"{bone.near} and {bone.far} are {self.lengths[bone.far]:.3f} m apart")
+        for joint in (names[0] for names in CHAINS.values()):
+            if not at[f"left_{joint}"][1] - at[f"right_{joint}"][1] > LEAST_LENGTH:
+                wrong.append(f"left_{joint} is not to the left (y) of right_{joint}")
         if not min(at[f"{side}_hip"][2] for side in SIDES) > max(at[f"{side}_ankle"][2] for side in SIDES):
             wrong.append("the hips are not above (z) the ankles")
         _refuse([f"{each} at zero angles; expected a robot that stands, x front, y left, z up" for each in wrong])
@@ -116,25 +112,13 @@ class RobotModel:
     def remarks(self) -> list[str]:
         """Return what a user may want to know, a line each: few joints, limits that the robot's file sets."""
         lines = []
-        for side in SIDES:
-            for chain, joints in CHAINS.items():
-                if chain == "leg" and not self.free:
-                    continue
-                ends = [_support(self.model, self.frames[place]) for place in (f"{side}_{joints[-1]}", _ROOTS[chain])]
-                count = len([joint for joint in ends[0] - ends[1] if self.model.names[joint] in self.names])
-                if count < 4:
-                    lines.append(
-                        f"the {side} {chain} has {count} moving joints; with fewer than 4 it can only come near"
-                    )
+        for bone in BONES[1 : None if self.free else ARM_BONES : 2]:
+            between = _support(self.model, self.frames[bone.far]) - _support(self.model, self.frames[bone.owner])
+            count = len([joint for joint in between if self.model.names[joint] in self.names])
+            if count < 4:
+                limb = f"{bone.far.partition('_')[0]} {'arm' if bone.owner == 'torso' else 'leg'}"
+                lines.append(f"the {limb} has {count} moving joints; with fewer than 4 it can only come near")
         return lines
-
-
-_ROOTS = {"arm": "torso", "leg": "base"}
-
-
-def owner_of(place: str) -> str:
-    """Return the place, torso or base, in whose axes a joint of an arm or a leg is."""
-    return "torso" if place.partition("_")[2] in CHAINS["arm"] else "base"
 
 
 def _refuse(wrong: Iterable[str]) -> None:

@@ -149,7 +149,8 @@ class ImitateNode(Node):
                 f"the skeleton has {len(seen)} joints; expected the built-in one, and a tracker of this release"
             )
         if len(people) != 1:
-            return self._hold(f"{len(people)} people are tracked; lock one with the tracker's service lock")
+            several = f"{len(people)} people are tracked; lock one with the tracker's service lock"
+            return self._hold(several if len(people) else "nobody certain is tracked")
         person = int(people["person"][0])
         if self._person not in (-1, person):
             return self._hold("another person is tracked; call the service enable to follow this one")

@@ -8,20 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from lassokin_ros import joints
-from lassokin_ros.robot.robot_file import CHAINS, SIDES
+from lassokin_ros.robot.robot_file import ARM_BONES, BONES, SIDES
 
-FARS = tuple(f"{side}_{joint}" for chain in CHAINS.values() for side in SIDES for joint in chain[1:])
-"""The joints at the far ends of the bones that are imitated."""
-_NEAR = [
-    joints.INDEX[f"{side}_{chain[at]}"] for chain in CHAINS.values() for side in SIDES for at in range(len(chain) - 1)
-]
-_FAR = [joints.INDEX[name] for name in FARS]
+_NEAR = [joints.INDEX[bone.near] for bone in BONES]
+_FAR = [joints.INDEX[bone.far] for bone in BONES]
 ANKLES = [joints.INDEX[f"{side}_ankle"] for side in SIDES]
 _TRUNK = [joints.PELVIS, joints.NECK, joints.LEFT_HIP, joints.RIGHT_HIP, joints.LEFT_SHOULDER, joints.RIGHT_SHOULDER]
 NEEDED = sorted({*_NEAR, *_FAR, *_TRUNK})
 """Joints of the skeleton that are used."""
 LEAST = 1e-3
 """m: a bone that is shorter has no direction."""
+LEAST_SINE = 0.3
+"""Of the angles between hips and vertical, hips and trunk, shoulders and trunk: 17 degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,21 +38,23 @@ class Person:
 
     @property
     def usable_as_a_whole(self) -> bool:
-        """False for NaN, and for a trunk without extent: nothing can be imitated."""
+        """False for NaN, and for a trunk without extent or heading (lying on a side): nothing can be imitated."""
         places = self.places[NEEDED] if self.places.shape == (len(joints.NAMES), 3) else np.array([np.nan])
-        if not (np.isfinite(places).all() and np.isfinite(self.up).all() and np.linalg.norm(self.up) > 0.5):
+        if not (np.isfinite(places).all() and np.isfinite(self.up).all()):
             return False
         hips, shoulders, trunk = _across(self.places)
-        pairs = (hips, self.up), (shoulders, trunk), (hips, trunk)
-        return all(np.linalg.norm(np.cross(a, b)) > LEAST * np.linalg.norm(b) > 0 for a, b in pairs)
+        return all(
+            np.linalg.norm(np.cross(a, b)) > max(LEAST_SINE * np.linalg.norm(a) * np.linalg.norm(b), LEAST**2)
+            for a, b in ((hips, self.up), (shoulders, trunk), (hips, trunk))
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Posture:
     """What is imitated. All axes have columns front, left, up.
 
-    level: (3, 3), with the person's heading and the vertical; pelvis, torso: (3, 3). bones: (8, 3) unit vectors to
-    FARS, in the axes of torso (arms) or pelvis (legs); NaN without direction. heights: (2,) m, of the ankles.
+    level: (3, 3), with the person's heading and the vertical; pelvis, torso: (3, 3). bones: (8, 3) unit vectors of
+    BONES, in the axes of torso (arms) or pelvis (legs); NaN without direction. heights: (2,) m, of the ankles.
     """
 
     level: np.ndarray
@@ -71,8 +71,7 @@ def posture(places: np.ndarray, up: np.ndarray) -> Posture:
     bones = places[_FAR] - places[_NEAR]
     lengths = np.linalg.norm(bones, axis=1, keepdims=True)
     bones = np.divide(bones, lengths, out=np.full_like(bones, np.nan), where=lengths > LEAST)
-    half = len(bones) // 2
-    turned = np.concatenate([bones[:half] @ torso, bones[half:] @ pelvis])
+    turned = np.concatenate([bones[:ARM_BONES] @ torso, bones[ARM_BONES:] @ pelvis])
     return Posture(axes(hips, up), pelvis, torso, turned, places[ANKLES] @ up)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mapping, read_text, user_path
@@ -16,6 +16,25 @@ CHAINS = {"arm": ("shoulder", "elbow", "wrist"), "leg": ("hip", "knee", "ankle")
 """Joints of a limb, from the trunk outwards."""
 PLACES = ("base", "torso", *(f"{side}_{joint}" for chain in CHAINS.values() for side in SIDES for joint in chain))
 """The 14 places: pelvis and chest, whose axes are used, and joints, whose positions are used."""
+
+
+class Bone(NamedTuple):
+    """A bone of a limb, by places: its ends, where the limb begins, and in whose axes it is."""
+
+    far: str
+    near: str
+    first: str
+    owner: str
+
+
+BONES = tuple(
+    Bone(f"{side}_{names[at + 1]}", f"{side}_{names[at]}", f"{side}_{names[0]}", owner)
+    for (names, owner) in zip(CHAINS.values(), ("torso", "base"))
+    for side in SIDES
+    for at in range(2)
+)
+"""The four bones of the arms, and those of the legs; two in a row are a limb."""
+ARM_BONES = len(BONES) // 2
 SETTINGS = {"sole": 0.0, "speed": 6.0, "acceleration": 100.0}
 """m, rad/s, rad/s^2: the numbers of a robot's file, and what they are without it."""
 SHIPPED = ("g1", "h1", "h1_2", "talos")

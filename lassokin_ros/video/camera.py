@@ -22,24 +22,33 @@ def assumed_fov_warning(remedy: str) -> str:
     )
 
 
-def choose_camera(file: Path | None, fov: float | None, size: Size, content: Size) -> Calibration:
+def choose_camera(
+    file: Path | None, fov: float | None, size: Size, content: Size, fisheye: bool = False
+) -> Calibration:
     """Return the camera of a file if there is one, else that of a field of view (degrees; None: DEFAULT_FOV).
 
-    size: (width, height) px of the images; content: of the part between black bars. Raises CameraError.
+    size: (width, height) px of the images; content: of the part between black bars; fisheye: see from_fov. Raises
+    CameraError.
     """
-    return from_file(file, size) if file is not None else from_fov(DEFAULT_FOV if fov is None else fov, size, content)
+    if fisheye and (file is not None or fov is None):
+        raise CameraError("--fisheye is the kind of lens for a field of view; expected --fov beside it")
+    if file is not None:
+        return from_file(file, size)
+    return from_fov(DEFAULT_FOV if fov is None else fov, size, content, fisheye)
 
 
-def from_fov(degrees: float, size: Size, content: Size | None = None) -> Calibration:
+def from_fov(degrees: float, size: Size, content: Size | None = None, fisheye: bool = False) -> Calibration:
     """Return a camera without distortion. degrees: field of view along the longer side of the content (None: of size).
 
-    size, content: (width, height) px. Raises CameraError.
+    size, content: (width, height) px. fisheye: the distance from the image's middle grows with the angle to the
+    optical axis, not with its tangent (equidistant). Raises CameraError.
     """
     if not 1.0 <= degrees <= 170.0:
         raise CameraError(f"the field of view is {degrees:g} degrees; expected 1 to 170 degrees")
-    focal = max(content or size) / 2 / np.tan(np.radians(degrees) / 2)
+    half = np.radians(degrees) / 2
+    focal = max(content or size) / 2 / (half if fisheye else np.tan(half))
     K = np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]])
-    return Calibration(K, np.zeros(5), size=size)
+    return Calibration(K, np.zeros(4 if fisheye else 5), "equidistant" if fisheye else "plumb_bob", size)
 
 
 def from_file(path: Path, size: Size) -> Calibration:

@@ -81,10 +81,13 @@ def parser() -> argparse.ArgumentParser:
         "sources",
         nargs="+",
         metavar="VIDEO|0|IMAGES",
-        help="video file, folder of images, number or device of a webcam, or address of a stream (rtsp://, http://)",
+        help="video file, folder of images, number or device of a webcam, address of a stream (rtsp://, http://), or "
+        "keypoints: JSON of OpenPose (folder), AlphaPose or COCO, a table of DeepLabCut or MediaPipe, .npz",
     )
     result.add_argument("--height", type=float, help="height of the person, m (same as -p height:=...)")
     result.add_argument("--fov", type=float, metavar="DEG", help="field of view along the longer side of the image")
+    result.add_argument("--image-size", metavar="WxH", help="size of the images of a file of keypoints, px")
+    result.add_argument("--fisheye", action="store_true", help="--fov is that of a fisheye lens")
     result.add_argument(
         "--camera-info", type=Path, metavar="YAML", help="calibration file of ROS (ost.yaml), OpenCV or Kalibr"
     )
@@ -107,7 +110,16 @@ def parser() -> argparse.ArgumentParser:
         help="with a detector that finds several people: largest (default for files), nearest, all, or a number of the "
         "list that is printed, 1 for the largest",
     )
-    result.add_argument("--fps", type=float, help="frame rate of a folder of images, Hz (default: 30)")
+    result.add_argument(
+        "--fps", type=float, help="images per second, in place of a file's own times (of a folder of images: 30 Hz)"
+    )
+    result.add_argument(
+        "--slow-motion",
+        type=float,
+        default=1.0,
+        metavar="FACTOR",
+        help="how many times slower the file plays than it was",
+    )
     result.add_argument("--params-file", type=Path, action="append", default=[], metavar="YAML")
     result.add_argument("-p", action="append", default=[], metavar="name:=value", help="a parameter of the tracker")
     result.add_argument("--report", type=Path, metavar="HTML", help="write a page with plots and the skeleton in 3D")

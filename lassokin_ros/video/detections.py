@@ -46,6 +46,8 @@ class Detections:
 
         An error after the first image is kept in `fault`.
         """
+        if self._source.remark:
+            print_note(f"{PROGRAM}: {self._source.remark}")
         try:
             for image in self._source.images:
                 if stopped:

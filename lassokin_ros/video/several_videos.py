@@ -166,7 +166,7 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
     found = read_cameras(options.cameras, names)
     cameras = []
     for name, path in zip(names, options.sources):
-        source, (calibration, pose) = open_source(path, options.fps), found[name]
+        source, (calibration, pose) = open_source(path, options.fps, options.slow_motion), found[name]
         if source.live:
             raise SourceError(f"{path} is live; expected synchronised files with --cameras")
         topic = _topic(name)
@@ -180,7 +180,7 @@ def _unplaced_cameras(options: argparse.Namespace) -> list[Filmed]:
     _refuse_same(names)
     cameras: list[Filmed] = []
     for name, path in zip(names, options.sources):
-        source = open_source(path, options.fps)
+        source = open_source(path, options.fps, options.slow_motion)
         if source.live:
             raise SourceError(f"{path} is live; expected synchronised files")
         cameras.append(
@@ -260,7 +260,7 @@ def _images_together(cameras: list[Filmed], options: argparse.Namespace) -> Iter
 
     A source that has ended keeps its last image.
     """
-    sources = [open_source(path, options.fps) for path in options.sources]
+    sources = [open_source(path, options.fps, options.slow_motion) for path in options.sources]
     first, *others = (source.images for source in sources)
     present, following = [next(images) for images in others], [next(images, None) for images in others]
     for image in first:

@@ -23,6 +23,13 @@ ASSUMED_FPS, HIGHEST_FPS = 30.0, 240.0
 """Hz: rate of a folder, and the highest that a video is believed to have. WebM of browsers says 1000: ticks per s."""
 MOST_FPS = 1000.0
 """Hz: highest `--fps`."""
+RAW = (".h264", ".264", ".avc", ".h265", ".265", ".hevc", ".mjpeg", ".mjpg")
+"""Suffixes of files of images without a container. They have no times."""
+LOOKED_AT = 10
+"""Images whose times are looked at where the nominal rate is above HIGHEST_FPS."""
+MOST_SLOW_MOTION = 100.0
+LARGEST_PIXEL_RATIO = 3.0
+"""Width of a pixel by its height, or the reverse, that is believed."""
 BLACK, NOISE = 32, 0.02
 """Grey value of a black bar's pixels at most (codecs have noise), and the share of pixels that may be brighter."""
 LEAST_BAR, UNEVEN_BAR = 0.02, 0.01
@@ -56,7 +63,7 @@ class Source:
 
     content: (width, height) px between black bars, see `content_size`.
     live: True for a camera, whose images show the moment at which they are read. begin: s, time of the first image in
-    its file, as far as OpenCV tells it.
+    its file, as far as OpenCV tells it. remark: what is assumed of the times, in words; empty for nothing.
     `count` may be an estimate from duration and nominal rate, as in Matroska files with a variable rate.
     """
 
@@ -68,6 +75,7 @@ class Source:
     images: Iterator[Image]
     live: bool = False
     begin: float = 0.0
+    remark: str = ""
 
     @property
     def seconds(self) -> float:
@@ -75,27 +83,52 @@ class Source:
         return self.count / self.fps
 
 
-def open_source(name: str, fps: float | None = None) -> Source:
+@dataclass(frozen=True)
+class Timing:
+    """How the images of a file are timed. fps: Hz, in place of the file's own times; None = its own, a folder's 30 Hz.
+
+    slow_motion: how many times slower the file plays than it was; times are divided by it.
+    """
+
+    fps: float | None = None
+    slow_motion: float = 1.0
+
+
+def open_source(name: str, fps: float | None = None, slow_motion: float = 1.0) -> Source:
     """Open a video file, a webcam, a network stream or a folder of images. Raises SourceError.
 
     name: a path, the number of a webcam ("0"), its device ("/dev/video0", "/dev/v4l/by-id/..."), or an address
-    ("rtsp://...", "http://..."). fps: of a folder, Hz.
+    ("rtsp://...", "http://..."). fps, slow_motion: see Timing; of files and folders only.
     """
+    source = _open(name, timing_of(fps, slow_motion))
+    if (fps is not None or slow_motion != 1.0) and source.live:
+        raise SourceError(f"{source.name} is live, so its images have the times at which they come; expected no --fps")
+    return source
+
+
+def timing_of(fps: float | None, slow_motion: float) -> Timing:
+    """Return the options as one value. Raises SourceError."""
     if fps is not None and not 0 < fps <= MOST_FPS:  # False for NaN
         raise SourceError(f"--fps {fps:g}; expected a rate above 0 and up to {MOST_FPS:g} Hz")
+    if not 1 / MOST_SLOW_MOTION <= slow_motion <= MOST_SLOW_MOTION:
+        raise SourceError(f"--slow-motion {slow_motion:g}; expected a factor, such as 8 for 240 Hz played at 30 Hz")
+    return Timing(fps, slow_motion)
+
+
+def _open(name: str, timing: Timing) -> Source:
     if name.isdecimal() and ((DEVICES / f"video{int(name)}").exists() or not os.path.exists(name)):
         return _webcam(int(name), f"camera {name}")
     if urlsplit(name).scheme.lower() in STREAMS and "://" in name:
-        return _stream(name)
+        return _stream(name, timing)
     path = Path(name)
     if DEVICES in path.parents:
         return _webcam(_device_number(path), str(path))
     _check_name(path)
     if os.path.isdir(path):  # False for a name that is too long, for which Path.is_dir raises OSError
-        return _folder(path, fps or ASSUMED_FPS)
+        return _folder(path, (timing.fps or ASSUMED_FPS) * timing.slow_motion)
     if not os.path.isfile(path):
         raise SourceError(f"there is no file or folder '{name}'")
-    return _video(path)
+    return _video(path, timing)
 
 
 def _check_name(path: Path) -> None:
@@ -144,7 +177,7 @@ def _common_content(first: np.ndarray, others: Iterator[np.ndarray]) -> tuple[in
     return content_size(reduce(np.maximum, (image for image in others if image.shape == first.shape), first))
 
 
-def _video(path: Path) -> Source:
+def _video(path: Path, timing: Timing) -> Source:
     cv2 = _opencv()
     capture = cv2.VideoCapture(str(path))
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
@@ -153,9 +186,33 @@ def _video(path: Path) -> Source:
         raise SourceError(f"'{path}' has no video stream that OpenCV can read")
     first = _upright(cv2, capture, first)
     rate, count = _rate_and_count(cv2, capture)
+    fault, remark = _fault_of_times(cv2, capture, path), ""
+    if fault:
+        count = max(int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+    if fault and timing.fps is None:
+        remark = f"'{path.name}' {fault}: {rate:g} images per second are assumed; set the rate by --fps"
+        timing = Timing(rate, timing.slow_motion)
     size, content = (first.shape[1], first.shape[0]), _common_content(first, _spread(cv2, path, count))
-    begin = _begin(cv2, capture)
-    return Source(path.name, size, content, rate, count, _frames(cv2, capture, first, rate), begin=begin)
+    begin = _begin(cv2, capture) / timing.slow_motion if timing.fps is None else 0.0
+    images, rate = _frames(cv2, capture, first, rate, timing), (timing.fps or rate) * timing.slow_motion
+    return Source(path.name, size, content, rate, count, images, begin=begin, remark=remark)
+
+
+def _fault_of_times(cv2: Any, capture: Any, path: Path) -> str:
+    """Return why the times of a file cannot be those of its images, in words; empty if they can."""
+    if path.suffix.lower() in RAW:
+        return "has no times of its images"
+    if not capture.get(cv2.CAP_PROP_FPS) > HIGHEST_FPS:
+        return ""
+    again: Any = cv2.VideoCapture(str(path))
+    times: list[float] = []
+    while len(times) < LOOKED_AT and again.grab():
+        times.append(again.get(cv2.CAP_PROP_POS_MSEC) * 1e-3)
+    again.release()
+    period = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    if period >= 1 / HIGHEST_FPS:
+        return ""
+    return f"has {1 / period:.0f} images per second" if period > 0 else "has no times of its images"
 
 
 def _begin(cv2: Any, capture: Any) -> float:
@@ -192,25 +249,34 @@ def _rate_and_count(cv2: Any, capture: Any) -> tuple[float, int]:
 
 
 def _upright(cv2: Any, capture: Any, image: np.ndarray) -> np.ndarray:
-    """Rotate an image by the file's metadata. OpenCV 4.6 does it in the wrong direction, and 4.11 by default not."""
+    """Make the pixels of an image square, and rotate it, by the file's metadata.
+
+    OpenCV 4.6 rotates in the wrong direction, and 4.11 by default not.
+    """
+    wide, high = capture.get(cv2.CAP_PROP_SAR_NUM), capture.get(cv2.CAP_PROP_SAR_DEN)
+    ratio = wide / high if wide > 0 and high > 0 else 1.0
+    if ratio != 1.0 and 1 / LARGEST_PIXEL_RATIO <= ratio <= LARGEST_PIXEL_RATIO:
+        height, width = image.shape[:2]
+        image = cv2.resize(image, (round(width * max(ratio, 1.0)), round(height * max(1 / ratio, 1.0))))
     degrees = round(capture.get(cv2.CAP_PROP_ORIENTATION_META)) * (-1 if cv2.__version__.startswith("4.6.") else 1)
     turns = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
     turn = turns.get(degrees % 360)
     return image if turn is None else np.asarray(cv2.rotate(image, turn))
 
 
-def _frames(cv2: Any, capture: Any, image: np.ndarray, rate: float) -> Iterator[Image]:
-    """Yield the images with the container's times, so that a variable frame rate is kept."""
-    last, origin = -1.0, None
+def _frames(cv2: Any, capture: Any, image: np.ndarray, rate: float, timing: Timing) -> Iterator[Image]:
+    """Yield the images with the container's times, so that a variable frame rate is kept, or with those of `timing`."""
+    last, origin, number = -1.0, None, 0
     try:
         while True:
-            seconds = capture.get(cv2.CAP_PROP_POS_MSEC) * 1e-3
+            seconds = number / timing.fps if timing.fps else capture.get(cv2.CAP_PROP_POS_MSEC) * 1e-3
+            number += 1
             origin = seconds if origin is None else origin
             seconds -= origin
             if last >= 0 and seconds <= last:  # the container has no times
                 seconds = last + 1 / rate
             last = seconds
-            yield Image(seconds, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+            yield Image(seconds / timing.slow_motion, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
             good, image = capture.read()
             if not good:
                 return
@@ -229,7 +295,7 @@ def _device_number(path: Path) -> int:
     return int(found.group(1))
 
 
-def _stream(address: str) -> Source:
+def _stream(address: str, timing: Timing) -> Source:
     """Open an address: a live stream, or a file on a server, which has a number of images."""
     cv2, name = _opencv(), _without_password(address)
     timeouts = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_TIMEOUT_MS]
@@ -241,7 +307,8 @@ def _stream(address: str) -> Source:
         raise SourceError(f"'{name}' gives no images: check the address, the password and that the camera is on")
     rate, count = _rate_and_count(cv2, capture)
     if count > 0:
-        return Source(name, *_sizes(first), rate, count, _frames(cv2, capture, first, rate))
+        images = _frames(cv2, capture, first, rate, timing)
+        return Source(name, *_sizes(first), (timing.fps or rate) * timing.slow_motion, count, images)
     return Source(name, *_sizes(first), rate, 0, _newest_images(cv2, capture, name), live=True)
 
 
@@ -322,8 +389,8 @@ def natural_key(name: str) -> list[tuple[str, int, str]]:
 
 
 def images_of(folder: Path) -> list[Path]:
-    """Return the images in a folder, in no order."""
-    return [file for file in folder.iterdir() if file.suffix.lower() in IMAGES]
+    """Return the images in a folder, in no order, without hidden files: macOS writes `._walk.jpg` beside walk.jpg."""
+    return [file for file in folder.iterdir() if file.suffix.lower() in IMAGES and not file.name.startswith(".")]
 
 
 def _folder(path: Path, fps: float) -> Source:

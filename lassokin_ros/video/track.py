@@ -31,6 +31,7 @@ from lassokin_ros.replay.playback import Playback
 from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.camera import Calibration, assumed_fov_warning, choose_camera
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
+from lassokin_ros.video.keypoint_files.source import open_input
 from lassokin_ros.video.people import (
     ALL,
     LARGEST,
@@ -41,7 +42,7 @@ from lassokin_ros.video.people import (
     people_in,
     settings_for,
 )
-from lassokin_ros.video.sources import Source, SourceError, open_source
+from lassokin_ros.video.sources import Source, SourceError
 from lassokin_ros.video.track_outputs import TrackOutputs
 from msg_adapters.keypoints import Keypoints
 
@@ -72,8 +73,10 @@ class Tracked:
 
 def track(options: argparse.Namespace, detector: Detector | None = None) -> Tracked:
     """Track a source and write the requested files. detector: replaces --detector. Raises a LassokinError."""
-    source = open_source(options.source, options.fps)  # before the detector, which takes seconds to load
-    detector = detector or make_detector(options.detector)
+    source, stored = open_input(options)  # before the detector, which takes seconds to load
+    if stored is not None:
+        options.detector = source.name
+    detector = detector or stored or make_detector(options.detector)
     configs = _settings(options, source, detector)
     first = Playback(Pipeline(*configs))
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
@@ -206,7 +209,7 @@ class Run:
     def _track_again(self, tracker: Playback, options: argparse.Namespace) -> None:
         """Track the kept keypoints; the images are read again if an output shows them."""
         tracker.camera_info(self._info, FIRST_STAMP_NS)
-        images = open_source(options.source, options.fps).images if self._outputs.needs_images else iter(())
+        images = open_input(options)[0].images if self._outputs.needs_images else iter(())
         progress = Progress(len(self.detections.found), "frames")
         for seconds, keypoints in self._found():
             if self._outputs.needs_images:
@@ -306,7 +309,7 @@ def lens_of(options: argparse.Namespace, source: Source, quiet: bool = False) ->
     if options.camera_info is None and source.content != source.size:
         width, height = source.content
         _note(f"the images have black bars; the field of view is that of the {width} x {height} px between them")
-    return choose_camera(options.camera_info, options.fov, source.size, source.content)
+    return choose_camera(options.camera_info, options.fov, source.size, source.content, options.fisheye)
 
 
 def _note(text: str) -> None:

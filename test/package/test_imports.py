@@ -23,7 +23,7 @@ FORBIDDEN = {
     "core/tracker.py": "from lassokin_ros.pipeline import lens",
     "core/lasso/dual.py": "import rclpy",
     "core/image/gating.py": "from lassokin_ros.core import tracker",
-    "pipeline/stamps.py": "import rclpy",
+    "pipeline/input_checks/stamps.py": "import rclpy",
     "node/qos.py": "from lassokin_ros.replay import bags",
     "replay/bags.py": "from lassokin_ros.node import qos",
     "replay/replay.py": "from lassokin_ros.demo import synthetic",

@@ -140,5 +140,10 @@ def test_the_slow_tests_exist():
     """Those that `make check` leaves out."""
     lines = (ROOT / "test" / "slow_tests.txt").read_text(encoding="utf-8").splitlines()
     assert lines == sorted(set(lines))
-    for file, name in (line.split("::") for line in lines):
-        assert f"def {name}(" in (ROOT / "test" / file).read_text(encoding="utf-8"), f"{file} has no {name}"
+    gone = []
+    for line in lines:
+        file, name = line.split("::")
+        path = ROOT / "test" / file
+        if not path.is_file() or f"def {name}(" not in path.read_text(encoding="utf-8"):
+            gone.append(line)
+    assert gone == [], "not there any more; take them out of test/slow_tests.txt"

@@ -33,10 +33,10 @@ from lassokin_ros.pipeline import stamps  # noqa: E402
 from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE  # noqa: E402
 from lassokin_ros.pipeline.camera_images import NOBODY, UNSCORED, UNUSED  # noqa: E402
+from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState  # noqa: E402
 from lassokin_ros.pipeline.people.choice import NoPersonError  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
-from lassokin_ros.pipeline.placeholders import PLACEHOLDERS  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = rosbags_backend()
@@ -108,7 +108,7 @@ def test_a_default_cloud_shows_nobody(max_people):
     pipeline.set_camera(camera_info(BACKEND))
     empty = raw_cloud(BACKEND, START_NS + PERIOD_NS, b"", [], 0, 0)
     assert [frame.rejection for frame in pipeline.frames(empty, 5)] == ["too_few_landmarks"] * (max_people == 1)
-    assert pipeline.nobody_in_view and pipeline.is_informed_at(5)
+    assert pipeline.nobody_in_view and pipeline.scene_known_empty(5)
 
 
 def test_placeholders_and_points_outside_are_counted(pipeline):
@@ -196,21 +196,21 @@ def test_presence_goes_on_with_the_clock_of_arrivals(pipeline):
 def test_silence_informs_only_if_it_is_set(pipeline):
     """Whether it is known that nobody is in view: by the last usable message, or by the silence of a live detector."""
     quiet = replace(pipeline.config, silent_when_empty=True)
-    assert not pipeline.is_informed_at(SECOND) and pipeline.image_at(9) == (9, FRAME)
+    assert not pipeline.scene_known_empty(SECOND) and pipeline.image_at(9) == (9, FRAME)
     pipeline.frames(message(0), 6 * SECOND)
     pipeline.frames(message(1, confidence=np.zeros(17)), 7 * SECOND)
-    assert pipeline.is_informed_at(7 * SECOND + SECOND // 3) and not pipeline.is_informed_at(8 * SECOND)
+    assert pipeline.scene_known_empty(7 * SECOND + SECOND // 3) and not pipeline.scene_known_empty(8 * SECOND)
     assert pipeline.image_at(8 * SECOND) == (START_NS + PERIOD_NS + SECOND, FRAME)
     pipeline.tune(pipeline.tracker.config, quiet)
-    assert pipeline.is_informed_at(8 * SECOND)
+    assert pipeline.scene_known_empty(8 * SECOND)
     pipeline.detector_connected = False
-    assert not pipeline.is_informed_at(8 * SECOND)
+    assert not pipeline.scene_known_empty(8 * SECOND)
     pipeline.detector_connected = True
     assert pipeline.frames(message(0), 9 * SECOND)[0].rejection == "old_stamp"
-    assert not pipeline.is_informed_at(9 * SECOND)  # the last message was refused
+    assert not pipeline.scene_known_empty(9 * SECOND)  # the last message was refused
     pipeline.enabled = False
-    assert not pipeline.is_informed_at(9 * SECOND)
-    assert not Pipeline(TrackerConfig(), quiet).is_informed_at(1)  # without a camera every message is refused
+    assert not pipeline.scene_known_empty(9 * SECOND)
+    assert not Pipeline(TrackerConfig(), quiet).scene_known_empty(1)  # without a camera every message is refused
 
 
 @pytest.mark.parametrize("max_people", [1, 3])
@@ -224,7 +224,7 @@ def test_silence_after_a_person_does_not_say_that_nobody_is_there(max_people):
         now_ns = START_NS + index * PERIOD_NS
         if index < len(PIXELS):
             pipeline.frames(message(index, now_ns), now_ns)
-        limits = pipeline.reported_lost_after, config.forget_after, pipeline.is_informed_at(now_ns)
+        limits = pipeline.reported_lost_after, config.forget_after, pipeline.scene_known_empty(now_ns)
         if state.update(pipeline.presence_at(now_ns), now_ns, *limits):
             states.append(state.value)
     assert states == ["tracking", "lost"]
@@ -249,12 +249,12 @@ def test_keypoints_that_cannot_be_used_do_not_say_that_nobody_is_there(pipeline,
         now_ns = START_NS + index * PERIOD_NS
         (frame,) = pipeline.frames(message(index, now_ns, **told), now_ns)
         if not frame.accepted:
-            assert not pipeline.is_informed_at(now_ns)
+            assert not pipeline.scene_known_empty(now_ns)
     assert frame.rejection in ("frozen", "too_few_landmarks")
     for index in range(70, 90):
         empty_ns = START_NS + index * PERIOD_NS
         pipeline.frames(message(index, empty_ns, pixels=PIXELS[0], confidence=np.zeros(17)), empty_ns)
-        assert pipeline.is_informed_at(empty_ns) == (empty_ns - now_ns > stale_ns)
+        assert pipeline.scene_known_empty(empty_ns) == (empty_ns - now_ns > stale_ns)
 
 
 def test_whole_pixels_of_a_still_person_are_not_frozen(pipeline):

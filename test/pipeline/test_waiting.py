@@ -27,8 +27,8 @@ class Camera:
 
     def __init__(self):
         self.depth = DepthImages(Counter())
-        depth = Wait(lambda _, stamp_ns: self.depth.may_receive(stamp_ns), 1e-9 * WAIT_NS, lambda: self.depth.arrival_ns)
-        self.waiting = Waiting([depth])
+        came = self.depth.may_receive
+        self.waiting = Waiting([Wait(lambda _, at: came(at), 1e-9 * WAIT_NS, lambda: self.depth.arrival_ns)])
         self.number = 0
         self.image()
         self.image()  # from now on the period is known

@@ -60,10 +60,10 @@ def test_compressed_depth_images_give_what_plain_ones_give(tmp_path, storage, ca
     assert np.abs(plain - without).mean() > 0.1  # the height is wrong, and the depth corrects the distance
 
 
-def test_a_recording_waits_for_late_images_for_100_ms_also_with_a_shorter_depth_wait(tmp_path, capsys):
+def test_a_recording_waits_for_late_images_for_100_ms_also_with_a_shorter_wait(tmp_path, capsys):
     """The keypoints of the next two frames come before the image."""
     late = sorted(messages(70_000_000), key=lambda message: message[2])
     recording = write_messages(tmp_path / "late", [message for message in late if message[0] != COMPRESSED])
-    tracked(recording, tmp_path / "out", "-p", f"depth:={PLAIN}", "-p", "depth_wait:=0.01")
+    tracked(recording, tmp_path / "out", "-p", f"depth:={PLAIN}", "-p", "wait:=0.01")
     said = capsys.readouterr().out
     assert f"for {FRAMES - 3} of {FRAMES} keypoint messages" in said and "image before" not in said

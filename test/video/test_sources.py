@@ -13,6 +13,8 @@ from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, Thread
 import numpy as np
 import pytest
 
+from lassokin_ros.core.errors import CameraError
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.video import sources
 from lassokin_ros.video.camera import choose_camera
 from lassokin_ros.video.sources import SourceError, content_size, natural_key, open_source
@@ -126,10 +128,89 @@ def test_a_file_whose_images_begin_late_counts_from_the_first_image(tmp_path):
     assert source.seconds == pytest.approx(source.begin + FRAMES / 30, abs=0.1)
 
 
-def test_a_rate_of_ticks_is_not_believed(tmp_path):
-    """WebM files of browsers say 1000 Hz. The announced number of images is then that of the duration."""
-    source = open_source(str(record(tmp_path / "ticks.avi", np.tile(corner(), (4, 4, 1)), 1000.0)))
-    assert source.fps == 30.0 and source.seconds <= FRAMES / 1000 and len(list(source.images)) == FRAMES
+@pytest.mark.parametrize(
+    "file, fps, slow_motion, rate, said",
+    [
+        ("fast.avi", None, 1.0, 30.0, "'fast.avi' has 600 images per second: 30 images per second are assumed"),
+        ("fast.avi", 600.0, 1.0, 600.0, ""),
+        ("raw.mjpeg", None, 1.0, 25.0, "'raw.mjpeg' has no times of its images: 25 images per second are assumed"),
+        ("raw.mjpeg", 50.0, 1.0, 50.0, ""),
+        ("even.avi", 50.0, 1.0, 50.0, ""),
+        ("even.avi", None, 4.0, 100.0, ""),
+        ("even.avi", 30.0, 8.0, 240.0, ""),
+    ],
+)
+def test_times_that_no_camera_has_are_replaced_by_a_rate(file, fps, slow_motion, rate, said, tmp_path):
+    path = tmp_path / file
+    if file == "raw.mjpeg":  # images one after the other, without a container
+        path.write_bytes(FRAMES * cv2.imencode(".jpg", corner())[1].tobytes())
+    else:
+        record(path, np.tile(corner(), (4, 4, 1)), 600.0 if file == "fast.avi" else FPS)
+    source = open_source(str(path), fps, slow_motion)
+    times = [image.seconds for image in source.images]
+    assert np.allclose(times, np.arange(FRAMES) / rate, atol=1e-3) and source.fps == pytest.approx(rate)
+    assert source.remark.startswith(said) and bool(source.remark) == bool(said)
+    assert source.count in (0, FRAMES)
+
+
+def test_ticks_are_not_the_rate_of_images(tmp_path):
+    """WebM of browsers: a rate of 1000 Hz, and times 40 ms apart."""
+    file = record(tmp_path / "even.avi", corner())
+    capture = cv2.VideoCapture(str(file))
+
+    class Ticks:
+        def get(self, name):
+            return 1000.0 if name == cv2.CAP_PROP_FPS else capture.get(name)
+
+    assert sources._fault_of_times(cv2, Ticks(), file) == ""
+    assert sources._rate_and_count(cv2, Ticks())[0] == 30.0
+
+
+@pytest.mark.parametrize("ratio, size", [((4, 3), (213, 96)), ((8, 9), (160, 108)), ((1, 50), (160, 96))])
+def test_pixels_that_are_not_square_are_made_so(ratio, size, tmp_path):
+    av = pytest.importorskip("av", reason="PyAV writes a file with such pixels")
+    with av.open(str(tmp_path / "hdv.mkv"), "w") as file:
+        stream = file.add_stream("mjpeg", rate=25)
+        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuvj420p"
+        stream.codec_context.sample_aspect_ratio = Fraction(*ratio)
+        for _ in range(3):
+            frame = av.VideoFrame.from_ndarray(corner(), format="bgr24").reformat(format="yuvj420p")
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode())
+    source = open_source(str(tmp_path / "hdv.mkv"))
+    assert source.size == size and {image.rgb.shape for image in source.images} == {(size[1], size[0], 3)}
+
+
+def test_hidden_files_of_a_folder_are_no_images(tmp_path):
+    """macOS writes `._walk.png` beside walk.png on other file systems."""
+    cv2.imwrite(str(tmp_path / "walk.png"), corner())
+    (tmp_path / "._walk.png").write_bytes(b"\0\5\26\7")
+    assert open_source(str(tmp_path)).count == 1
+
+
+@pytest.mark.parametrize("factor", [0.0, -2.0, float("nan"), 1e6])
+def test_an_impossible_slow_motion_is_refused(factor, tmp_path):
+    with pytest.raises(SourceError, match="--slow-motion .*; expected a factor"):
+        open_source(str(tmp_path), None, factor)
+
+
+def test_a_camera_has_its_own_times(tmp_path, monkeypatch):
+    (tmp_path / "video0").touch()
+    monkeypatch.setattr(sources, "DEVICES", tmp_path)
+    live = sources.Source("camera 0", SIZE, SIZE, 30.0, 0, iter(()), live=True)
+    monkeypatch.setattr(sources, "_webcam", lambda number, name: live)
+    with pytest.raises(SourceError, match="camera 0 is live, .* expected no --fps"):
+        open_source("0", 30.0)
+
+
+def test_a_fisheye_has_its_field_of_view_between_the_sides():
+    """A point at the right side is seen 59 degrees from the axis, one in the middle of the half 29.5."""
+    camera = choose_camera(None, 118.0, (801, 601), (801, 601), fisheye=True)
+    lens = Lens(camera.K, camera.D, camera.model)
+    right = lens.normalise(np.array([[400.0 + 400.5, 300.0], [400.0 + 200.25, 300.0]]))
+    assert np.allclose(np.degrees(np.arctan(right[:, 0])), [59.0, 29.5], atol=1e-6)
+    with pytest.raises(CameraError, match="expected --fov beside it"):
+        choose_camera(None, None, (801, 601), (801, 601), fisheye=True)
 
 
 @pytest.mark.parametrize("fps", [-5.0, 0.0, float("nan"), float("inf"), 1e6])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,13 @@ def values_in(file: Path) -> dict[str, Any]:
         raise CameraError(f"{error}; {FORMS}" if "UTF-8" in str(error) else str(error)) from None
     if file.suffix.lower() == ".toml":
         return _toml(text, file)
+    if text.lstrip().startswith("{") and len(text) <= MAX_CHARACTERS:  # YAML, too, unless it is indented by tabs
+        try:
+            values = json.loads(text)
+        except (ValueError, RecursionError):
+            pass
+        else:
+            return values if isinstance(values, dict) else {}
     try:
         return load_mapping(_plain_yaml(text, file), str(file), CameraError)
     except LassokinError as error:

@@ -19,13 +19,13 @@ def wrong_cameras(pipeline: Pipeline, learned: bool = True) -> Iterator[Raised]:
     That cameras contradict each other is said without naming the wrong one, if no pose is known to be off. learned:
     also yield poses whose error is small enough to be learned.
     """
-    extrinsics, words = pipeline.extrinsics, list(pipeline.agreement.left_out.values())
+    extrinsics, words = pipeline.extrinsics, list(pipeline.placement.agreement.left_out.values())
     poses = []
     if extrinsics is not None:
         poses = [extrinsics.in_words(name) if learned else extrinsics.wrong.get(name, "") for name in pipeline.cameras]
     words += filter(None, poses)
     if not any(poses):
-        words += pipeline.agreement.undecided()
+        words += pipeline.placement.agreement.undecided()
     return (say("camera_wrong", fault=fault) for fault in words)
 
 

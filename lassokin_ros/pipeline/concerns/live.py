@@ -9,6 +9,7 @@ import numpy as np
 from lassokin_ros.core.learned.height import LARGEST_FLOOR_DEVIATION
 from lassokin_ros.core.observation import Rejection
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
+from lassokin_ros.pipeline.camera.placement import JUMPS
 from lassokin_ros.pipeline.camera_images import DEPTH_IN_MESSAGE, NOBODY, UNSCORED, CameraImages
 from lassokin_ros.pipeline.concerns.catalogue import CONCERNS, Raised, say
 from lassokin_ros.pipeline.concerns.period import INTERVALS, Period
@@ -17,7 +18,7 @@ from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.people.people_tracker import GONE
-from lassokin_ros.pipeline.pipeline import JUMPS, Pipeline
+from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import MESSAGE
 
 FUTURE_S, LATE_S, LATEST_S, PAST_S = 1.0, 0.5, 60.0, 3600.0
@@ -178,7 +179,7 @@ def _inputs(period: Period) -> Iterator[Raised]:
             yield say("depth_frozen", topic=pipeline.config.depth_topic(name), limit=FROZEN_S)
     if recent[JUMPS]:
         cameras, frame = "cameras have" if len(pipeline.cameras) > 1 else "camera has", pipeline.config.fixed_frame
-        yield say("frame_jumped", cameras=cameras, frame=frame, step=pipeline.jumps.words)
+        yield say("frame_jumped", cameras=cameras, frame=frame, step=pipeline.placement.jumps.words)
     yield from of_each_camera(pipeline, lambda camera: passed_on("image_size", camera.image_size.warning))
     yield from of_each_camera(pipeline, lambda camera: passed_on("own_depth_unused", camera.own_depth.warning))
     yield from of_each_camera(pipeline, lambda camera: passed_on("ids_from_1", camera.landmark_ids.warning))

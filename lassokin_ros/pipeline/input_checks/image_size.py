@@ -27,7 +27,7 @@ FEWEST, SMALLEST_PX = 6, 30.0
 """Keypoints with a 3D point, and their spread in px, from which on there is a factor."""
 IN_A_ROW = 5
 """Messages with another factor than that in use after which it is used."""
-MOST = 0.6
+MOST = 0.5
 """Share of a person's keypoints; if more are outside of the image, the person is."""
 OUTSIDE_MESSAGES, FAR_OUTSIDE = 10, 1.25
 """Messages with a person outside of the image, as far as this multiple of its size, after which camera_info is that of

@@ -174,7 +174,7 @@ class Outputs:
             self.keep(pipeline.ids or [], now_ns)
         if not answer.refused:
             image = answer.stamp_ns, answer.frame_id
-            self._newest.update(answer.frames, pipeline.ids, pipeline.jumps.newest)
+            self._newest.update(answer.frames, pipeline.ids, pipeline.placement.jumps.newest)
             self._write_people(image, now)
             if self._wants(self._skeletons_out):
                 self._sink.write(self._skeletons_out, self._skeletons.build(image, answer.frames))
@@ -228,7 +228,7 @@ class Outputs:
         """Derive the state, and write it if it has changed. Return True in this case."""
         pipeline, now_ns = self._pipeline, self._as_of_ns
         limits = pipeline.reported_lost_after, pipeline.config.forget_after
-        changed = self._state.update(pipeline.presence_at(now_ns), now_ns, *limits, pipeline.is_informed_at(now_ns))
+        changed = self._state.update(pipeline.presence_at(now_ns), now_ns, *limits, pipeline.scene_known_empty(now_ns))
         if changed:
             self._write_state()
         return changed

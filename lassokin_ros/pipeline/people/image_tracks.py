@@ -129,12 +129,14 @@ class ImageTracks:
         forget_after: float,
         expected: Mapping[ImageTrack, np.ndarray | None] | None = None,
         guarded: Collection[ImageTrack] = (),
+        placed: Collection[ImageTrack] = (),
     ) -> None:
         """Continue the tracks with the detections of one image, and begin new ones.
 
         lasting: the numbers say who is who, see `Numbers`. expected: the tracks of people who are followed, which are
         never forgotten, and (l, 2), where these are expected; None: by the track. guarded: those that no doubtful
-        detection continues. forget_after: s.
+        detection continues; placed: those whose place other cameras tell, so that a number is not needed. forget_after:
+        s.
         """
         expected = expected or {}
         self._tracks = [t for t in self._tracks if t in expected or 0 <= t.unseen_s(stamp_ns) <= forget_after]
@@ -144,7 +146,8 @@ class ImageTracks:
         for track, detection in pairs:
             rest.remove(detection)
             track.see(detection, stamp_ns, by_place=False)
-        for track, detection, by_place in self._assigned(stamp_ns, rest, believed, forget_after, expected, guarded):
+        people = expected, guarded, placed
+        for track, detection, by_place in self._assigned(stamp_ns, rest, believed, forget_after, *people):
             rest.remove(detection)
             if believed and track.number not in (None, detection.number):
                 self._take_number(detection.number, track, stamp_ns)
@@ -176,6 +179,7 @@ class ImageTracks:
         forget_after: float,
         expected: Mapping[ImageTrack, np.ndarray | None],
         guarded: Collection[ImageTrack],
+        placed: Collection[ImageTrack],
     ) -> list[tuple[ImageTrack, Seen, bool]]:
         """Return tracks with detections, by least total cost, and whether it is by place only.
 
@@ -193,6 +197,7 @@ class ImageTracks:
         same = same_numbers([t.number if believed else None for t in tracks], [one.number for one in detections])
         sure = same if self.numbers.proven else np.zeros_like(same)
         used = np.where((unseen > forget_after)[:, None], same, sure)
+        used[[track in placed for track in tracks]] = False
         costs = np.where(used & np.isinf(costs), NUMBER_NEAR, costs)  # too few points for a place
         by_number = np.maximum(np.array([_number_radius(s) for s in unseen]), reach)
         limits = np.where(used, by_number[:, None], reach[:, None])

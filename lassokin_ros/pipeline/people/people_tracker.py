@@ -329,7 +329,8 @@ class PeopleTracker:
         usable += [one for one in image.people if one.number in numbers and one not in usable and _has_points(one)]
         expected = {track: person.body.predicted_landmarks(stamp_ns, image.camera) for track, person in own.items()}
         guarded = [track for track, person in own.items() if self._is_guarded(person)]
-        view.tracks.update(stamp_ns, usable, image.lasting, patience, expected, guarded)
+        placed = [track for track, person in own.items() if self._elsewhere(person, image) is not None]
+        view.tracks.update(stamp_ns, usable, image.lasting, patience, expected, guarded, placed)
         for track, person in own.items():
             away_s = min(track.gap_s, person.body.unseen_s(stamp_ns))
             person.guessed |= track.seen_ns == stamp_ns and track.by_place and away_s > GUESS_AFTER_S

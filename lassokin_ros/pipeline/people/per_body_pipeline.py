@@ -18,11 +18,12 @@ from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.observation import Status
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.answers import Answer, frames_of
+from lassokin_ros.pipeline.camera.placement import JUMPS
 from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.presence import Presence, best
-from lassokin_ros.pipeline.pipeline import JUMPS, Pipeline
+from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 
 
@@ -47,7 +48,7 @@ class PerBodyPipeline(Pipeline):
                 shared.depth_check,
                 shared.mount,
             )
-            pipeline.places = self.places
+            pipeline.placement.places = self.places
         self._all = tuple(self._idle)
         self._present: dict[str, Pipeline] = {}
         self._beyond = 0  # bodies of the list that have no tracker
@@ -76,11 +77,11 @@ class PerBodyPipeline(Pipeline):
         """Raise NoPersonError."""
         raise NoPersonError("lock failed: each person has a topic of keypoints, and the detector says who is who")
 
-    def is_informed_at(self, now_ns: int) -> bool:
-        """As Pipeline.is_informed_at. The detector's list says who is there; each listed body must have keypoints."""
+    def scene_known_empty(self, now_ns: int) -> bool:
+        """As Pipeline.scene_known_empty. The detector's list says who is there; each listed body needs keypoints."""
         if not (self.enabled and self.has_camera and self.detector_connected):
             return False
-        return all(pipeline.is_informed_at(now_ns) for pipeline in self._present.values())
+        return all(pipeline.scene_known_empty(now_ns) for pipeline in self._present.values())
 
     def set_clock_back(self, step_ns: int) -> None:
         """See Pipeline.set_clock_back."""
@@ -137,7 +138,7 @@ class PerBodyPipeline(Pipeline):
         pipeline.enabled, jumps, before = self.enabled, self.counts[JUMPS], pipeline.image
         answers = pipeline.push(message, arrival_ns, self.first.name)
         if self.counts[JUMPS] > jumps:
-            self._note_jump(pipeline.jumps, None if before is None else before[0])
+            self._note_jump(pipeline.placement.jumps, None if before is None else before[0])
         self.answered = self.answered or pipeline.answered
         mine, theirs = self.first, pipeline.first
         self.image, mine.frame_id = pipeline.image, theirs.frame_id
@@ -153,9 +154,10 @@ class PerBodyPipeline(Pipeline):
 
         before_ns: stamp, ns, of the person's image before; the person may have been out of view meanwhile.
         """
-        if before_ns is not None and self.jumps.newest is not None and before_ns < self.jumps.newest[0]:
+        mine = self.placement.jumps
+        if before_ns is not None and mine.newest is not None and before_ns < mine.newest[0]:
             return
-        self.jumps.newest, self.jumps.words = jumps.newest, jumps.words
+        mine.newest, mine.words = jumps.newest, jumps.words
 
     def reset(self, unlock: bool = True) -> None:
         """Forget the state of all people. The list of people, the camera and the counts stay."""
@@ -163,7 +165,7 @@ class PerBodyPipeline(Pipeline):
             for pipeline in self._all:
                 pipeline.reset(unlock)
         self.image = None
-        self.jumps.reset()
+        self.placement.jumps.reset()
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:

@@ -15,10 +15,11 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import GIVEN, TrackerConfig
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.output.fixed_lag import Backward
+from lassokin_ros.pipeline.camera.placement import JUMPS
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.description.skeleton_file import LEAST_MOTION
 from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words
-from lassokin_ros.pipeline.pipeline import JUMPS, Pipeline
+from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.replay.passes.kept_observations import KeptObservations
 from lassokin_ros.replay.playback import Playback
 from msg_adapters.output_messages.people import number_of

@@ -258,19 +258,6 @@ def test_people_lists_several_people_and_then_nobody():
             send_until(
                 peer, one, lambda: [points_of(m)["person"].tolist() for m in placed(people)[-1:]] == [[9]], "one person"
             )
-
-            def with_a_hand(i):
-                nonlocal stamp
-                stamp += 100_000_000
-                three = np.where(np.arange(17) < 3, 0.9, 0.0)  # keypoints, too few to track anybody
-                seen = [(PIXELS[i % 40] + [120.0, 0.0], np.full(17, 0.9)), (PIXELS[i % 40] - [120.0, 0.0], three)]
-                peer.keypoints.publish(crowd(BACKEND, stamp, seen, (9, 4)))
-
-            def untracked():
-                return [points_of(m)["tracked"].tolist() for m in placed(people)[-1:]] == [[1, 0]]
-
-            send_until(peer, with_a_hand, untracked, "an entry of somebody who is not tracked")
-            assert np.isnan(points_of(placed(people)[-1])["x"][1])
             peer.spin_until(lambda: said(states)[-1:] == ["lost"], what="lost, in silence")
     assert "Traceback" not in node.said
 

@@ -225,7 +225,10 @@ def lean_error(nods, settings):
         pixels = project(pose.landmarks[i] @ level) * FOCAL + [WIDTH / 2, HEIGHT / 2]
         if pipeline.mount is not None:
             robot(pitch, stamp, pipeline.mount.transforms, hanging=0.0)
-        found = pipeline.process(cloud(BACKEND, stamp, pixels), 0).estimate.pose.orientations[0]
+        answer = pipeline.process(cloud(BACKEND, stamp, pixels), 0)
+        if answer.rejection == "other_size":  # most of the person is out of view
+            continue
+        found = answer.estimate.pose.orientations[0]
         errors.append(np.arccos((level @ found[:, 1]) @ pose.orientations[i, 0][:, 1]))
     return np.degrees(np.mean(errors))
 

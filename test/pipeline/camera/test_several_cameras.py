@@ -17,12 +17,13 @@ from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.answers import frames_of
 from lassokin_ros.pipeline.camera.camera_selection import Camera
+from lassokin_ros.pipeline.camera.placement import JUMPS
 from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, camera_commands, save_cameras
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
-from lassokin_ros.pipeline.pipeline import JUMPS, Pipeline
+from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 
 pytest.importorskip("rosbags")
@@ -182,7 +183,7 @@ def test_a_jump_of_the_fixed_frame_moves_the_person_with_it(degrees, metres, eye
         assert np.linalg.norm(seen - before.into_camera(play.truth(one.seconds).positions[0]), axis=1).mean() < 0.1
         assert np.linalg.norm(one.frame.velocity) < 0.5 and np.abs(one.frame.joint_velocities).max() < 3.0
         assert np.abs(one.frame.joint_states()[1]).max() < 10.0 and not one.frame.judge().doubt.likely_wrong
-    assert play.pipeline.jumps.words in status(play, diagnostics).message
+    assert play.pipeline.placement.jumps.words in status(play, diagnostics).message
 
 
 def test_a_camera_that_jumps_alone_was_moved_and_the_person_was_not():

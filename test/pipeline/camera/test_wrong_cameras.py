@@ -65,7 +65,7 @@ class Rig:
 
     @property
     def left_out(self):
-        return set(self.pipeline.agreement.left_out)
+        return set(self.pipeline.placement.agreement.left_out)
 
 
 def inverse(one):

@@ -150,5 +150,6 @@ def test_a_person_who_is_outside_of_the_image_is_refused():
 def test_limbs_outside_of_the_image_are_those_of_the_same_image():
     _, results = run("sensor_msgs/msg/PointCloud2", info(1.0), 1.3, aside=1.2)
     pixels = project(landmarks("coco17", 1.3, 1.2)) * FOCAL + SIZE / 2
-    assert (pixels > SIZE * 1.05).any(axis=2).sum(axis=1).max() >= 6  # of 17
-    assert all(result.rejection != "other_size" for result in results)
+    outside = (pixels > SIZE * 1.05).any(axis=2).sum(axis=1)  # of 17
+    few = [result for result, count in zip(results, outside) if 6 <= count <= 8]
+    assert few and all(result.rejection != "other_size" for result in few)

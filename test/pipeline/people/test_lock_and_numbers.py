@@ -68,7 +68,6 @@ def follow(seed, kind, max_people):
     return frames, jumped
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("max_people", [1, 3])
 @pytest.mark.parametrize("kind", ["right", "exchanged", "index", "restart"])
 def test_a_locked_person_is_never_exchanged_silently(kind, max_people):

@@ -171,10 +171,10 @@ def test_an_empty_image_of_one_camera_does_not_say_that_nobody_is_before_the_oth
             rig.send("right", index, {})
         now_ns = START_NS + index * PERIOD_NS
         rig.pipeline.due(now_ns + 10**8)
-        assert rig.pipeline.is_informed_at(now_ns) == (fault == "silent" and (index - 2) * PERIOD_NS <= stale_ns)
+        assert rig.pipeline.scene_known_empty(now_ns) == (fault == "silent" and (index - 2) * PERIOD_NS <= stale_ns)
     for index in range(60, 70):
         rig.both(index, None, None)
-    assert rig.pipeline.is_informed_at(START_NS + index * PERIOD_NS)
+    assert rig.pipeline.scene_known_empty(START_NS + index * PERIOD_NS)
 
 
 @pytest.mark.parametrize("lock", [True, False])
@@ -210,4 +210,4 @@ def test_a_detectors_number_is_no_id_before_the_second_camera_sends():
         found += rig.send("left", index, {17: (rig.pixels("left", index), np.full(17, 0.9))})
         if index > 5:
             found += rig.send("right", index, {17: (rig.pixels("right", index), np.full(17, 0.9))})
-    assert {(frame.person, frame.detector_id) for frame in found if frame.accepted} == {("p1", -1)}
+    assert {(frame.person, frame.detector_id) for frame in found if frame.accepted} == {("p1", 17)}

@@ -179,8 +179,8 @@ def test_a_jump_moves_people_once_also_if_it_is_seen_later_with_another_person()
         assert feed(pipeline, "abc", i, -0.2)[0].accepted
         if not 18 < i < 22:
             assert feed(pipeline, "xyz", i, 0.2)[0].accepted
-        assert i < 20 or pipeline.jumps.newest[0] == START_NS + 20 * PERIOD_NS
-    assert "4.0 m and 0 degrees" in pipeline.jumps.words
+        assert i < 20 or pipeline.placement.jumps.newest[0] == START_NS + 20 * PERIOD_NS
+    assert "4.0 m and 0 degrees" in pipeline.placement.jumps.words
 
 
 def test_a_jump_of_the_fixed_frame_is_named_with_its_distance():
@@ -222,7 +222,7 @@ def test_messages_keep_their_ages_when_the_clock_is_set_back(pipeline):
     assert [pipeline.presence_at(at * 10**9).status for at in (10, 11)] == [Status.TRACKING, Status.LOST]
     pipeline.frames_of("abc", skeleton2d(BACKEND, START_NS + PERIOD_NS, 1, confidence=0.0), 20 * 10**9)
     pipeline.set_clock_back(10 * 10**9)
-    assert pipeline.is_informed_at(10 * 10**9) and not pipeline.is_informed_at(11 * 10**9)
+    assert pipeline.scene_known_empty(10 * 10**9) and not pipeline.scene_known_empty(11 * 10**9)
 
 
 def test_settings_camera_and_reset_apply_to_all_people(pipeline):

@@ -14,10 +14,10 @@ from lassokin_ros.pipeline.depth_check import MISFIT
 from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
 from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH
+from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures, height_figures
 from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.placeholders import PLACEHOLDERS
 
 ALWAYS = "received", "accepted", "duplicated", "unstamped", "ignored while disabled", OVERTAKEN, LOST
 """Counts that are always shown."""

@@ -15,11 +15,11 @@ from lassokin_ros.pipeline.concerns.catalogue import say
 from lassokin_ros.pipeline.concerns.rejections import advice_for
 from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.people.people_tracker import GONE
 from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.builders import ERROR, OK, WARN
 
@@ -47,6 +47,7 @@ def pipeline():
         stamp_rate=SimpleNamespace(warning=""),
         own_depth=SimpleNamespace(warning=""),
         landmark_ids=SimpleNamespace(warning=""),
+        image_size=SimpleNamespace(warning=""),
     )
     return SimpleNamespace(
         enabled=True,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from lassokin_ros.pipeline.stamps import StampWatch
+from lassokin_ros.pipeline.input_checks.stamps import StampWatch
 from msg_adapters.errors import AdapterError
 
 START_S = 1000.0

@@ -13,8 +13,8 @@ from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
+from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
-from lassokin_ros.pipeline.placeholders import PLACEHOLDERS  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = rosbags_backend()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lassokin_ros.pipeline.placeholders import without_placeholders
+from lassokin_ros.pipeline.input_checks.placeholders import without_placeholders
 from msg_adapters.keypoints import Keypoints
 
 SIZE = (641, 481)

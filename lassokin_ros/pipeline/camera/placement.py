@@ -1,0 +1,124 @@
+"""Where the cameras of the images of one instant are, and which of them are used.
+
+A pose is given, or comes from TF, or is found from the person whom another camera sees. The images of a camera that
+contradicts the others are left out.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from lassokin_ros.core.config import LEARN
+from lassokin_ros.core.observation import CameraPose
+from lassokin_ros.pipeline.camera.camera_places import CameraPlaces
+from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
+from lassokin_ros.pipeline.image_sets import stamp_of_set
+from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
+from lassokin_ros.pipeline.people.matching import is_trackable
+from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.seen import Image, Sight
+from lassokin_ros.pipeline.settings import NodeSettings
+from msg_adapters.errors import AdapterError
+
+JUMPS = "jumps of the cameras in fixed_frame"
+"""Key of the count of images before which the poses of all cameras in TF have jumped."""
+
+
+class Placement:
+    """The cameras of a session. Their poses are those in the frame of the skeleton."""
+
+    def __init__(
+        self,
+        config: NodeSettings,
+        people: Sequence[TrackedPerson],
+        counts: Counter[str],
+        poses: Mapping[str, CameraPose] | None,
+    ) -> None:
+        """people: all who can be tracked. poses: given ones, in place of those from TF."""
+        self._people, self._counts, self._several_people = people, counts, config.several_people
+        self._names, self._several = config.camera_names, config.several_cameras
+        placed = bool(config.fixed_frame) or config.several_cameras
+        self.places = CameraPlaces(config.fixed_frame, self._names, poses) if placed else None
+        """Where the cameras are; None for one camera in whose frame the skeleton is kept."""
+        self.jumps = PoseJumps()
+        """Jumps of all cameras in their fixed frame."""
+        self.agreement = CameraAgreement(people[0].tracker.layout.names)
+        """Which of several cameras contradicts the others about the one person who is followed."""
+        for tracked in people:
+            if (extrinsics := tracked.tracker.learned.extrinsics) is not None and config.several_cameras:
+                extrinsics.anchor = self._names[0]
+
+    def reset(self) -> None:
+        """Forget the people: what they have shown about the cameras."""
+        self.agreement.reset()
+        self.jumps.reset()
+
+    def placed(self, images: Sequence[Image]) -> tuple[Sequence[Image], str]:
+        """Return the images whose camera has a pose, and the frame of the results.
+
+        Raises AdapterError if none has one. The others are counted. Poses that are to be found from the person come
+        last.
+        """
+        if self.places is None:
+            return images, images[0].frame_id
+        placed: list[Image] = []
+        missing: list[tuple[Image, AdapterError]] = []
+        for image in images:
+            try:
+                pose = self.places.pose(image.camera.name, image.frame_id, image.stamp_ns)
+                placed.append(replace(image, camera=pose))
+            except AdapterError as error:
+                missing.append((image, error))
+        stamp_ns = stamp_of_set(images)
+        others = self.places.others([image.camera.name for image in images], stamp_ns)
+        moved = self.jumps.update(stamp_ns, [*(image.camera for image in placed), *others])
+        for tracked in self._people:
+            tracked.tracker.place_cameras(others)
+            if moved is not None:
+                tracked.move_frame(moved, stamp_ns)
+        if moved is not None:
+            self._counts[JUMPS] += 1
+        return self._with_found(placed, missing), self.places.base
+
+    def _with_found(self, placed: Sequence[Image], missing: Sequence[tuple[Image, AdapterError]]) -> list[Image]:
+        """Return images with a pose by TF and those whose pose was found from the person, in the order of the cameras.
+
+        Those whose pose is to be found come last. Others are left out; raises AdapterError if no image remains.
+        """
+        assert self.places is not None
+        finds = self._several and self._people[0].tracker.config.extrinsics == LEARN and bool(self.places.newest)
+        found, order = list(placed), self._names
+        for image, error in missing:
+            name = image.camera.name
+            if finds:
+                found.append(replace(image, camera=self.places.adopt(name, self._found_pose(name))))
+            else:
+                self._counts[f"no transform of {name}" if name else "no transform"] += 1
+        if not found:
+            raise missing[0][1]
+        return sorted(found, key=lambda image: (not image.camera.known, order.index(image.camera.name)))
+
+    def _found_pose(self, name: str) -> CameraPose:
+        """Return the pose of a camera that was found from a person; one that is not known if there is none yet."""
+        learned = (tracked.tracker.learned.extrinsics for tracked in self._people)
+        found = [one.found[name] for one in learned if one is not None and name in one.found]
+        return found[0] if found else CameraPose(name, known=False)
+
+    def agreeing(self, images: Sequence[Image]) -> Sequence[Image]:
+        """Return the images without those of a camera that contradicts the others. These are counted."""
+        if not self._several or self._several_people:
+            return images
+        sights, learned = [], self._people[0].tracker.learned
+        for image in images:
+            if not self.agreement.is_due(image.camera.name, image.stamp_ns):
+                continue
+            people = [one for one in image.people if is_trackable(one, self._people[0].tracker.config)]
+            pose = image.camera if learned.extrinsics is None else learned.extrinsics.corrected(image.camera)
+            if len(people) == 1 and pose.known:
+                sights.append(Sight(image.stamp_ns, people[0], image.lens, pose))
+        self.agreement.update(sights, learned.size_check)
+        for image in images:
+            self._counts[f"{image.camera.name}: {LEFT_OUT}"] += image.camera.name in self.agreement.left_out
+        return [image for image in images if image.camera.name not in self.agreement.left_out]

@@ -1,0 +1,156 @@
+"""The targets of a robot that imitates a person, as one task of pink: rows of position and rotation.
+
+Places of elbows and wrists in the axes of the torso, of knees and ankles in those of the base, the torso's rotation in
+the base; with a free base the base's rotation, and the feet: those that stand are held, the others stay above the
+floor.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from pink import Configuration
+from pink.tasks import Task
+
+from lassokin_ros import joints
+from lassokin_ros.core.body.rotations import hat
+from lassokin_ros.core.learned.foot_contacts import FLOOR_GATE
+from lassokin_ros.robot.model import RobotModel
+from lassokin_ros.robot.person import Person, Posture
+from lassokin_ros.robot.robot_file import ARM_BONES, BONES, SIDES
+
+WEIGHTS = {"elbow": 2.0, "wrist": 4.0, "knee": 4.0, "ankle": 4.0}
+TORSO, BASE, POSTURE = 2.0, 4.0, 0.05
+"""Weights: 1/m of places, 1/rad of rotations and of the rest angles."""
+FOOT, FOOT_TURN, LEG_STANDS = 40.0, 4.0, 1.0
+"""Of a foot that stands: 1/m and 1/rad of its place and rotation, 1/m of its place relative to the base."""
+FOOT_LEVEL = 1.0
+"""1/rad, of the rotation of a foot that does not stand: level."""
+POSTURE_GAIN = 0.1
+"""Share of the way to the rest angles that a step aims at."""
+
+
+class Targets(Task):  # type: ignore[misc]
+    """All targets of a tick. standing: the left and the right foot are held."""
+
+    def __init__(self, configuration: Configuration, model: RobotModel) -> None:
+        super().__init__(cost=1.0, gain=1.0, lm_damping=0.0)
+        self._model, self._free = model, model.free
+        self._bones = BONES if model.free else BONES[:ARM_BONES]
+        self._frames = [model.frames[bone.far] for bone in self._bones]
+        self._lengths = np.array([model.lengths[bone.far] for bone in self._bones])[:, None]
+        self._weights = np.array([WEIGHTS[bone.far.partition("_")[2]] for bone in self._bones])
+        self._starts = np.stack([model.offsets[bone.first] for bone in self._bones])
+        self._used = [joints.INDEX[bone.far] for bone in self._bones]
+        self._feet = [model.frames[f"{side}_ankle"] for side in SIDES]
+        self.standing = [False, False]
+        self._anchors = [pin.SE3.Identity(), pin.SE3.Identity()]
+        self.start(configuration)
+
+    def start(self, configuration: Configuration) -> None:
+        """Aim at the present configuration."""
+        at, frames = configuration.data.oMf, self._model.frames
+        owned = [(at[frames[bone.owner]], at[frames[bone.far]]) for bone in self._bones]
+        self._places = np.stack([owner.actInv(place).translation for owner, place in owned])
+        self._torso = at[frames["base"]].rotation.T @ at[frames["torso"]].rotation
+        self._base = at[frames["base"]].rotation.copy()
+        self.standing = [False, False]
+
+    def aim(self, configuration: Configuration, shown: Posture, person: Person, heading: np.ndarray) -> None:
+        """Aim at a posture. heading: (3, 3), from the frame of the person to the world of the robot."""
+        axes = self._model.axes
+        steps = self._lengths * shown.bones[: len(self._bones)]
+        ends = self._starts + steps
+        ends[1::2] += steps[::2]  # the second bone begins at the end of the first one
+        turned = np.concatenate([ends[:ARM_BONES] @ axes["torso"].T, ends[ARM_BONES:] @ axes["base"].T])
+        known = person.usable[self._used] & np.isfinite(turned).all(axis=1)
+        known[1::2] &= known[::2]
+        self._places = np.where(known[:, None], turned, self._places)
+        base = shown.pelvis if self._free else shown.level
+        self._torso = axes["base"] @ base.T @ shown.torso @ axes["torso"].T
+        if self._free:
+            self._base = heading @ shown.pelvis @ axes["base"].T
+            heights = shown.heights - shown.heights.min()
+            standing = person.contacts & (heights <= FLOOR_GATE)
+            self._stand(configuration, standing if standing.any() else heights == 0)
+
+    def _stand(self, configuration: Configuration, standing: np.ndarray) -> None:
+        """Hold feet that stand where they are, on the floor, and keep the others above it. standing: (2,) bool."""
+        at, sole = configuration.data.oMf, self._model.robot.sole
+        base = at[self._model.frames["base"]]
+        for side, stands in enumerate(standing.tolist()):
+            foot, leg = at[self._feet[side]], ARM_BONES + 2 * side + 1
+            if not (stands and self.standing[side]):
+                yaw = np.arctan2(foot.rotation[1, 0], foot.rotation[0, 0])
+                place = np.array([foot.translation[0], foot.translation[1], sole])
+                self._anchors[side] = pin.SE3(pin.utils.rotate("z", yaw), place)
+            if not stands:
+                goal = base.act(self._places[leg])
+                goal[2] = max(goal[2], sole)
+                self._places[leg] = base.actInv(goal)
+            self.standing[side] = stands
+
+    def off(self, configuration: Configuration, far: str) -> np.ndarray:
+        """Return (3,) m, see `Imitation.off_target`."""
+        at, index = configuration.data.oMf, [bone.far for bone in self._bones].index(far)
+        owner = at[self._model.frames[self._bones[index].owner]]
+        place: np.ndarray = owner.actInv(at[self._frames[index]]).translation
+        return place - self._places[index]
+
+    def compute_error(self, configuration: Configuration) -> np.ndarray:
+        """See pink's Task: weighted, as in `_rows`."""
+        return self._rows(configuration)[1]
+
+    def compute_jacobian(self, configuration: Configuration) -> np.ndarray:
+        """See pink's Task: weighted, as in `_rows`."""
+        return self._rows(configuration)[0]
+
+    def compute_qp_objective(self, configuration: Configuration) -> tuple[np.ndarray, np.ndarray]:
+        """Return H (nv, nv) and c (nv,) of 1/2 d^T H d + c^T d, d the step."""
+        jacobian, error = self._rows(configuration)
+        hessian, linear = jacobian.T @ jacobian, jacobian.T @ error
+        v_at, away = self._model.v_at, configuration.q[self._model.at :] - self._model.rest[self._model.at :]
+        diagonal = np.arange(v_at, len(linear))
+        hessian[diagonal, diagonal] += POSTURE**2
+        linear[v_at:] += POSTURE**2 * POSTURE_GAIN * away
+        return hessian, linear
+
+    def _rows(self, configuration: Configuration) -> tuple[np.ndarray, np.ndarray]:
+        """Return the weighted Jacobian (r, nv) and error (r,): J d = -e reaches the targets to first order."""
+        model, data, frames = self._model.model, configuration.data, self._model.frames
+
+        def jacobian_of(frame: int) -> np.ndarray:  # (6, nv), of a frame, in axes of the world
+            return np.asarray(pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED))
+
+        owners = {name: (data.oMf[frames[name]], jacobian_of(frames[name])) for name in ("base", "torso")}
+        rows, errors = [], []
+        ends = [jacobian_of(frame) for frame in self._frames]
+        for name, part in (("torso", slice(0, ARM_BONES)), ("base", slice(ARM_BONES, len(self._bones)))):
+            if part.start == part.stop:
+                continue
+            at, own = owners[name]
+            away = np.stack([data.oMf[frame].translation for frame in self._frames[part]]) - at.translation
+            moved = np.stack([end[:3] for end in ends[part]]) - own[:3] + hat(away) @ own[3:]
+            weights = self._weights[part].copy()
+            if name == "base":
+                weights[1::2] = np.where(self.standing, LEG_STANDS, WEIGHTS["ankle"])
+            rows.append((weights[:, None, None] * (at.rotation.T @ moved)).reshape(-1, model.nv))
+            errors.append((weights[:, None] * (away @ at.rotation - self._places[part])).reshape(-1))
+        (base, of_base), (torso, of_torso) = owners["base"], owners["torso"]
+        rows.append(TORSO * (torso.rotation.T @ (of_torso[3:] - of_base[3:])))
+        errors.append(-TORSO * pin.log3(torso.rotation.T @ base.rotation @ self._torso))
+        if self._free:
+            rows.append(BASE * of_base[3:])
+            errors.append(-BASE * pin.log3(self._base @ base.rotation.T))
+            for side, stands in enumerate(self.standing):
+                foot, anchor, own = data.oMf[self._feet[side]], self._anchors[side], ends[ARM_BONES + 2 * side + 1]
+                turn = FOOT_TURN if stands else FOOT_LEVEL
+                rows.append(turn * own[3:])
+                errors.append(-turn * pin.log3(anchor.rotation @ foot.rotation.T))
+                if stands:
+                    rows.append(FOOT * own[:3])
+                    errors.append(FOOT * (foot.translation - anchor.translation))
+        return np.concatenate(rows), np.concatenate(errors)
+
+    def __repr__(self) -> str:
+        return f"Targets({', '.join(bone.far for bone in self._bones)})"

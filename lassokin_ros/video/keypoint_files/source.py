@@ -1,0 +1,108 @@
+"""A source of `lassokin track`: images and a detector, or a file of keypoints that stands for both."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from lassokin_ros.core.errors import CameraError
+from lassokin_ros.detector.backend import Detected, Detector
+from lassokin_ros.pipeline.camera.calibration_file import read_calibration
+from lassokin_ros.video.keypoint_files.arrays import read_arrays
+from lassokin_ros.video.keypoint_files.json_files import openpose_files, read_openpose, read_results
+from lassokin_ros.video.keypoint_files.keypoints import KeypointFile
+from lassokin_ros.video.keypoint_files.tables import read_table
+from lassokin_ros.video.sources import ASSUMED_FPS, Image, Source, SourceError, images_of, open_source, timing_of
+
+READERS = {".json": read_results, ".csv": read_table, ".npz": read_arrays}
+"""Reader of a file by its suffix. A folder of JSON files without images is OpenPose's."""
+PICKLED = (".pickle", ".pkl", ".h5")
+"""Suffixes of keypoints that are not read. A pickle can run code, and a table of DeepLabCut is also written as CSV."""
+
+
+class StoredKeypoints:
+    """The keypoints of a file as a Detector: the images are known by their times."""
+
+    def __init__(self, keypoints: KeypointFile, seconds: np.ndarray, size: tuple[int, int]) -> None:
+        """seconds: (f,) of the images. size: (width, height) px."""
+        self.landmarks = keypoints.layout
+        self.several = max(map(len, keypoints.people), default=0) > 1
+        scale = np.array(size) if keypoints.relative else np.ones(2)
+        self._people = {
+            at: [Detected(one.pixels * scale, one.confidence) for one in people]
+            for at, people in zip(seconds.tolist(), keypoints.people)
+        }
+
+    def detect(self, image: np.ndarray, seconds: float) -> list[Detected]:
+        """See Detector.detect. The image is not looked at."""
+        return self._people.get(seconds, [])
+
+    def close(self) -> None:
+        """See Detector.close."""
+
+
+def open_input(options: argparse.Namespace) -> tuple[Source, Detector | None]:
+    """Open the source of the options, and the detector that a file of keypoints stands for, None for images.
+
+    Raises SourceError.
+    """
+    path = Path(options.source)
+    keypoints = _read(path)
+    if keypoints is None:
+        return open_source(options.source, options.fps, options.slow_motion), None
+    if not any(map(len, keypoints.people)):
+        raise SourceError(f"'{path}' has nobody in it")
+    given = timing_of(options.fps, options.slow_motion)
+    size, count, remark = _size(options, keypoints, path), len(keypoints.people), ""
+    if given.fps is None and keypoints.seconds is not None:
+        seconds = keypoints.seconds / given.slow_motion
+    else:
+        if given.fps is None:
+            remark = f"'{path.name}' has no times: {ASSUMED_FPS:g} images per second are assumed; set the rate by --fps"
+        seconds = np.arange(count) / ((given.fps or ASSUMED_FPS) * given.slow_motion)
+    period = float(np.median(np.diff(seconds))) if count > 1 else 1 / ASSUMED_FPS
+    source = Source(path.name, size, size, 1 / period, count, _black(seconds, size), remark=remark)
+    return source, StoredKeypoints(keypoints, seconds, size)
+
+
+def _read(path: Path) -> KeypointFile | None:
+    """Return the keypoints in a file or a folder, None if it has none. Raises SourceError."""
+    suffix = path.suffix.lower()
+    if os.path.isdir(path):
+        return read_openpose(path) if not images_of(path) and openpose_files(path) else None
+    if not os.path.isfile(path):
+        return None
+    if suffix in PICKLED:
+        raise SourceError(f"'{path}' holds objects of Python; expected keypoints as {', '.join(READERS)}")
+    return READERS[suffix](path) if suffix in READERS else None
+
+
+def _size(options: argparse.Namespace, keypoints: KeypointFile, path: Path) -> tuple[int, int]:
+    """Return the size of the images: --image-size, that in the file, or that of the calibration. Raises SourceError."""
+    if options.image_size is not None:
+        found = re.fullmatch(r"(\d{1,5})[x,](\d{1,5})", options.image_size)
+        if found is None or 0 in (sides := (int(found[1]), int(found[2]))):
+            raise SourceError(
+                f"--image-size '{options.image_size}'; expected width and height in px, such as 1920x1080"
+            )
+        return sides
+    if keypoints.size is not None:
+        return keypoints.size
+    try:
+        known = (0, 0) if options.camera_info is None else read_calibration(options.camera_info).size
+    except CameraError:  # is said where the lens is read
+        known = (0, 0)
+    if known == (0, 0):
+        raise SourceError(f"'{path}' does not say how large the images are; set --image-size, such as 1920x1080")
+    return known
+
+
+def _black(seconds: np.ndarray, size: tuple[int, int]) -> Iterator[Image]:
+    """Yield a black image for each time."""
+    for at in seconds.tolist():
+        yield Image(at, np.zeros((size[1], size[0], 3), np.uint8))
