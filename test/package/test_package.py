@@ -122,7 +122,7 @@ def test_setup_py_and_package_xml_agree(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "command, others", [("bdist_wheel", 0), ("editable_wheel", 0), ("dist_info", 0), ("install", 5), ("develop", 5)]
+    "command, others", [("bdist_wheel", 0), ("editable_wheel", 0), ("dist_info", 0), ("install", 6), ("develop", 6)]
 )
 def test_pip_installs_one_command_and_ros2_run_has_the_others(monkeypatch, command, others):
     """pip makes a wheel; colcon and bloom call install or develop."""
