@@ -1,5 +1,6 @@
 """Calibration files of ROS, OpenCV and Kalibr: the values that are read, and the errors for other files."""
 
+import json
 import sys
 
 import numpy as np
@@ -54,6 +55,14 @@ def test_every_format_is_read(read, text, model, D, size):
     found = read(text)
     assert np.array_equal(found.K, K) and found.D.tolist() == D
     assert (found.model, found.size, found.P) == (model, size, None)
+
+
+def test_json_that_is_indented_by_tabs_is_read(read):
+    """YAML allows no tabs. The matrices are those of OpenCV's FileStorage."""
+    K_data, D_data = [600, 0, 320, 0, 610, 240, 0, 0, 1], D5
+    matrices = {"camera_matrix": {"rows": 3, "cols": 3, "data": K_data}, "distortion_coefficients": {"data": D_data}}
+    found = read(json.dumps({**matrices, "image_width": 640, "image_height": 480}, indent="\t"))
+    assert found.K.tolist() == K and found.D.tolist() == D5 and found.size == (640, 480)
 
 
 def test_the_projection_of_the_rectified_image_is_read(read):
