@@ -29,10 +29,10 @@ from lassokin_ros.core.errors import ConfigurationError  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
-from lassokin_ros.pipeline import stamps  # noqa: E402
 from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE  # noqa: E402
 from lassokin_ros.pipeline.camera_images import NOBODY, UNSCORED, UNUSED  # noqa: E402
+from lassokin_ros.pipeline.input_checks import stamps  # noqa: E402
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState  # noqa: E402
 from lassokin_ros.pipeline.people.choice import NoPersonError  # noqa: E402

@@ -217,7 +217,8 @@ def _identity(period: Period) -> Iterator[Raised]:
 
 def _is_guess(period: Period) -> bool:
     one, locked = period.pipeline.ids is None, period.pipeline.locked
-    return any(frame.guessed and (one or frame.person == locked) for frame in period.newest)
+    here = period.newest if period.tracked else ()
+    return any(frame.guessed and (one or frame.person == locked) for frame in here)
 
 
 def _numbers(period: Period) -> Iterator[Raised]:

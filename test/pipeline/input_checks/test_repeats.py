@@ -148,13 +148,6 @@ def test_a_detector_that_is_slower_than_the_camera_may_repeat(scene):
     assert "frozen" not in session.status(COUNT).message
 
 
-def test_keypoints_whose_confidences_alone_change_are_frozen(scene):
-    session, random = Session(), np.random.default_rng(0)
-    for i in range(60):
-        (frame,) = session.send(i, cloud(BACKEND, stamp(i), scene[1][0], random.uniform(0.5, 1.0, 17)))
-    assert frame.rejection == "frozen"
-
-
 def sent(i, depth, compressed):
     return (compressed_message if compressed else depth_message)(BACKEND, stamp(i), depth)
 
