@@ -86,7 +86,7 @@ class ImageSize:
         return self._scaled
 
     def _use(self, factor: float | None) -> None:
-        """Use the factor of a message if the first one has it, or as many in a row as had the last one, up to IN_A_ROW."""
+        """Use the factor of a message if the first one has it, or as many in a row as had the last, up to IN_A_ROW."""
         if factor is None or factor == self._factor:
             self._agreeing += factor is not None
             self._others = 0
