@@ -33,7 +33,7 @@ live: $(VENV)/.installed-test
 	$(RUN) $(VENV)/bin/python test/support/live_runs.py --runs $(or $(RUNS),10) --load $(or $(LOAD),0) $(FILES)
 
 fuzz: $(VENV)/.installed-fuzz
-	$(RUN) LASSOKIN_FUZZ_CASES=$(or $(CASES),90000) $(VENV)/bin/python -m pytest test/msg_adapters/test_fuzz_adapters.py test/pipeline/test_fuzz_pipeline.py test/pipeline/test_fuzz_sequences.py test/core/test_fuzz_tracker.py
+	$(RUN) LASSOKIN_FUZZ_CASES=$(or $(CASES),90000) $(VENV)/bin/python -m pytest test/msg_adapters/test_fuzz_adapters.py test/pipeline/test_fuzz_session.py test/pipeline/test_fuzz_sequences.py test/core/test_fuzz_tracker.py
 	$(RUN) $(VENV)/bin/python test/fuzz/run.py --seconds $(or $(SECONDS),60)
 
 mutants: $(VENV)/.installed-mutants

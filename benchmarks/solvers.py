@@ -3,7 +3,7 @@
     python benchmarks/solvers.py [--problems 200] [--methods default,primal] [--json FILE]
 
 Problems are recorded from tracking clips at 2 px: those of the paper's plain lasso (image rows, one alpha) and those
-of the default pipeline (with the prior's rows, alpha per degree of freedom). The methods run in turn, each with a few
+of the default session (with the prior's rows, alpha per degree of freedom). The methods run in turn, each with a few
 problems in a row, as a tracker solves them. A busy moment of the machine therefore affects all of them, and few
 problems are solved with caches that another method has filled; the first problem of each turn is also listed alone
 (first_us). One thread. Each answer is certified on the problem as given, after entries below the solver's tolerance are

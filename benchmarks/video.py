@@ -28,7 +28,7 @@ from lassokin_ros.detector.backend import make_detector
 from lassokin_ros.pipeline.camera.calibration_file import Calibration
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME
 from lassokin_ros.replay.playback import Playback
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
@@ -112,7 +112,7 @@ def run_chain(video: Path, detector_name: str, camera: Calibration, height: floa
     """Run detector and tracker over a video as `lassokin track` does. recording: gives the number of scored frames."""
     source, detector = open_source(str(video)), make_detector(detector_name)
     settings = offline_settings([], [f"landmarks:={detector.landmarks}", f"height:={height}"])
-    tracker = Playback(Pipeline(*settings))
+    tracker = Playback(Session(*settings))
     results: dict[int, FrameResult] = {}
 
     def keep(frames: Sequence[FrameResult], _time_ns: int, _seconds: float) -> None:
@@ -133,7 +133,7 @@ def run_chain(video: Path, detector_name: str, camera: Calibration, height: floa
 def _chain(results: dict[int, FrameResult], recording: Recording, tracker: Playback) -> Chain:
     """Return the results by frame, in the form of the benchmarks."""
     count, landmarks = recording.points.shape[:2]
-    positions = np.full((count, tracker.pipeline.tracker.skeleton.joint_count, 3), np.nan)
+    positions = np.full((count, tracker.session.tracker.skeleton.joint_count, 3), np.nan)
     points, detected = np.full((count, landmarks, 3), np.nan), np.full((count, landmarks, 2), np.nan)
     reprojection, rejected = np.full(count, np.nan), np.ones(count, dtype=bool)
     for number, frame in results.items():

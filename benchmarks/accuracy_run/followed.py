@@ -90,7 +90,7 @@ def _of_recording(job: DetectionJob, every: int) -> Iterator[FollowedFrame]:
 
 
 class _Stated:
-    """What the pipeline states of the frames of one person."""
+    """What the session states of the frames of one person."""
 
     def __init__(self, tracker: Tracker) -> None:
         self._tracker, self._monitor = tracker, DoubtMonitor(tracker.layout.names, tracker.skeleton.joint_names)

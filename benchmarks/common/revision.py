@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from lassokin_ros.core import kernel
+from lassokin_ros.core.kernel import kernel
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -5,7 +5,7 @@ or outside the image. Their own constants (below) were chosen on the training cl
 Hz and 2 px, each the best of a coarse grid by median MPJPE.
 
 - plain: the paper's plain lasso, closed loop, one alpha, all landmarks weighted equally, no prior.
-- ridge: the shipped pipeline with sum rho alpha_k^2 Omega_k^2 / 2 instead of sum alpha_k |Omega_k|.
+- ridge: the shipped session with sum rho alpha_k^2 Omega_k^2 / 2 instead of sum alpha_k |Omega_k|.
 - fresh: the shipped tracker, reset before every frame: fits of a first frame only.
 - dls: damped least squares, the usual inverse kinematics of robots, one step per frame.
 """

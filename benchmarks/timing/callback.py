@@ -22,7 +22,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import Backend, RclpyBackend, RosbagsBackend
 from msg_adapters.detectors.registry import keypoint_adapter
@@ -95,7 +95,7 @@ def _nodes() -> Iterator[list[Any]]:
 
 def _clock(node: Any) -> Clock:
     """On the step of a node's tracker."""
-    clock, tracker = Clock(), node._pipeline.tracker
+    clock, tracker = Clock(), node._session.tracker
     tracker.track = clock.around(tracker.track)
     return clock
 
@@ -109,14 +109,14 @@ def _stages(
 ) -> list[Record]:
     """Measure every stage, and the whole callback, on each frame in turn."""
     info = camera_info(backend, 0, FRAME_ID, K, DISTORTION if distorted else np.zeros(0), SIZE)
-    pipeline = Pipeline(TrackerConfig(height=HEIGHT), NodeSettings())
-    pipeline.set_camera(info)
+    session = Session(TrackerConfig(height=HEIGHT), NodeSettings())
+    session.set_camera(info)
     for on_camera_info, *_ in callbacks.values():
         on_camera_info(info)
     ready = bool(callbacks)  # as in the node
-    messages = FrameMessages(backend, pipeline.tracker.skeleton, serialised=ready)
+    messages = FrameMessages(backend, session.tracker.skeleton, serialised=ready)
     adapter = keypoint_adapter("sensor_msgs/PointCloud2")
-    lens = pipeline.camera.view.lens
+    lens = session.camera.view.lens
     assert lens is not None
     samples: dict[str, list[float]] = {}
 
@@ -132,7 +132,7 @@ def _stages(
         count = len(pixels)
         decoded, _ = timed("decode", lambda: adapter.decode(message, SIZE).as_landmarks(count, None))
         timed("undistort", lens.normalise, decoded)
-        frame = timed("decode, undistort, track, angles", pipeline.process, message, 0)
+        frame = timed("decode, undistort, track, angles", session.process, message, 0)
         for topic in OUTPUTS if frame.accepted else ():
             name = topic.name.removeprefix("~/")
             built = timed(f"encode {name}", lambda: list(messages.build(frame, [topic.name])))

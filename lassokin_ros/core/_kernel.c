@@ -46,6 +46,19 @@ static int64_t *indices(Arrays *a, PyObject *from, Py_ssize_t least, Py_ssize_t 
             if (found[i] < least || found[i] >= below) a->regular = 0;
     return found;
 }
+/* A slice of one matrix (leading axes have length 1), of rows of `width` numbers; *stride: numbers from row to row. */
+static double *slice(Arrays *a, PyObject *from, Py_ssize_t rows, Py_ssize_t width, Py_ssize_t *stride)
+{
+    double *found = any_array(a, from, "d", rows * width, PyBUF_STRIDES | PyBUF_WRITABLE);
+    if (!a->regular) return NULL;
+    const Py_buffer *view = &a->views[a->count - 1];
+    int last = view->ndim - 1;
+    if (last > 0 && view->shape[last - 1] == rows && view->strides[last] == 8 && view->strides[last - 1] % 8 == 0)
+        *stride = view->strides[last - 1] / 8;
+    else
+        a->regular = 0;
+    return found;
+}
 static Py_ssize_t size(const Arrays *a) { return a->regular ? a->views[a->count - 1].len / 8 : 0; }
 static PyObject *done(Arrays *a, int regular)
 {
@@ -115,6 +128,37 @@ FUNCTION(pose, 7)
     }
 END
 
+/* PosePrior.posture: rotations, joints, W, whitened mean; theta, residual */
+FUNCTION(posture, 6)
+    double *R = in(&a, o[0], -1);
+    int64_t *joints = indices(&a, o[1], 0, size(&a) / 9);
+    Py_ssize_t j = size(&a), k = 3 * j;
+    double *W = in(&a, o[2], k * k), *mean = in(&a, o[3], k), *theta = out(&a, o[4], k), *residual = out(&a, o[5], k);
+    IF_REGULAR
+    for (Py_ssize_t i = 0; i < j; i++) {
+        const double *M = R + 9 * joints[i];
+        double axis[3] = {M[7] - M[5], M[2] - M[6], M[3] - M[1]}, cosine = M[0] + M[4] + M[8] - 1;
+        double sine = fmax(sqrt(dot(axis, axis, 3)), 1e-150), scale = atan2(sine, cosine) / sine;
+        if (!(cosine >= -1.9)) return done(&a, 0); /* beyond 162 degrees, or NaN */
+        for (int c = 0; c < 3; c++) theta[3 * i + c] = scale * axis[c];
+    }
+    for (Py_ssize_t i = 0; i < k; i++) residual[i] = mean[i] - dot(W + k * i + i, theta + i, k - i); /* W is upper */
+END
+
+/* BodyState.retract: rotations, omega; result */
+FUNCTION(retract, 3)
+    double *R = in(&a, o[0], -1), *omega;
+    Py_ssize_t n = size(&a) / 9;
+    omega = in(&a, o[1], 3 * n);
+    double *result = out(&a, o[2], 9 * n), turn[9];
+    IF_REGULAR
+    for (Py_ssize_t j = 0; j < n; j++) {
+        double squared = fmax(dot(omega + 3 * j, omega + 3 * j, 3), 1e-30), t = sqrt(squared), half = sin(0.5 * t) / t;
+        combined(omega + 3 * j, cos(t), 2 * half * cos(0.5 * t), 2 * half * half, turn);
+        product(R + 9 * j, turn, result + 9 * j);
+    }
+END
+
 static void live_twists(const double *axes, const double *p, const int64_t *live, Py_ssize_t k, double *result)
 {
     for (Py_ssize_t d = 0; d < k; d++) {
@@ -126,6 +170,18 @@ static void live_twists(const double *axes, const double *p, const int64_t *live
         cross(at, w, w + 3);
     }
 }
+/* Kinematics.live_twists: axes, positions, live; twists */
+FUNCTION(twists, 4)
+    double *axes = in(&a, o[0], -1);
+    Py_ssize_t n = size(&a) / 9;
+    double *p = in(&a, o[1], 3 * n);
+    int64_t *live = indices(&a, o[2], 0, 3 * n);
+    Py_ssize_t k = size(&a);
+    double *result = out(&a, o[3], 6 * k);
+    IF_REGULAR
+    live_twists(axes, p, live, k, result);
+END
+
 /* Derivatives of rows f . q at m points q by k twists, with a mask (k, m per); the last 3 rows of columns are f. */
 static void spread(const double *twists, Py_ssize_t k, const double *root, const double *q, const double *f,
                    Py_ssize_t rows, Py_ssize_t per, const double *reach, double *columns, Py_ssize_t stride)
@@ -142,6 +198,20 @@ static void spread(const double *twists, Py_ssize_t k, const double *root, const
     }
 }
 
+/* LinearisationPoint's columns: twists, root, points, rows, mask; columns */
+FUNCTION(point_columns, 6)
+    double *twists = in(&a, o[0], -1);
+    Py_ssize_t k = size(&a) / 6, stride = 0;
+    double *root = in(&a, o[1], 3), *points = in(&a, o[2], -1);
+    Py_ssize_t m = size(&a) / 3;
+    double *f = in(&a, o[3], -1);
+    Py_ssize_t rows = size(&a) / 3;
+    double *reach = in(&a, o[4], k * rows), *columns = slice(&a, o[5], k + 3, rows, &stride);
+    IF_REGULAR
+    if (!m || rows % m) return done(&a, 0);
+    spread(twists, k, root, points, f, rows, rows / m, reach, columns, stride);
+END
+
 /* What does not change from frame to frame (see evidence/compiled.py), the state, and what one camera sees. */
 typedef struct {
     Py_ssize_t k, root, l, j, n, m; /* degrees of freedom (of the root), landmarks, joints of the prior, joints, depths */
@@ -154,7 +224,7 @@ typedef struct {
     double *points, *weights, *rotation, *translation, *sight, *depths, *whitening, factor;
     Py_ssize_t row, depth_row;
 } View;
-enum { NEAREST, THRESHOLD, LEAN, OFFSET, TAIL, CONSTANTS };
+enum { NEAREST, THRESHOLD, CAP, LEAN, OFFSET, TAIL, CONSTANTS };
 
 static double number(Arrays *a, PyObject *from)
 {
@@ -190,10 +260,9 @@ static void read_body(Arrays *a, PyObject *tables, PyObject *state, Body *b)
 static void read_view(Arrays *a, PyObject *from, const Body *b, View *v)
 {
     PyObject **o = items(a, from, 10);
-    memset(v, 0, sizeof *v);
     if (!a->regular) return;
     v->points = in(a, o[0], 2 * b->l), v->weights = in(a, o[1], b->l), v->rotation = in(a, o[2], 9);
-    v->translation = in(a, o[3], 3), v->row = (Py_ssize_t)number(a, o[4]);
+    v->translation = in(a, o[3], 3), v->row = (Py_ssize_t)number(a, o[4]), v->sight = NULL;
     if (o[5] == Py_None || b->m < 2) return;
     v->sight = in(a, o[5], 3), v->depths = in(a, o[6], b->m - 1), v->whitening = in(a, o[7], (b->m - 1) * (b->m - 1));
     v->factor = number(a, o[8]), v->depth_row = (Py_ssize_t)number(a, o[9]);
@@ -344,6 +413,84 @@ FUNCTION(linearise, 6)
     }
 END
 
+/* FrameModel.cost for the same pieces: tables, state, views; (cost,) */
+FUNCTION(cost, 4)
+    Body b;
+    View v;
+    read_body(&a, o[0], o[1], &b);
+    double *sum = out(&a, o[3], 1), away[3], place[3], error[2], points[3 * MOST], whitened[MOST];
+    if (!a.regular || !PyTuple_Check(o[2])) return done(&a, 0);
+    double *limits = b.constants;
+    sum[0] = 0.5 * b.prior_weight * b.prior_weight * dot(b.residual, b.residual, 3 * b.j);
+    sum[0] += 2 * log1p(lean(&b, away) / (4 * limits[LEAN] * limits[LEAN]));
+    sum[0] += 2 * log1p(centre_offset(&b, away) / (4 * limits[OFFSET] * limits[OFFSET]));
+    for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(o[2]); i++) {
+        read_view(&a, PyTuple_GET_ITEM(o[2], i), &b, &v);
+        IF_REGULAR
+        for (Py_ssize_t p = 0; p < b.l; p++) {
+            double off = fmin(image_error(&b, &v, p, place, error), limits[CAP]), inside = fmin(off, limits[THRESHOLD]);
+            sum[0] += inside * (off - 0.5 * inside);
+        }
+        if (!v.sight) continue;
+        depth_errors(&b, &v, points, whitened);
+        for (Py_ssize_t r = 0; r + 1 < b.m; r++)
+            sum[0] += 0.5 * (limits[TAIL] + 1) * log1p(whitened[r] * whitened[r] / limits[TAIL]);
+    }
+    if (!isfinite(sum[0])) return done(&a, 0);
+END
+
+/* OutputFilter.filtered: offset, velocity, omega, x, orientations, ray of the body, (step, gain, velocity gain, both in
+ * depth); predicted, rays, offset, velocity */
+FUNCTION(smooth, 11)
+    double *omega = in(&a, o[2], -1);
+    Py_ssize_t n = size(&a) / 3, all = 3 * n + 3;
+    double *before = in(&a, o[0], all), *velocity = in(&a, o[1], all), *x = in(&a, o[3], 3);
+    double *turns = in(&a, o[4], 9 * n), *ray = in(&a, o[5], 3), *gains = in(&a, o[6], 5);
+    double *predicted = out(&a, o[7], all), *rays = out(&a, o[8], all), *offset = out(&a, o[9], all);
+    double *faster = out(&a, o[10], all);
+    IF_REGULAR
+    for (Py_ssize_t j = 0; j <= n; j++) {
+        double *at = predicted + 3 * j, *along = rays + 3 * j, share;
+        for (int c = 0; c < 3; c++) {
+            at[c] = before[3 * j + c] + gains[0] * velocity[3 * j + c] - (j < n ? omega[3 * j + c] : x[c]);
+            along[c] = j < n ? ray[0] * turns[9 * j + c] + ray[1] * turns[9 * j + 3 + c] + ray[2] * turns[9 * j + 6 + c]
+                             : ray[c];
+        }
+        share = dot(at, along, 3);
+        for (int c = 0; c < 3; c++) {
+            double depth = j < n ? at[c] - share * along[c] : share * along[c];
+            offset[3 * j + c] = (1 - gains[1]) * at[c] + (gains[1] - gains[3]) * depth;
+            faster[3 * j + c] = velocity[3 * j + c] - gains[2] * at[c] + (gains[2] - gains[4]) * depth;
+        }
+    }
+END
+
+/* eliminate_translation without H: columns of A, columns of B, z; M A transposed, M z, Y, g */
+FUNCTION(eliminate, 7)
+    double *z = in(&a, o[2], -1);
+    Py_ssize_t m = size(&a);
+    double *g = out(&a, o[6], -1);
+    Py_ssize_t n = size(&a);
+    double *A = in(&a, o[0], n * m), *B = in(&a, o[1], 3 * m), *rows = out(&a, o[3], n * m);
+    double *projected = out(&a, o[4], m), *Y = out(&a, o[5], 3 * m);
+    IF_REGULAR
+    double G[3][3], inverse[3][3];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) G[i][j] = dot(B + i * m, B + j * m, m);
+    for (int i = 0; i < 3; i++) cross(G[(i + 1) % 3], G[(i + 2) % 3], inverse[i]); /* symmetric: the adjugate */
+    double determinant = dot(G[0], inverse[0], 3), mean = (G[0][0] + G[1][1] + G[2][2]) / 3;
+    if (!(determinant > 1e-7 * mean * mean * mean)) return done(&a, 0);
+    for (int i = 0; i < 3; i++)
+        for (Py_ssize_t r = 0; r < m; r++)
+            Y[i * m + r] = (inverse[i][0] * B[r] + inverse[i][1] * B[m + r] + inverse[i][2] * B[2 * m + r]) / determinant;
+    for (Py_ssize_t i = -1; i < n; i++) {
+        const double *from = i < 0 ? z : A + i * m;
+        double *to = i < 0 ? projected : rows + i * m, share[3] = {dot(from, Y, m), dot(from, Y + m, m), dot(from, Y + 2 * m, m)};
+        for (Py_ssize_t r = 0; r < m; r++) to[r] = from[r] - share[0] * B[r] - share[1] * B[m + r] - share[2] * B[2 * m + r];
+        if (i >= 0) g[i] = dot(to, projected, m);
+    }
+END
+
 /* The factor U of a symmetric matrix U^T U, in place of its upper triangle; 0 if it fails, else min / max of its
  * diagonal. */
 static double cholesky(Matrix U, int n)
@@ -425,6 +572,70 @@ FUNCTION(predicted, 6)
     }
     return done(&a, 0);
 }
+
+/* The condensed dual in units of alpha: H, g, alpha, (largest condition,); scaled H^-1, linear term, (norm,) */
+FUNCTION(condensed, 7)
+    double *g = in(&a, o[1], -1);
+    int n = (int)size(&a);
+    double *H = in(&a, o[0], (Py_ssize_t)n * n), *alpha = in(&a, o[2], n), *condition = in(&a, o[3], 1);
+    double *scaled = out(&a, o[4], (Py_ssize_t)n * n), *linear = out(&a, o[5], n), *norm = out(&a, o[6], 1);
+    IF_REGULAR
+    if (n > MOST || n < 1) return done(&a, 0);
+    Matrix U;
+    double *V = scaled; /* first the inverse of U */
+    for (int i = 0; i < n; i++) memcpy(U[i] + i, H + (Py_ssize_t)i * n + i, (n - i) * sizeof *H);
+    double ratio = cholesky(U, n), trace = 0;
+    if (!(ratio * ratio * condition[0] >= 1)) return done(&a, 0);
+    for (int i = n - 1; i >= 0; i--) {
+        double *restrict row = V + i * n;
+        memset(row + i, 0, (n - i) * sizeof *row);
+        row[i] = 1;
+        for (int k = i + 1; k < n; k++)
+            for (int j = k; j < n; j++) row[j] -= U[i][k] * V[k * n + j];
+        for (int j = i; j < n; j++) row[j] /= U[i][i];
+    }
+    for (int i = 0; i < n; i++)
+        for (int j = i; j < n; j++) U[i][j] = dot(V + i * n + j, V + j * n + j, n - j) * alpha[i] * alpha[j];
+    for (int i = 0; i < n; i++) trace += U[i][i];
+    norm[0] = trace / n;
+    for (int i = 0; i < n; i++)
+        for (int j = i; j < n; j++) scaled[i * n + j] = scaled[j * n + i] = U[i][j] / norm[0];
+    for (int i = 0; i < n; i++) {
+        linear[i] = 0;
+        for (int j = 0; j < n; j++) linear[i] -= scaled[i * n + j] * g[j] / alpha[j];
+    }
+END
+
+/* certify: columns of A, columns of B, z, alpha, omega, x; the seven numbers of a Certificate */
+FUNCTION(certify, 7)
+    double *z = in(&a, o[2], -1);
+    Py_ssize_t m = size(&a);
+    double *alpha = in(&a, o[3], -1);
+    Py_ssize_t n = size(&a);
+    double *A = in(&a, o[0], n * m), *B = in(&a, o[1], 3 * m), *omega = in(&a, o[4], n), *x = in(&a, o[5], 3);
+    double *result = out(&a, o[6], 7), r[8 * MOST];
+    IF_REGULAR
+    if (m > 8 * MOST) return done(&a, 0);
+    double kkt[3] = {0, 0, 0}, largest = 0, penalty = 0, least = INFINITY, active = 0;
+    for (Py_ssize_t i = 0; i < m; i++) r[i] = z[i] - x[0] * B[i] - x[1] * B[m + i] - x[2] * B[2 * m + i];
+    for (Py_ssize_t k = 0; k < n; k++)
+        if (omega[k] != 0)
+            for (Py_ssize_t i = 0; i < m; i++) r[i] -= omega[k] * A[k * m + i];
+    for (Py_ssize_t k = 0; k < n; k++) {
+        double correlation = dot(A + k * m, r, m) / alpha[k];
+        if (!isfinite(correlation)) return done(&a, 0);
+        if (omega[k] != 0) kkt[0] = fmax(kkt[0], fabs(correlation - (omega[k] > 0 ? 1 : -1)));
+        else kkt[1] = fmax(kkt[1], fabs(correlation) - 1);
+        largest = fmax(largest, fabs(correlation)), penalty += alpha[k] * fabs(omega[k]);
+        least = fmin(least, alpha[k]), active += omega[k] != 0;
+    }
+    for (int c = 0; c < 3; c++) kkt[2] = fmax(kkt[2], fabs(dot(B + c * m, r, m)) / least);
+    double squared = dot(r, r, m), objective = 0.5 * squared + penalty, shrink = 1 / fmax(1, largest);
+    double gap = objective - (shrink * dot(z, r, m) - 0.5 * shrink * shrink * squared);
+    memcpy(result, kkt, sizeof kkt);
+    result[3] = objective, result[4] = gap, result[5] = gap / fmax(fmax(objective, 0.5 * dot(z, z, m)), 1e-300);
+    result[6] = active;
+END
 
 /* KeypointFilter.update if no track begins and no point is suspicious: points, weights, squared acceleration factors,
  * (step, stays, switches, noise, largest surprise, variance of unused points, largest distance, longest gap, model error);
@@ -534,8 +745,43 @@ FUNCTION(features, 8)
     for (Py_ssize_t i = 0; i < others; i++) inputs[4 + i] = (float)rest[i];
 END
 
+/* activated, after the bias of the even part is added: even and odd part, changed in place; bias */
+FUNCTION(activate, 2)
+    float *bias = any_array(&a, o[1], "f", -1, PyBUF_C_CONTIGUOUS);
+    Py_ssize_t k = a.regular ? a.views[0].len / 4 : 0;
+    float *even = any_array(&a, o[0], "f", 2 * k, PyBUF_C_CONTIGUOUS | PyBUF_WRITABLE), *odd;
+    IF_REGULAR
+    odd = even + k;
+    for (Py_ssize_t i = 0; i < k; i++) {
+        float left = even[i] + bias[i] + odd[i], right = even[i] + bias[i] - odd[i];
+        left *= 0.5f / (1 + expf(-left)), right *= 0.5f / (1 + expf(-right));
+        even[i] = left + right, odd[i] = left - right;
+    }
+END
+
+/* interpreted, in metres: outputs, (height,), index of the whitening's lower part; places, depths, whitening */
+FUNCTION(decode, 6)
+    double *height = in(&a, o[1], 1), *depths = out(&a, o[4], -1);
+    Py_ssize_t d = size(&a);
+    float *outputs = any_array(&a, o[0], "f", -1, PyBUF_C_CONTIGUOUS);
+    Py_ssize_t count = a.regular ? a.views[a.count - 1].len / 4 : 0;
+    int64_t *index = indices(&a, o[2], 0, count);
+    double *places = out(&a, o[3], 3 * (d + 1)), *W = out(&a, o[5], d * d);
+    if (!a.regular || count < 4 * d || a.views[3].len != 8 * d * d) return done(&a, 0);
+    for (Py_ssize_t i = 0; i < d; i++) {
+        double diagonal = exp(fmin(fmax(outputs[3 * d + i], -1), 5)) / height[0];
+        for (int c = 0; c < 3; c++) places[3 * i + c] = height[0] * outputs[c * d + i];
+        depths[i] = places[3 * i + 2];
+        for (Py_ssize_t j = 0; j < d; j++) W[i * d + j] = j > i ? 0 : diagonal * (j < i ? outputs[index[i * d + j]] : 1);
+    }
+    for (int c = 0; c < 3; c++) places[3 * d + c] = -places[c];
+END
+
 #define METHOD(name) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, NULL}
 static PyMethodDef methods[] = {
-    METHOD(pose), METHOD(linearise), METHOD(predicted), METHOD(follow), METHOD(features), {NULL, NULL, 0, NULL}};
+    METHOD(pose), METHOD(posture), METHOD(retract), METHOD(twists), METHOD(point_columns), METHOD(linearise),
+    METHOD(cost), METHOD(smooth), METHOD(eliminate), METHOD(predicted), METHOD(condensed), METHOD(certify),
+    METHOD(follow), METHOD(features), METHOD(activate),
+    METHOD(decode), {NULL, NULL, 0, NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_kernel", NULL, 0, methods, NULL, NULL, NULL, NULL};
 PyMODINIT_FUNC PyInit__kernel(void) { return PyModuleDef_Init(&module); }

@@ -92,7 +92,7 @@ def _result(live, tracker, times, stamps, truth, pixels, confidence) -> DemoResu
 def write_page(folder: Path) -> None:
     """Replay `keypoints` in the folder and write report.html. Raises a LassokinError."""
     from lassokin_ros.common.atomic_files import AtomicFiles
-    from lassokin_ros.pipeline.pipeline import Pipeline
+    from lassokin_ros.pipeline.session import Session
     from lassokin_ros.pipeline.settings import NodeSettings
     from lassokin_ros.replay.bags import BagReader
     from lassokin_ros.replay.keypoint_recording import CAMERA_INFO, KEYPOINTS
@@ -101,8 +101,8 @@ def write_page(folder: Path) -> None:
     from lassokin_ros.replay.report.report import Report
 
     with BagReader(folder / "keypoints") as bag:
-        tracker = Playback(Pipeline(TrackerConfig(), NodeSettings()))
-        report = Report(folder / "report.html", tracker.pipeline, replace=True)
+        tracker = Playback(Session(TrackerConfig(), NodeSettings()))
+        report = Report(folder / "report.html", tracker.session, replace=True)
         tracker.listeners.append(report.add)
         for topic, time_ns, message in bag.messages(bag.topics):
             process = tracker.keypoints if topic == KEYPOINTS else tracker.camera_info

@@ -1,4 +1,4 @@
-"""The ROS 2 node. A callback converts a message, tracks and publishes; the work is done by `pipeline` and `core`."""
+"""The ROS 2 node. A callback converts a message, tracks and publishes; the work is done by `session` and `core`."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ from lassokin_ros.pipeline.outputs.status.diagnostics import NEAR_LIMIT, NEAR_LI
 from lassokin_ros.pipeline.outputs.status.presence_state import LOST, NOBODY, TRACKING
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.people.people_tracker import FORGOTTEN, GONE
-from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.people.per_body_session import PerBodySession
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
@@ -75,14 +75,14 @@ class TrackerNode(Node):
         super().__init__(node_name, **options)
         settings = declare(self)
         self._live_parameters = LiveParameters(self, settings, self._tune)
-        self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings, evidence)
+        self._session = (PerBodySession if settings[1].topic_per_body else Session)(*settings, evidence)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._reported_unstamped = self._reported_misplaced = False
         self._reported_unused, self._duplicate_checks = False, 0
         self._has_evidence, self._reported_faults = bool(evidence), set[str]()
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
-        self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
+        self._diagnostics = Diagnostics(self._session, name, time.monotonic())
         self._sink = Publishers(self)
         self._diagnostics_out = self._sink.open(topics.DIAGNOSTICS_OUTPUT, topics.DIAGNOSTICS)
         self._open_outputs(settings[1], name)
@@ -92,10 +92,10 @@ class TrackerNode(Node):
         for line in unknown_parameters(self):
             self.get_logger().warning(line)
         self.get_logger().info(self._start_text())
-        if self._pipeline.tracker.averaged:
-            self.get_logger().warning(averaged_sides(self._pipeline.tracker.averaged))
-        if self._pipeline.tracker.limitations:
-            self.get_logger().warning(self._pipeline.tracker.limitations)
+        if self._session.tracker.averaged:
+            self.get_logger().warning(averaged_sides(self._session.tracker.averaged))
+        if self._session.tracker.limitations:
+            self.get_logger().warning(self._session.tracker.limitations)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """As in rclpy, but read-only parameters may be set to the value that they have."""
@@ -108,7 +108,7 @@ class TrackerNode(Node):
         """Version, main settings, and the topics after remapping."""
         tracker, config = self._live_parameters.settings
         inputs = [topics.CAMERA_INFO] if self._bodies is not None else [topics.KEYPOINTS, topics.CAMERA_INFO]
-        cameras = self._pipeline.cameras
+        cameras = self._session.cameras
         found = [self.resolve_topic_name(topics.of_camera(topic, name)) for name in cameras for topic in inputs]
         names = ", ".join(found)
         outputs = self.resolve_topic_name(topics.JOINTS).rpartition("/")[0]
@@ -123,7 +123,7 @@ class TrackerNode(Node):
         """Create the publishers of one person, or the common ones of several people."""
         if config.several_people and config.publish_tf != OFF:
             message_class(topics.TF_OUTPUT.message_type)  # raises now, not when the first person appears
-        self._outputs = Outputs(self._pipeline, self._sink, RclpyBackend(), name)
+        self._outputs = Outputs(self._session, self._sink, RclpyBackend(), name)
         self._outputs.on_fault = partial(self._warning.log, "base_frame")
         self._outputs.on_state = self._log_state
         self._state_publisher = None
@@ -142,20 +142,20 @@ class TrackerNode(Node):
         self._outputs.start(self._now_ns())
 
     def _log_state(self, state: str) -> None:
-        gone = state == LOST and self._pipeline.locked == GONE
+        gone = state == LOST and self._session.locked == GONE
         self.get_logger().info(f"lost: {FORGOTTEN}" if gone else LOG_MESSAGES[state])
 
     def _listen(self, config: NodeSettings) -> None:
         """Create subscriptions, services, timers and the callback for clock jumps."""
         on_error = self._count_internal_error
-        self._inputs = SceneInputs(self, self._pipeline, self._diagnostics, self._on_depth, on_error)
+        self._inputs = SceneInputs(self, self._session, self._diagnostics, self._on_depth, on_error)
         self._keypoints: list[KeypointInput] = []
         self._bodies: Rep155Inputs | None = None
-        if isinstance(self._pipeline, PerBodyPipeline):
+        if isinstance(self._session, PerBodySession):
             qos = sensor_data(config.queue_depth)
             self._bodies = Rep155Inputs(self, config.keypoints_type, qos, self._on_bodies, self._on_body)
         else:
-            for name, camera in self._pipeline.cameras.items():
+            for name, camera in self._session.cameras.items():
                 topic, process = topics.of_camera(topics.KEYPOINTS, name), partial(self.work_on, camera=name)
                 self._keypoints.append(KeypointInput(self, topic, config, camera.counts, self._inputs.poll, process))
         self.create_service(Trigger, "~/reset", self._on_reset)
@@ -174,8 +174,8 @@ class TrackerNode(Node):
 
     def _on_depth(self, camera: str, message: Any) -> None:
         now_ns = self._followed_clock_ns()
-        self._answer("a depth image", partial(self._pipeline.push_depth, message, now_ns, camera), now_ns)
-        depth = self._pipeline.cameras[camera].depth
+        self._answer("a depth image", partial(self._session.push_depth, message, now_ns, camera), now_ns)
+        depth = self._session.cameras[camera].depth
         if depth is not None and depth.refusal:
             self._warning.log("depth", depth.refusal)
 
@@ -183,19 +183,19 @@ class TrackerNode(Node):
         """Process images that have waited in vain. Simulated time may stand still."""
         self._wait.cancel()
         now_ns = self._followed_clock_ns()
-        self._answer("images that waited", partial(self._pipeline.due, now_ns), now_ns)
+        self._answer("images that waited", partial(self._session.due, now_ns), now_ns)
 
     def _on_bodies(self, ids: Sequence[str]) -> Sequence[str]:
-        assert isinstance(self._pipeline, PerBodyPipeline)
-        self._pipeline.keep(ids)
-        self._outputs.keep(self._pipeline.ids, self._now_ns())
-        return self._pipeline.ids
+        assert isinstance(self._session, PerBodySession)
+        self._session.keep(ids)
+        self._outputs.keep(self._session.ids, self._now_ns())
+        return self._session.ids
 
     def _on_body(self, person: str, message: Any) -> None:
-        assert isinstance(self._pipeline, PerBodyPipeline)
+        assert isinstance(self._session, PerBodySession)
         self._inputs.poll()
         now_ns = self._followed_clock_ns()
-        self._answer("a keypoint message", partial(self._pipeline.push_of, person, message, now_ns), now_ns)
+        self._answer("a keypoint message", partial(self._session.push_of, person, message, now_ns), now_ns)
 
     def work_on(self, message: Any, received_ns: int = 0, camera: str = "") -> None:
         """Process one keypoint message and publish the answers. Never raises.
@@ -204,7 +204,7 @@ class TrackerNode(Node):
         """
         now_ns = self._followed_clock_ns()
         arrival_ns = now_ns if self._clock_is_simulated else min(received_ns or now_ns, now_ns)
-        self._answer("a keypoint message", partial(self._pipeline.push, message, arrival_ns, camera), arrival_ns)
+        self._answer("a keypoint message", partial(self._session.push, message, arrival_ns, camera), arrival_ns)
 
     def _answer(self, what: str, make: Callable[[], list[Answer]], arrival_ns: int) -> None:
         """Publish what the session answers. what: name of its input."""
@@ -225,7 +225,7 @@ class TrackerNode(Node):
 
     def _await_due(self) -> None:
         """Set the timer to the end of the first wait, if anything waits."""
-        due_ns = self._pipeline.due_at_ns
+        due_ns = self._session.due_at_ns
         if due_ns is not None:
             self._wait.timer_period_ns = max(due_ns - self._now_ns(), SHORTEST_WAIT_NS)
             self._wait.reset()
@@ -244,47 +244,47 @@ class TrackerNode(Node):
         before_ns, self._newest_ns = self._newest_ns, self._now_ns()
         if self._newest_ns < before_ns:
             self._as_of_ns = self._checked_ns = self._newest_ns
-            self._pipeline.set_clock_back(before_ns - self._newest_ns)
+            self._session.set_clock_back(before_ns - self._newest_ns)
             self._outputs.restart_clock()
         return self._newest_ns
 
     def _count_internal_error(self, what: str, error: Exception) -> None:
         if self.context.ok():
-            self._pipeline.counts["rejected: internal_error"] += 1
+            self._session.counts["rejected: internal_error"] += 1
             self._warning.log("internal_error", f"{what} was dropped: {type(error).__name__}: {error}")
 
     def _log_problems(self, frames: Sequence[FrameResult]) -> None:
         """Log rejections and, once, missing stamps and unexpected frames."""
         for frame in frames:
-            if not frame.accepted and not self._pipeline.nobody_in_view:
+            if not frame.accepted and not self._session.nobody_in_view:
                 line = f"keypoints rejected ({frame.rejection}): {frame.detail}"
                 self._warning.log(str(frame.rejection), line, DIFFERENT_FAULTS)
         self._log_unused_confidence()
         if self._has_evidence:
             self._log_evidence_faults()
-        if self._pipeline.counts["unstamped"] and not self._reported_unstamped:  # only once
+        if self._session.counts["unstamped"] and not self._reported_unstamped:  # only once
             self._reported_unstamped = True
             self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")
-        if not self._reported_misplaced and frames and frames[0].accepted and self._pipeline.places is None:
-            camera = self._pipeline.camera.at(frames[0].stamp_ns).intrinsics.frame_id
+        if not self._reported_misplaced and frames and frames[0].accepted and self._session.places is None:
+            camera = self._session.camera.at(frames[0].stamp_ns).intrinsics.frame_id
             if words := _misplaced(frames[0].frame_id, camera):
                 self._reported_misplaced = True
                 self.get_logger().warning(words)
 
     def _log_evidence_faults(self) -> None:
-        for name, fault in self._pipeline.evidence_faults.items():
+        for name, fault in self._session.evidence_faults.items():
             if name not in self._reported_faults:
                 self._reported_faults.add(name)
                 self.get_logger().error(fault)
 
     def _log_unused_confidence(self) -> None:
         """Log once if nobody was tracked yet, because all confidences are slightly below `min_confidence`."""
-        pipeline, limit = self._pipeline, self._pipeline.tracker.config.min_confidence
-        if self._reported_unused or pipeline.answered or pipeline.counts[UNUSED] < UNUSED_MESSAGES:
+        session, limit = self._session, self._session.tracker.config.min_confidence
+        if self._reported_unused or session.answered or session.counts[UNUSED] < UNUSED_MESSAGES:
             return
-        if pipeline.unused_confidence >= NEAR_LIMIT * limit:
+        if session.unused_confidence >= NEAR_LIMIT * limit:
             self._reported_unused = True
-            figures = f"{pipeline.unused_confidence:.2f}, min_confidence {limit:g}"
+            figures = f"{session.unused_confidence:.2f}, min_confidence {limit:g}"
             self.get_logger().warning(f"nobody was tracked yet: {NEAR_LIMIT_ADVICE} ({figures})")
 
     def _update_presence(self) -> None:
@@ -295,10 +295,10 @@ class TrackerNode(Node):
         self._inputs.poll()
         now_ns = self._followed_clock_ns()
         self._as_of_ns, self._checked_ns = self._checked_ns, now_ns
-        ids = self._pipeline.presence_at(self._as_of_ns).ids
+        ids = self._session.presence_at(self._as_of_ns).ids
         if ids is not None:
             self._outputs.keep(ids, now_ns)
-        self._pipeline.detector_connected = self._inputs_connected()
+        self._session.detector_connected = self._inputs_connected()
         self._outputs.check(self._as_of_ns)
         self._outputs.repeat(self._as_of_ns, time.monotonic())
 
@@ -315,9 +315,9 @@ class TrackerNode(Node):
         if self._state_publisher is not None:
             self._state_publisher.update()
             concerns.append(self._state_publisher.fault)
-        now, presence = time.monotonic(), self._pipeline.presence_at(self._as_of_ns)
+        now, presence = time.monotonic(), self._session.presence_at(self._as_of_ns)
         concerns += [self._inputs.check(now), self._duplicate_node()]
-        for keypoints, camera in zip(self._keypoints, self._pipeline.cameras.values()):
+        for keypoints, camera in zip(self._keypoints, self._session.cameras.values()):
             keypoints.check(now, camera.received > 0)
         concern = "; ".join(filter(None, concerns))
         line = self._diagnostics.line(now, presence, concern, self._outputs.state, self._as_of_ns)
@@ -327,7 +327,7 @@ class TrackerNode(Node):
 
     def _duplicate_node(self) -> str:
         """Return that another node publishes the same topics; empty if there is none."""
-        config = self._pipeline.config
+        config = self._session.config
         shared = config.rep155 and not config.topic_per_body  # the list of bodies has an absolute name
         topic = self.resolve_topic_name(topics.REP155_TRACKED_OUTPUT.name if shared else topics.STATE)
         several = self.count_publishers(topic) > 1
@@ -349,8 +349,8 @@ class TrackerNode(Node):
 
     def _on_set_enabled(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         """A disabled node keeps its topics and its camera, forgets all people, and needs almost no time."""
-        changed = self._pipeline.enabled is not request.data
-        self._pipeline.enabled = request.data
+        changed = self._session.enabled is not request.data
+        self._session.enabled = request.data
         if changed:
             self._forget()
             self.get_logger().info("enabled" if request.data else "disabled")
@@ -362,9 +362,9 @@ class TrackerNode(Node):
         """Lock the person whom the parameter `follow` names, or release the lock."""
         try:
             if request.data:
-                response.success, response.message = True, f"locked: {self._pipeline.lock(self._as_of_ns)}"
+                response.success, response.message = True, f"locked: {self._session.lock(self._as_of_ns)}"
             else:
-                self._pipeline.people.release()
+                self._session.people.release()
                 response.success, response.message = True, "nobody is locked"
             self.get_logger().info(response.message)
         except LassokinError as error:
@@ -373,8 +373,8 @@ class TrackerNode(Node):
 
     def _on_save_skeleton(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
-            path = Path(self._pipeline.config.skeleton_output)
-            written = save_all(self._pipeline.calibrations(), path, self._now_ns())
+            path = Path(self._session.config.skeleton_output)
+            written = save_all(self._session.calibrations(), path, self._now_ns())
             response.success, response.message = True, f"written: {', '.join(str(path.absolute()) for path in written)}"
         except LassokinError as error:
             response.success, response.message = False, str(error)
@@ -383,22 +383,22 @@ class TrackerNode(Node):
     def _on_save_cameras(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         name = self.get_fully_qualified_name()[1:].replace("/", "_")
         try:
-            path = save_cameras(self._pipeline, Path(f"~/.ros/{name}_cameras.sh"))
+            path = save_cameras(self._session, Path(f"~/.ros/{name}_cameras.sh"))
             response.success, response.message = True, f"written: {path.absolute()}"
         except LassokinError as error:
             response.success, response.message = False, str(error)
         return response
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
-        lock = ", and the lock has ended" if self._pipeline.locked is not None else ""
+        lock = ", and the lock has ended" if self._session.locked is not None else ""
         self.get_logger().info(f"the clock has jumped: the state is forgotten{lock}")
         self._as_of_ns = self._checked_ns = self._newest_ns = 0
-        if self._pipeline.transforms is not None:
-            self._pipeline.transforms.clear()
+        if self._session.transforms is not None:
+            self._session.transforms.clear()
         self._forget()
 
     def _forget(self) -> None:
-        self._pipeline.reset()
+        self._session.reset()
         self._end_outputs()
 
     def _end_outputs(self) -> None:
@@ -406,11 +406,11 @@ class TrackerNode(Node):
         self._outputs.forget(self._now_ns())
 
     def _tune(self, settings: Settings) -> None:
-        height = self._pipeline.tracker.config.height
-        self._pipeline.tune(*settings)
+        height = self._session.tracker.config.height
+        self._session.tune(*settings)
         if settings[0].height != height:
             self._end_outputs()
-            lock = f"; {FORGOTTEN}" if self._pipeline.locked == GONE else ""
+            lock = f"; {FORGOTTEN}" if self._session.locked == GONE else ""
             self.get_logger().info(f"height is now {settings[0].height_text}: the state is forgotten{lock}")
 
 

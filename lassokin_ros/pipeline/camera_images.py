@@ -51,7 +51,7 @@ class CameraImages:
     def __init__(
         self, name: str, tracker_config: TrackerConfig, config: NodeSettings, layout: Layout, counts: Counter[str]
     ) -> None:
-        """name: of the camera, empty if it is the only one. counts: of all messages, see `Pipeline.counts`."""
+        """name: of the camera, empty if it is the only one. counts: of all messages, see `Session.counts`."""
         self.name, self.counts = name, counts
         self.tracker_config, self.config, self._layout = tracker_config, config, layout
         self._adapter = keypoint_adapter(config.keypoints_type)

@@ -1,4 +1,4 @@
-"""An observation from a detector's pixels, with the checks of the pipeline, for users of the Python interface."""
+"""An observation from a detector's pixels, with the checks of the session, for users of the Python interface."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class ImageSets:
         self._released = 0, 0  # stamp and arrival of the newest image that did not wait any more, ns
 
     def set_clock_back(self, step_ns: int) -> None:
-        """See `Pipeline.set_clock_back`."""
+        """See `Session.set_clock_back`."""
         self._held = [(image, arrival_ns - step_ns) for image, arrival_ns in self._held]
 
     @property

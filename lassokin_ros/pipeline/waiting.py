@@ -92,7 +92,7 @@ class Waiting:
         return min(end_ns, self._looked_ns + round(1e9 * wait.polled_s)) if wait.polled_s else end_ns
 
     def set_clock_back(self, step_ns: int) -> None:
-        """See `Pipeline.set_clock_back`."""
+        """See `Session.set_clock_back`."""
         self._messages = deque((message, stamp, arrival_ns - step_ns) for message, stamp, arrival_ns in self._messages)
         self._looked_ns -= step_ns
 

@@ -18,7 +18,7 @@ from lassokin_ros.pipeline.outputs.outputs import Outputs
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.outputs.status.warning_log import WarningLog
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RosbagsBackend
 from msg_adapters.detectors.definitions import DEFINITIONS as OF_DETECTORS
@@ -42,9 +42,9 @@ Write = Callable[[str, str, int, Any, bool], None]
 class Playback:
     """What the node's shell is live. Methods take the messages of the recording, None for one that is damaged."""
 
-    def __init__(self, pipeline: Pipeline, messages: NodeMessages | None = None) -> None:
-        """pipeline: see `PATIENCE_S`. messages: receives everything that the node would publish; None for nothing."""
-        self.pipeline, self.messages = pipeline, messages
+    def __init__(self, session: Session, messages: NodeMessages | None = None) -> None:
+        """session: see `PATIENCE_S`. messages: receives everything that the node would publish; None for nothing."""
+        self.session, self.messages = session, messages
         self.warnings = WarningLog() if messages is None else messages.warnings
         """The warnings of /diagnostics, none without `messages`."""
         self.listeners: list[Listener] = []
@@ -64,57 +64,57 @@ class Playback:
     @property
     def times_lost(self) -> int:
         """The number of re-initialisations of tracked people, plus one if the recording ends in the lost state."""
-        return self._reinitialised + (self.pipeline.status is Status.LOST)
+        return self._reinitialised + (self.session.status is Status.LOST)
 
     def save_skeleton(self, path: Path, files: AtomicFiles) -> list[Path]:
         """Write the calibrated skeletons as part of `files`, see `skeleton_file.save_all`."""
-        return save_all(self.pipeline.calibrations(), path, self.newest_ns, files)
+        return save_all(self.session.calibrations(), path, self.newest_ns, files)
 
     def camera_info(self, message: Any, time_ns: int, camera: str = "") -> None:
         """Process a CameraInfo, or Intrinsics. time_ns: recording time, ns. camera: its name."""
         self._tick(time_ns)
         if self.messages is not None:
             self.messages.diagnostics.count_camera_info(time_ns * 1e-9)
-        reason = self.pipeline.set_camera(message, camera)
+        reason = self.session.set_camera(message, camera)
         if reason is not None and self.first_rejection is None:
-            self.first_rejection = reason, self.pipeline.camera_fault or UNREADABLE_WORDS
+            self.first_rejection = reason, self.session.camera_fault or UNREADABLE_WORDS
 
     def keypoints(self, message: Any, time_ns: int, camera: str = "") -> None:
         """Process a keypoint message, or Keypoints; see `camera_info`."""
         self._tick(time_ns)
         started = time.perf_counter()
-        self._take(self.pipeline.push(message, time_ns, camera), started)
+        self._take(self.session.push(message, time_ns, camera), started)
 
     def depth_image(self, message: Any, time_ns: int, camera: str = "") -> None:
         """Process a depth image; see `camera_info`."""
         self._tick(time_ns)
         started = time.perf_counter()
-        self._take(self.pipeline.push_depth(message, time_ns, camera), started)
+        self._take(self.session.push_depth(message, time_ns, camera), started)
 
     def transforms(self, message: Any, time_ns: int) -> None:
         """Process a message of /tf; see `camera_info`."""
         self._tick(time_ns)
-        self.pipeline.push_transforms(message)
+        self.session.push_transforms(message)
 
     def static_transforms(self, message: Any, time_ns: int) -> None:
         """Process a message of /tf_static; see `camera_info`."""
         self._tick(time_ns)
-        self.pipeline.push_transforms(message, static=True)
+        self.session.push_transforms(message, static=True)
 
     def finish(self) -> None:
         """Process what still waits at the end of the recording."""
         if self.messages is not None:
             self.messages.finish(self.newest_ns)
-        self._take(self.pipeline.finish(), time.perf_counter())
+        self._take(self.session.finish(), time.perf_counter())
 
     def _tick(self, time_ns: int) -> None:
         """Process images that have waited in vain, and write what is due at a time."""
         self.newest_ns = time_ns
         if self.messages is not None:
             self.messages.check(time_ns)
-        if (due_ns := self.pipeline.due_at_ns) is not None and due_ns <= time_ns:
+        if (due_ns := self.session.due_at_ns) is not None and due_ns <= time_ns:
             started = time.perf_counter()
-            self._take(self.pipeline.due(time_ns), started)
+            self._take(self.session.due(time_ns), started)
         if self.messages is not None:
             self.messages.publish_diagnostics(time_ns)
 
@@ -148,12 +148,12 @@ class Playback:
 class NodeMessages:
     """The messages that the node publishes, written with the recording time, so that they are repeatable."""
 
-    def __init__(self, pipeline: Pipeline, types: Any, write: Write) -> None:
+    def __init__(self, session: Session, types: Any, write: Write) -> None:
         """types: the typestore of rosbags."""
-        register_types(types, pipeline.config)
+        register_types(types, session.config)
         backend = RosbagsBackend(types)
-        self._pipeline, self._sink = pipeline, _BagSink(write)
-        self._outputs = Outputs(pipeline, self._sink, backend, NODE_NAME)
+        self._session, self._sink = session, _BagSink(write)
+        self._outputs = Outputs(session, self._sink, backend, NODE_NAME)
         self._status, self._write = DiagnosticArrayBuilder(backend), write
         self.warnings = WarningLog()
         """The warnings of /diagnostics."""
@@ -170,7 +170,7 @@ class NodeMessages:
         """Write the state if it has changed; at the first time, begin."""
         self._sink.time_ns = time_ns
         if self._diagnostics is None:
-            self._diagnostics = Diagnostics(self._pipeline, NODE_NAME, time_ns * 1e-9)
+            self._diagnostics = Diagnostics(self._session, NODE_NAME, time_ns * 1e-9)
             self._next_ns = time_ns + DIAGNOSTICS_PERIOD_NS
             self._outputs.start(time_ns)
         else:
@@ -182,8 +182,8 @@ class NodeMessages:
         frames = list(answer.frames)
         self.diagnostics.count_message(frames, time_ns, time_ns * 1e-9, float("nan"))  # durations are not repeatable
         self._outputs.publish(answer, time_ns)
-        if self._pipeline.image is not None:
-            self._outputs.write_cameras(self._pipeline.image[0], 1e-9 * time_ns)
+        if self._session.image is not None:
+            self._outputs.write_cameras(self._session.image[0], 1e-9 * time_ns)
 
     def publish_diagnostics(self, time_ns: int) -> None:
         """Write /diagnostics if its period is over."""

@@ -24,7 +24,7 @@ from lassokin_ros.pipeline.outputs.description.skeleton_file import check_skelet
 from lassokin_ros.pipeline.outputs.outputs import LINK_AS_FRAME
 from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides, height_in_words
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.bags import BagReader, BagWriter, RecordedTopic
 from lassokin_ros.replay.camera_source import RecordedCamera, messages_of, poses_in, recorded_cameras
@@ -75,8 +75,8 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         read = [*(topic for one in cameras for topic in one.topics), *others]
         poses = poses_in(cameras)
 
-        def make(config: TrackerConfig, bodies: Bodies | None = None) -> Pipeline:
-            return Pipeline(config, node_config, poses=poses, bodies=bodies, patience=PATIENCE_S)
+        def make(config: TrackerConfig, bodies: Bodies | None = None) -> Session:
+            return Session(config, node_config, poses=poses, bodies=bodies, patience=PATIENCE_S)
 
         def play(playback: Playback, title: str) -> None:
             inputs = _inputs(playback, cameras, others)
@@ -85,17 +85,17 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
 
         known = learn(make, play, tracker_config) if options.two_pass else None
         given = None if known is None else known.first.tracker.given_skeleton
-        pipeline = make(tracker_config) if known is None else known.session(make)
+        session = make(tracker_config) if known is None else known.session(make)
         listeners: list[Listener] = []
-        report = _report(options, pipeline, given, listeners)
-        exports = _exports(options, pipeline, listeners)
+        report = _report(options, session, given, listeners)
+        exports = _exports(options, session, listeners)
         images = recorded_images(bag, options, report, {one.name: one.keypoints for one in cameras})
         read += [shown.topic for shown in images]
         output, storage = options.output, options.storage or bag.storage
         # All or nothing: every file is complete on the disk before the recording and the files get their names.
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
-                tracker = Playback(pipeline, NodeMessages(pipeline, bag.types, writer.write))
+                tracker = Playback(session, NodeMessages(session, bag.types, writer.write))
                 tracker.listeners += listeners
                 inputs = {**_inputs(tracker, cameras, others), **{shown.topic.name: shown.take for shown in images}}
                 progress = Progress(sum(topic.count for topic in read), "messages", progress_on)
@@ -150,7 +150,7 @@ def _inputs(tracker: Playback, cameras: Sequence[RecordedCamera], others: Sequen
     """Return what processes the messages of each topic."""
     by_name: dict[str, Any] = {topics.TF: tracker.transforms, topics.TF_STATIC: tracker.static_transforms}
     inputs = {topic.name: by_name.get(topic.name, tracker.depth_image) for topic in others}
-    config = tracker.pipeline.config
+    config = tracker.session.config
     for camera in cameras:
         if config.depth:
             depth = next(n for n in inputs if n.strip("/") == config.depth_topic(camera.name).strip("/"))
@@ -166,7 +166,7 @@ def _run(messages: Iterator[tuple[str, int, Any]], inputs: Inputs, tracker: Play
     try:
         for topic, time_ns, message in messages:
             inputs[topic](message, time_ns)
-            progress.advance(note=tracker.pipeline.status.value)
+            progress.advance(note=tracker.session.status.value)
         tracker.finish()
     finally:
         progress.close()
@@ -189,7 +189,7 @@ def _files(
 
 
 def _report(
-    options: argparse.Namespace, pipeline: Pipeline, given: Skeleton | None, listeners: list[Listener]
+    options: argparse.Namespace, session: Session, given: Skeleton | None, listeners: list[Listener]
 ) -> Report | None:
     """Return the collector of the report, None without --report. Raises a LassokinError for an unusable path.
 
@@ -199,29 +199,29 @@ def _report(
         return None
     from lassokin_ros.replay.report.report import Report
 
-    report = Report(options.report, pipeline, options.force, given)
+    report = Report(options.report, session, options.force, given)
     listeners.append(report.add)
     return report
 
 
-def _exports(options: argparse.Namespace, pipeline: Pipeline, listeners: list[Listener]) -> Exports | None:
+def _exports(options: argparse.Namespace, session: Session, listeners: list[Listener]) -> Exports | None:
     """Return the collector of the exports, None without --export. Raises a LassokinError for an unusable path."""
     if not options.export:
         return None
-    names, config = pipeline.tracker.layout.names, pipeline.tracker.config
-    recorder = MotionRecorder(names, config, lambda: pipeline.level, 0, pipeline.config.camera_names)
+    names, config = session.tracker.layout.names, session.tracker.config
+    recorder = MotionRecorder(names, config, lambda: session.level, 0, session.config.camera_names)
     listeners.append(recorder.add)
-    return Exports(options.export, recorder, pipeline.tracker.skeleton, pipeline.config.several_people, options.force)
+    return Exports(options.export, recorder, session.tracker.skeleton, session.config.several_people, options.force)
 
 
 def _figures(tracker: Playback) -> Figures:
-    counts, error = tracker.pipeline.counts, tracker.reprojection_px
+    counts, error = tracker.session.counts, tracker.reprojection_px
     median = round(float(np.median(error)), 3) if error else None
     return Figures(counts["received"], tracker.messages_tracked, tracker.times_lost, median)
 
 
 def _warning(figures: Figures, tracker: Playback) -> str:
-    if tracker.pipeline.answered or not figures.frames_in:
+    if tracker.session.answered or not figures.frames_in:
         return ""
     found = f"none of {figures.frames_in} keypoint messages gave a skeleton"
     return f"{found}; first rejection: {_first_rejection(tracker)}" if tracker.first_rejection else found
@@ -242,7 +242,7 @@ def _summary(
     has_report: bool,
 ) -> str:
     """height_before: see `Known.height`."""
-    counts, error = tracker.pipeline.counts, tracker.reprojection_px
+    counts, error = tracker.session.counts, tracker.reprojection_px
     rejected = {key.partition(": ")[2]: n for key, n in sorted(counts.items()) if key.startswith("rejected: ")}
     times = 1e3 * np.array(tracker.frame_seconds or [np.nan])
     lines = {
@@ -257,22 +257,22 @@ def _summary(
         "time per frame": f"{np.median(times):.2f} ms median, {np.percentile(times, 99):.2f} ms 99th percentile",
         "in all": f"{seconds:.1f} s, {counts['received'] / max(seconds, 1e-9):.0f} frames/s",
     }
-    if (places := tracker.pipeline.places) is not None:
+    if (places := tracker.session.places) is not None:
         lines["cameras"] = places.fault or places.in_words()
-    if (mount := tracker.pipeline.mount) is not None:
+    if (mount := tracker.session.mount) is not None:
         lines["camera mount"] = mount.fault or mount.in_words()
-    averaged = tracker.pipeline.tracker.averaged
+    averaged = tracker.session.tracker.averaged
     if averaged:
         lines["left and right"] = averaged_sides(averaged)
-    if limitations := tracker.pipeline.tracker.limitations:
+    if limitations := tracker.session.tracker.limitations:
         lines["limitations"] = limitations
-    if (depth := tracker.pipeline.depth) is not None:
+    if (depth := tracker.session.depth) is not None:
         lines["depth images"] = f"for {counts[MATCHED]} of {counts[MATCHED] + counts[UNMATCHED]} keypoint messages"
         if remark := depth.fault or depth.note:
             lines["depth images"] += f"; {remark}"
     if height_before:
         lines["height"] = height_before
-    for person, height in tracker.pipeline.heights().items():
+    for person, height in tracker.session.heights().items():
         lines[f"height of {person}" if person else "height"] = height_in_words(height)
     if not has_report:  # which has them, too
         lines |= {f"warned {number}": raised.text for number, raised in enumerate(tracker.warnings.found, 1)}

@@ -68,6 +68,7 @@ class ImitateNode(Node):
         self._robot: Imitation | None = None
         self._enabled, self._person, self._why = False, -1, "not enabled: call the service enable"
         self._stamp_ns: int | None = None  # of the newest image that is followed
+        self._seen_ns: int | None = None  # of the newest certain image
         self._measured: dict[str, float] = {}
         self._said = ""
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -135,7 +136,8 @@ class ImitateNode(Node):
             return False, f"{model.names[worst]} is at {start[worst]:.2f}; expected {low:.2f} to {high:.2f}"
         if not self._enabled:
             self._robot.place(start)
-        self._enabled, self._person, self._stamp_ns, self._why = True, -1, None, "nobody was seen yet"
+        self._enabled, self._person, self._why = True, -1, "nobody was seen yet"
+        self._stamp_ns = self._seen_ns = None
         words = "" if np.isfinite(known).all() else "; joint_states were not received: it begins at its rest angles"
         return True, f"enabled{words}"
 
@@ -143,6 +145,7 @@ class ImitateNode(Node):
         """Use a skeleton that is fresh and certain, see PeopleWatch."""
         if self._robot is None or not self._enabled:
             return
+        stamp_ns = self._seen_ns = Time.from_msg(message.header.stamp).nanoseconds
         seen, people = points(message), self._watch.followed()
         if len(seen) != len(joints.NAMES) or "up_x" not in (seen.dtype.names or ()):
             return self._hold(
@@ -161,7 +164,6 @@ class ImitateNode(Node):
         if self._given["free_base"] and not observed[ankles].any():
             return self._hold("the feet are not seen")
         up = np.array([seen[name][0] for name in ("up_x", "up_y", "up_z")], dtype=float)
-        stamp_ns = Time.from_msg(message.header.stamp).nanoseconds
         before_ns = stamp_ns if self._stamp_ns is None else self._stamp_ns
         interval = min(max((stamp_ns - before_ns) * 1e-9, 0.0), LONGEST_INTERVAL_S)
         view = Person(position(seen).T, observed, up, seen["contact"][ankles] == 1)
@@ -185,8 +187,7 @@ class ImitateNode(Node):
         if self._robot is None or not self._enabled:
             return
         now = self.get_clock().now()
-        old = self._stamp_ns is not None and (now.nanoseconds - self._stamp_ns) * 1e-9 > self._given["stale_after"]
-        if old and not self._robot.holding:
+        if self._seen_ns is not None and (now.nanoseconds - self._seen_ns) * 1e-9 > self._given["stale_after"]:
             self._hold(f"nobody certain was seen for {self._given['stale_after']:g} s")
         self._robot.step()
         self._publish(now)

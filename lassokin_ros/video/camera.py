@@ -52,7 +52,7 @@ def from_fov(degrees: float, size: Size, content: Size | None = None, fisheye: b
 
 
 def from_file(path: Path, size: Size) -> Calibration:
-    """Read a calibration file (see pipeline.camera.calibration_file) and scale it to the image size (width, height) px.
+    """Read a calibration file (see session.camera.calibration_file) and scale it to the image size (width, height) px.
 
     Raises CameraError for another form, and for an image with another aspect ratio.
     """

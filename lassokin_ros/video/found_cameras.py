@@ -14,20 +14,20 @@ from lassokin_ros.core.learned.camera_finder import FEWEST
 from lassokin_ros.core.learned.extrinsics import PERIOD_S
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.calibration_file import Calibration
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 
 
-def found_poses(pipeline: Pipeline) -> dict[str, CameraPose]:
+def found_poses(session: Session) -> dict[str, CameraPose]:
     """Return the pose of each camera by name after a pass over all images. Raises CameraError if one was not found."""
-    places, extrinsics = pipeline.places, pipeline.extrinsics
+    places, extrinsics = session.places, session.extrinsics
     assert places is not None
-    for name in pipeline.cameras:
+    for name in session.cameras:
         if name not in places.newest:
             raise CameraError(
                 f"the place of camera '{name}' was not found; expected a person who moves in view of it and of the "
                 f"first camera for {FEWEST * PERIOD_S:g} s or more, in synchronised videos; or --cameras FILE"
             )
-    given = {name: places.newest[name] for name in pipeline.cameras}
+    given = {name: places.newest[name] for name in session.cameras}
     return given if extrinsics is None else {name: extrinsics.learned(pose) for name, pose in given.items()}
 
 

@@ -26,7 +26,7 @@ from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.detector.backend import Detected, Detector, make_detector
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.replay.passes.passes import Bodies, learn
@@ -70,8 +70,8 @@ def track_videos(options: argparse.Namespace) -> Tracked:
         raise CameraError("height is 0, and without the places of the cameras nothing shows the size; give --height")
     poses = {camera.name: camera.pose for camera in cameras}
 
-    def make(config: TrackerConfig, bodies: Bodies | None = None) -> Pipeline:
-        return Pipeline(config, node_config, poses=poses, bodies=bodies)
+    def make(config: TrackerConfig, bodies: Bodies | None = None) -> Session:
+        return Session(config, node_config, poses=poses, bodies=bodies)
 
     first = Playback(make(tracker_config))
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
@@ -114,7 +114,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
         _play(cameras, everybody, second, before=show)
         written = outputs.write(files)
         if options.save_cameras is not None:
-            poses = found_poses(second.pipeline)
+            poses = found_poses(second.session)
             text = calibration_toml([(camera.name, camera.calibration) for camera in cameras], poses)
             files.write_text(options.save_cameras, text)
             written.append(options.save_cameras)
@@ -309,16 +309,16 @@ def _play(
 def _summary(
     options: argparse.Namespace, cameras: list[Filmed], tracker: Playback, written: list[Path], seconds: float
 ) -> str:
-    counts, error = tracker.pipeline.counts, tracker.reprojection_px
+    counts, error = tracker.session.counts, tracker.reprojection_px
     images = ", ".join(f"{camera.source.name} ({camera.name})" for camera in cameras)
     lines = {
         "images": f"{counts['received']} in, {tracker.messages_tracked} instants tracked",
-        "height": tracker.pipeline.tracker.config.height_text,
+        "height": tracker.session.tracker.config.height_text,
         "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
         "total": f"{seconds:.1f} s",
         "written": ", ".join(map(str, written)) or "nothing",
     }
-    places, extrinsics = tracker.pipeline.places, tracker.pipeline.extrinsics
+    places, extrinsics = tracker.session.places, tracker.session.extrinsics
     for camera in cameras[1:]:
         if options.cameras is None and places is not None and camera.name in places.newest:
             lines[f"camera {camera.name}"] = where_in_words(places.newest[camera.name], cameras[0].pose)

@@ -23,7 +23,7 @@ from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import LASTING, MESSAGE, OPTICAL_FRAME, NodeSettings
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.replay.passes.passes import Bodies, learn
@@ -78,7 +78,7 @@ def track(options: argparse.Namespace, detector: Detector | None = None) -> Trac
         options.detector = source.name
     detector = detector or stored or make_detector(options.detector)
     configs = _settings(options, source, detector)
-    first = Playback(Pipeline(*configs))
+    first = Playback(Session(*configs))
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         stack.callback(detector.close)
         camera = lens_of(options, source)
@@ -153,7 +153,7 @@ class Run:
                 self._outputs.add_report_image(image)
                 self._outputs.add_image(image)
                 tracker.keypoints(message, stamp_of(image.seconds))
-                progress.advance(note=tracker.pipeline.status.value)
+                progress.advance(note=tracker.session.status.value)
             tracker.finish()
         return tracker
 
@@ -168,12 +168,12 @@ class Run:
             people = self._chosen(options.person, node)
             self._found = partial(self.detections.of_people, people, node.several_people)
 
-        def make(config: TrackerConfig, bodies: Bodies | None = None) -> Pipeline:
-            return Pipeline(config, node, bodies=bodies)
+        def make(config: TrackerConfig, bodies: Bodies | None = None) -> Session:
+            return Session(config, node, bodies=bodies)
 
         learned = config.calibrate and config.height > 0
         known = learn(make, self._play, config) if learned else None
-        last = Playback(first.pipeline if known is None else known.session(make))
+        last = Playback(first.session if known is None else known.session(make))
         backward = known is not None and any(known.backward.values())
         self._passes = _passes_in_words(learned, backward, config.smoothing_lag > 0)
         self._outputs.follow(last)
@@ -202,7 +202,7 @@ class Run:
         progress = Progress(len(self.detections.found), "frames")
         for seconds, keypoints in self._found():
             tracker.keypoints(keypoints, stamp_of(seconds))
-            progress.advance(note=f"{title}, {tracker.pipeline.status.value}")
+            progress.advance(note=f"{title}, {tracker.session.status.value}")
         tracker.finish()
         progress.close()
 
@@ -221,7 +221,7 @@ class Run:
 
     def summary(self, tracker: Playback, options: argparse.Namespace, written: list[Path]) -> str:
         """Return the summary of the run, one fact per line."""
-        counts, error = tracker.pipeline.counts, tracker.reprojection_px
+        counts, error = tracker.session.counts, tracker.reprojection_px
         times, detect_times = tracker.frame_seconds or [np.nan], self.detections.detect_seconds or [np.nan]
         lines = {
             "images": f"{counts['received']} in, {tracker.messages_tracked} tracked",
@@ -265,11 +265,11 @@ def _next_image(images: Iterator[Any], name: str) -> Any:
 
 def _height_line(tracker: Playback, options: argparse.Namespace) -> str:
     """Return the height. Without one, sizes and distances are those of a person of the default height."""
-    pipeline = tracker.pipeline
-    if measured := list(map(height_in_words, pipeline.heights().values())):
+    session = tracker.session
+    if measured := list(map(height_in_words, session.heights().values())):
         return "; ".join(measured)
     if height_given(options):
-        return pipeline.tracker.config.height_text
+        return session.tracker.config.height_text
     return f"{TrackerConfig().height:g} m is assumed; sizes and distances scale with it, set --height"
 
 

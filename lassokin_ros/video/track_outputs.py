@@ -55,18 +55,18 @@ class TrackOutputs:
         """Sentences for the report, to be added before `write`."""
         self._waiting: deque[tuple[int, Mapping[str, Image]]] = deque()
         self._apart_ns = 0 if several is None else SAME_INSTANT_NS
-        self._given: Skeleton = tracker.pipeline.tracker.skeleton
+        self._given: Skeleton = tracker.session.tracker.skeleton
         self._report: Report | None = None
-        pipeline = tracker.pipeline
+        session = tracker.session
         self._report_images: dict[str, ReportImages] = {}
         if options.report is not None:
             check_report(options.report, options.force)
-            self._report_images = {name: ReportImages() for name in pipeline.cameras}
-        self._level = pipeline.level
-        names = pipeline.tracker.layout.names
-        config, topics = pipeline.tracker.config, pipeline.config.camera_names
+            self._report_images = {name: ReportImages() for name in session.cameras}
+        self._level = session.level
+        names = session.tracker.layout.names
+        config, topics = session.tracker.config, session.config.camera_names
         self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, topics)
-        people = pipeline.config.several_people
+        people = session.config.several_people
         self._exports = None
         if options.export:
             self._exports = Exports(options.export, self._motion, self._given, people, options.force)
@@ -79,7 +79,7 @@ class TrackOutputs:
                 print_note(f"{PROGRAM}: {WITHOUT_H264}")
         if options.view is not None:
             path = options.view if options.view.name else None
-            self._view = LiveView(path, source.name, cameras, options.force, bool(pipeline.config.fixed_frame))
+            self._view = LiveView(path, source.name, cameras, options.force, bool(session.config.fixed_frame))
             stack.callback(self._view.discard)
 
     @property
@@ -95,7 +95,7 @@ class TrackOutputs:
     def follow(self, tracker: Playback) -> None:
         """Take the results of a tracker from now on."""
         if self._options.report is not None:
-            self._report = Report(self._options.report, tracker.pipeline, self._options.force, self._given)
+            self._report = Report(self._options.report, tracker.session, self._options.force, self._given)
             self._report.images = self._report_images
             tracker.listeners.append(self._report.add)
         if self._exports is not None:

@@ -14,8 +14,8 @@ import pytest
 from sequences import CONFIG, detected, observations
 from test_cameras import scene
 
-from lassokin_ros.core import kernel
-from lassokin_ros.core.kernel import FUNCTIONS, SWITCH, compiled
+from lassokin_ros.core import kernel as module
+from lassokin_ros.core.kernel import FUNCTIONS, compiled, kernel
 from lassokin_ros.core.tracker import Tracker
 
 ROOT = Path(__file__).parents[2]
@@ -88,18 +88,17 @@ SETTINGS = {
 @needs_kernel
 @pytest.mark.parametrize("settings", SETTINGS)
 @pytest.mark.parametrize("sequence", SEQUENCES)
-def test_kernel_and_python_give_the_same_answers(sequence, settings, monkeypatch):
+def test_kernel_and_python_give_the_same_answers(sequence, settings):
     frames, trackers = SEQUENCES[sequence](), [Tracker(SETTINGS[settings]) for _ in range(2)]
     reset_at = len(frames) // 2
     accepted = 0
     for number, seen in enumerate(frames):
         answers = []
         for tracker, active in zip(trackers, (False, True)):
-            for name in FUNCTIONS:
-                monkeypatch.setattr(kernel, name, getattr(compiled, name) if active else None)
-            if number == reset_at:
-                tracker.reset()
-            answers.append(tracker.track(seen))
+            with kernel.switched(active):
+                if number == reset_at:
+                    tracker.reset()
+                answers.append(tracker.track(seen))
         plain, fast = answers
         assert plain.rejection == fast.rejection and plain.initialised == fast.initialised
         if plain.accepted:
@@ -118,7 +117,7 @@ def test_a_tracked_frame_uses_each_function(monkeypatch):
     done, refused = Counter(), Counter()
     for name in FUNCTIONS:
 
-        def counted(*arguments, name=name, function=getattr(compiled, name)):
+        def counted(*arguments, name=name, function=getattr(kernel, name)):
             found = function(*arguments)
             (done if found else refused)[name] += 1
             return found
@@ -126,17 +125,19 @@ def test_a_tracked_frame_uses_each_function(monkeypatch):
         monkeypatch.setattr(kernel, name, counted)
     tracker = Tracker(CONFIG)
     frames = [seen for _, seen in observations(tracker, 3.0)]
-    for seen in frames:
-        tracker.track(seen)
-    for name in FUNCTIONS:
+    with kernel.switched(True):
+        for seen in frames:
+            tracker.track(seen)
+    rare = {"point_columns"}  # for feet that stand
+    for name in set(FUNCTIONS) - rare:
         assert done[name] > 0.9 * len(frames), name
         assert refused[name] < 0.1 * done[name], name
 
 
 @pytest.mark.parametrize("switch, active", [("0", False), ("1", compiled is not None)])
 def test_the_environment_switches_it_off(switch, active):
-    code = "from lassokin_ros.core import kernel; print(kernel.active)"
-    environment = {**os.environ, SWITCH: switch, "PYTHONPATH": str(ROOT)}
+    code = "from lassokin_ros.core.kernel import kernel; print(kernel.active)"
+    environment = {**os.environ, module.SWITCH: switch, "PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == str(active)
 
@@ -145,7 +146,7 @@ def test_a_kernel_of_another_revision_is_not_used_and_told():
     """Git ignores it, so that it stays when the sources change."""
     code = (
         "import sys, types; sys.modules['lassokin_ros.core._kernel'] = types.ModuleType('old');"
-        "from lassokin_ros import Tracker; from lassokin_ros.core import kernel; print(kernel.active)"
+        "from lassokin_ros import Tracker; from lassokin_ros.core.kernel import kernel; print(kernel.active)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False" and "build it again with `python setup.py" in done.stderr
@@ -200,8 +201,7 @@ import sys
 sys.path[:0] = [{support!r}, {root!r}, {tests!r}]
 import lassokin_ros.core
 lassokin_ros.core.__path__.insert(0, {folder!r})
-from lassokin_ros.core import kernel
-from lassokin_ros.core.kernel import compiled
+from lassokin_ros.core.kernel import compiled, kernel
 assert compiled.__file__.startswith({folder!r}) and kernel.active
 from test_kernel import CONFIG, SEQUENCES, Tracker, replace
 for name, sequence in SEQUENCES.items():
@@ -244,7 +244,7 @@ def test_sanitizers_find_nothing(tmp_path):
     subprocess.run(command, check=True)
     environment = {
         **os.environ,
-        SWITCH: "1",
+        module.SWITCH: "1",
         "LD_PRELOAD": runtime,
         "ASAN_OPTIONS": "detect_leaks=0",
         "OMP_NUM_THREADS": "1",

@@ -17,7 +17,7 @@ from lassokin_ros.demo.synthetic import WEBCAM, Detector, detections, exact_pixe
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.inputs import camera_info, point_cloud
@@ -56,15 +56,15 @@ def foxglove():
 @pytest.fixture(scope="module", params=BACKENDS, ids=lambda b: type(b).__name__)
 def shown(request):
     """(camera_info, pixels (l, 2), {topic: message}) of a tracked person, seen through a webcam with distortion."""
-    pipeline, backend = Pipeline(TrackerConfig(calibrate=False), NodeSettings()), rosbags_backend()
+    session, backend = Session(TrackerConfig(calibrate=False), NodeSettings()), rosbags_backend()
     info = camera_info(backend, START_NS, FRAME, WEBCAM.K, WEBCAM.D, WEBCAM.size)
-    pipeline.set_camera(info)
-    exact = exact_pixels(pipeline.tracker.kinematics, motion(pipeline.tracker.skeleton, np.arange(FRAMES) / 30))
+    session.set_camera(info)
+    exact = exact_pixels(session.tracker.kinematics, motion(session.tracker.skeleton, np.arange(FRAMES) / 30))
     pixels, confidence = detections(exact, 30, detector=Detector(noise_px=0.5, outliers=0, gaps_per_second=0))
     confidence[-1, 3] = 0  # an ear is missing
     for i in range(FRAMES):
-        frame = pipeline.process(point_cloud(backend, START_NS + i * 33_333_333, FRAME, pixels[i], confidence[i]), 0)
-    messages = dict(FrameMessages(request.param, pipeline.tracker.skeleton).build(frame))
+        frame = session.process(point_cloud(backend, START_NS + i * 33_333_333, FRAME, pixels[i], confidence[i]), 0)
+    messages = dict(FrameMessages(request.param, session.tracker.skeleton).build(frame))
     return info, np.where(confidence[-1][:, None] > 0, pixels[-1], np.nan), messages
 
 

@@ -24,16 +24,16 @@ ANKLES = [7, 8]
 def feed(node, first=0, count=FRAMES):
     """Give the node camera_info and frames, as its subscriptions do."""
     node._inputs.camera_info.take(camera_info(BACKEND))
-    before = node._pipeline.counts["accepted"]
+    before = node._session.counts["accepted"]
     for i in range(first, first + count):
         node.work_on(cloud(BACKEND, START_NS + i * PERIOD_NS, PIXELS[i % FRAMES]))
-    assert node._pipeline.counts["accepted"] == before + count, node._pipeline.counts
+    assert node._session.counts["accepted"] == before + count, node._session.counts
 
 
 def ankles(node):
     """Mean of both ankles after some frames, m below the camera's axis."""
     feed(node)
-    tracker = node._pipeline.tracker
+    tracker = node._session.tracker
     return tracker.kinematics.pose(tracker.state).positions[ANKLES, 1].mean()
 
 
@@ -82,23 +82,23 @@ def test_files_that_are_gone_do_not_matter_to_a_running_node(tmp_path):
             Path(path).unlink()
         (result,) = node.set_parameters([Parameter("height", value=1.6)])
         assert result.successful, result.reason
-        assert node._pipeline.tracker.skeleton.height == 1.6
+        assert node._session.tracker.skeleton.height == 1.6
         feed(node, 5, 5)
         (result,) = node.set_parameters([Parameter("height", value=3.0)])
         assert not result.successful and "height" in result.reason
         (result,) = node.set_parameters([Parameter("noise_px", value=-1.0)])
         assert not result.successful and "noise_px" in result.reason
-        assert node.get_parameter("height").value == node._pipeline.tracker.skeleton.height == 1.6
+        assert node.get_parameter("height").value == node._session.tracker.skeleton.height == 1.6
         feed(node, 10, 5)
         (result,) = node.set_parameters([Parameter("height", value=0.0)])
-        assert result.successful and node._pipeline.tracker.learned.height is not None
+        assert result.successful and node._session.tracker.learned.height is not None
         feed(node, 15, 5)
 
 
 def test_the_floor_is_live():
     with node_in_this_process("/floor") as (node, _):
         feed(node, count=5)
-        assert node._pipeline.camera_height is None
+        assert node._session.camera_height is None
         (result,) = node.set_parameters([Parameter("tilt_deviation", value=0.01)])
         assert not result.successful and "no feet are known to stand on a floor" in result.reason
         (result,) = node.set_parameters([Parameter("floor", value=True)])
@@ -107,7 +107,7 @@ def test_the_floor_is_live():
             (result,) = node.set_parameters([Parameter(name, value=value)])
             assert result.successful, result.reason
         feed(node, 5, 5)
-        assert node._pipeline.camera_height == 1.2 and values(node)["camera height above the floor [m]"] == "1.200"
+        assert node._session.camera_height == 1.2 and values(node)["camera height above the floor [m]"] == "1.200"
 
 
 def test_the_state_follows_a_system_clock_that_is_set_back(monkeypatch):

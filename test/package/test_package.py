@@ -65,9 +65,9 @@ def test_tracking_imports_no_optional_modules():
         import sys
         from lassokin_ros.core.config import TrackerConfig
         from lassokin_ros.pipeline.settings import NodeSettings
-        from lassokin_ros.pipeline.pipeline import Pipeline
-        Pipeline(TrackerConfig(), NodeSettings())
-        Pipeline(TrackerConfig(), NodeSettings(max_people=3))
+        from lassokin_ros.pipeline.session import Session
+        Session(TrackerConfig(), NodeSettings())
+        Session(TrackerConfig(), NodeSettings(max_people=3))
         print(*sys.modules)
     """
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
@@ -122,7 +122,7 @@ def test_setup_py_and_package_xml_agree(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "command, others", [("bdist_wheel", 0), ("editable_wheel", 0), ("dist_info", 0), ("install", 5), ("develop", 5)]
+    "command, others", [("bdist_wheel", 0), ("editable_wheel", 0), ("dist_info", 0), ("install", 6), ("develop", 6)]
 )
 def test_pip_installs_one_command_and_ros2_run_has_the_others(monkeypatch, command, others):
     """pip makes a wheel; colcon and bloom call install or develop."""

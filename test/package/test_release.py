@@ -24,6 +24,7 @@ APT = {
     "tf2_ros": "tf2_ros_py",
 }
 PIP = {"av", "distributed", "ezc3d", "mediapipe", "onnxruntime", "proxsuite", "qpsolvers", "rerun", "rosbags"}
+PIP |= {"pink", "pinocchio"}
 """Modules without a rosdep key. All but proxsuite are imported where they are used."""
 TYPING = {"typing_extensions"}
 """Read by type checkers only."""

@@ -17,7 +17,7 @@ from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.depth_check import MISFIT  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = rosbags_backend()
@@ -39,14 +39,14 @@ def scene():
     return pixels, [render(SKELETON, positions) for positions in pose.positions], pose.positions
 
 
-def play(pipeline, pixels, images, start=0, encoding="16UC1"):
+def play(session, pixels, images, start=0, encoding="16UC1"):
     """Process all images; return the fault after each message."""
     faults = []
     for i in range(FRAMES):
         stamp_ns = START_NS + round((start + TIMES[i]) * 1e9)
-        pipeline.depth.add(depth_message(BACKEND, stamp_ns, images[i], encoding), stamp_ns)
-        assert pipeline.process(cloud(BACKEND, stamp_ns, pixels[i]), stamp_ns).accepted
-        faults.append(pipeline.first.depth_check.fault)
+        session.depth.add(depth_message(BACKEND, stamp_ns, images[i], encoding), stamp_ns)
+        assert session.process(cloud(BACKEND, stamp_ns, pixels[i]), stamp_ns).accepted
+        faults.append(session.first.depth_check.fault)
     return faults
 
 
@@ -66,20 +66,20 @@ LIES = {
 
 
 def pipeline_with_depth():
-    pipeline = Pipeline(TrackerConfig(), NodeSettings(depth="aligned_depth_to_color"))
-    assert pipeline.set_camera(camera_info(BACKEND)) is None
-    return pipeline
+    session = Session(TrackerConfig(), NodeSettings(depth="aligned_depth_to_color"))
+    assert session.set_camera(camera_info(BACKEND)) is None
+    return session
 
 
 @pytest.mark.parametrize("lie", LIES)
 def test_depth_that_does_not_show_the_person_is_left_out_until_it_does(scene, lie):
     pixels, images, _ = scene
-    pipeline = pipeline_with_depth()
-    faults = play(pipeline, pixels, LIES[lie](images))
+    session = pipeline_with_depth()
+    faults = play(session, pixels, LIES[lie](images))
     assert "registered to the colour image, of the same camera, and of the same time" in faults[-1]
-    assert not faults[5] and pipeline.counts[MISFIT] > 10
-    assert not pipeline.process(cloud(BACKEND, START_NS + 21 * 10**8, pixels[-1]), 0).estimate.depth_measured
-    faults = play(pipeline, pixels, images, start=3)
+    assert not faults[5] and session.counts[MISFIT] > 10
+    assert not session.process(cloud(BACKEND, START_NS + 21 * 10**8, pixels[-1]), 0).estimate.depth_measured
+    faults = play(session, pixels, images, start=3)
     assert not faults[-1]
 
 
@@ -95,8 +95,8 @@ def test_good_depth_and_hidden_legs_are_used(scene):
     pixels, images, _ = scene
     table = [np.where(np.arange(HEIGHT)[:, None] > 300, 1.5, image) for image in images]
     for shown in (images, table):
-        pipeline = pipeline_with_depth()
-        assert not any(play(pipeline, pixels, shown)) and pipeline.counts[MISFIT] == 0
+        session = pipeline_with_depth()
+        assert not any(play(session, pixels, shown)) and session.counts[MISFIT] == 0
 
 
 @pytest.mark.parametrize("max_people", [1, 3])
@@ -105,20 +105,20 @@ def test_of_several_cameras_the_one_whose_depth_does_not_fit_is_named_and_its_de
     eyes = {one.name: one for one in (eye("left", 0), eye("right", 90))}
     settings = NodeSettings(cameras=("left", "right"), fixed_frame=MAP, depth="depth_registered", max_people=max_people)
     poses = {name: one.pose_at(0) for name, one in eyes.items()}
-    pipeline, random = Pipeline(TrackerConfig(), settings, poses=poses), np.random.default_rng(0)
+    session, random = Session(TrackerConfig(), settings, poses=poses), np.random.default_rng(0)
     for name, one in eyes.items():
-        pipeline.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
-    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+        session.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
+    diagnostics = Diagnostics(session, "tracker", 0.0)
     for index in range(FRAMES):
         body, stamp_ns = truth_at([TIMES[index]]), START_NS + round(1e9 * TIMES[index])
         for name, one in eyes.items():
             image = render(SKELETON, poses[name].into_camera(body.positions[0]))
             message = depth_message(BACKEND, stamp_ns, image[:, :: 1 if name == "left" else -1], frame_id=one.frame)
-            pipeline.cameras[name].depth.add(message, stamp_ns)
+            session.cameras[name].depth.add(message, stamp_ns)
             seen = keypoints(BACKEND, one, START_NS, TIMES[index], body.landmarks[0], random)
-            frames = pipeline.frames(seen, stamp_ns, name)
+            frames = session.frames(seen, stamp_ns, name)
             diagnostics.count_message(frames, stamp_ns, 0.9, 0.001)
-    left, right = (pipeline.cameras[name].depth_check for name in eyes)
+    left, right = (session.cameras[name].depth_check for name in eyes)
     assert right.fault and not left.fault and frames[0].estimate.depth_measured
     assert np.linalg.norm(frames[0].estimate.pose.positions - body.positions[0], axis=1).mean() < 0.03
     diagnostics.count_camera_info(0.9)
@@ -129,12 +129,12 @@ def test_of_several_cameras_the_one_whose_depth_does_not_fit_is_named_and_its_de
 def test_with_smoothing_nothing_is_left_out_because_nothing_is_compared(scene):
     """`smoothing_lag` is set while the images are left out: they must not stay so for ever."""
     pixels, images, _ = scene
-    pipeline = pipeline_with_depth()
-    assert play(pipeline, pixels, LIES["of another camera"](images))[-1]
-    pipeline.tune(TrackerConfig(smoothing_lag=0.1), pipeline.config)
-    left_out = pipeline.counts[MISFIT]
+    session = pipeline_with_depth()
+    assert play(session, pixels, LIES["of another camera"](images))[-1]
+    session.tune(TrackerConfig(smoothing_lag=0.1), session.config)
+    left_out = session.counts[MISFIT]
     for i in range(FRAMES):
         stamp_ns = START_NS + round((3 + TIMES[i]) * 1e9)
-        pipeline.depth.add(depth_message(BACKEND, stamp_ns, images[i]), stamp_ns)
-        found = pipeline.frames(cloud(BACKEND, stamp_ns, pixels[i]), stamp_ns)
-    assert pipeline.counts[MISFIT] == left_out and found[-1].estimate.depth_measured
+        session.depth.add(depth_message(BACKEND, stamp_ns, images[i]), stamp_ns)
+        found = session.frames(cloud(BACKEND, stamp_ns, pixels[i]), stamp_ns)
+    assert session.counts[MISFIT] == left_out and found[-1].estimate.depth_measured

@@ -29,7 +29,7 @@ from lassokin_ros.pipeline.depth_images import (  # noqa: E402
 from lassokin_ros.pipeline.depth_sampling import sample_depth  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from msg_adapters.depth_image import decode_depth_image  # noqa: E402
 from msg_adapters.keypoints import Keypoints  # noqa: E402
@@ -176,16 +176,16 @@ def test_a_jump_back_in_time_forgets_the_images():
 
 
 def track(scene, images, settings=None, config=None, frames=60, change=lambda message: message):
-    """Mean joint and root errors (m) of the last second, and the pipeline; images: None for none."""
+    """Mean joint and root errors (m) of the last second, and the session; images: None for none."""
     _, pixels, truth, _ = scene
-    pipeline = Pipeline(config or TrackerConfig(), settings or NodeSettings(depth="depth"))
-    pipeline.set_camera(camera_info(BACKEND))
+    session = Session(config or TrackerConfig(), settings or NodeSettings(depth="depth"))
+    session.set_camera(camera_info(BACKEND))
     errors = []
     for i in range(frames):
         stamp_ns = START_NS + i * PERIOD_NS
         if images is not None:
-            pipeline.depth.add(change(depth_message(BACKEND, stamp_ns, images[i])), 0)
-        frame = pipeline.process(cloud(BACKEND, stamp_ns, pixels[i]), 0)
+            session.depth.add(change(depth_message(BACKEND, stamp_ns, images[i])), 0)
+        frame = session.process(cloud(BACKEND, stamp_ns, pixels[i]), 0)
         assert frame.accepted, frame.detail
         positions = frame.estimate.pose.positions
         errors.append(
@@ -194,7 +194,7 @@ def track(scene, images, settings=None, config=None, frames=60, change=lambda me
                 np.linalg.norm(positions[0] - truth[i, 0]),
             )
         )
-    return np.mean(errors[frames // 2 :], axis=0), pipeline
+    return np.mean(errors[frames // 2 :], axis=0), session
 
 
 @pytest.fixture(scope="module")
@@ -203,14 +203,14 @@ def without_depth(scene):
 
 
 def test_depth_images_improve_the_track(scene, images, without_depth):
-    with_depth, pipeline = track(scene, images)
-    assert pipeline.counts[MATCHED] == 60 and pipeline.counts[UNMATCHED] == 0
+    with_depth, session = track(scene, images)
+    assert session.counts[MATCHED] == 60 and session.counts[UNMATCHED] == 0
     assert with_depth[0] < 0.8 * without_depth[0] and with_depth[1] < 0.05
 
 
 def test_unusable_depth_images_do_not_change_the_track(scene, without_depth):
-    errors, pipeline = track(scene, [np.zeros((24, 32))] * 60)
-    assert np.array_equal(errors, without_depth) and pipeline.counts[MATCHED] == 60
+    errors, session = track(scene, [np.zeros((24, 32))] * 60)
+    assert np.array_equal(errors, without_depth) and session.counts[MATCHED] == 60
 
 
 def test_a_wall_behind_and_an_occluder_in_front_do_not_increase_the_error(scene, images, without_depth):
@@ -227,21 +227,21 @@ def test_a_wall_behind_and_an_occluder_in_front_do_not_increase_the_error(scene,
 def test_height_0_measures_the_height(scene, images):
     skeleton, pixels, truth, _ = scene
     config = TrackerConfig(height=0.0)
-    errors, pipeline = track(scene, images, config=config)
-    height = pipeline.tracker.learned.height
+    errors, session = track(scene, images, config=config)
+    height = session.tracker.learned.height
     assert abs(height.height - 1.75) < 0.035 and 0.05 < height.deviation < 0.08
-    assert abs(pipeline.tracker.skeleton.height - 1.75) < 0.05 and errors[1] < 0.08
-    values = Diagnostics(pipeline, "tracker", 0.0).line(1.0).values
+    assert abs(session.tracker.skeleton.height - 1.75) < 0.05 and errors[1] < 0.08
+    values = Diagnostics(session, "tracker", 0.0).line(1.0).values
     assert float(values["height [m]"]) == pytest.approx(height.height, abs=6e-4)
     assert float(values["height: deviation [m]"]) == pytest.approx(height.deviation, abs=6e-4)
-    assert pipeline.heights() == {"": height} and height_in_words(height).endswith("deviation 0.06 m")
-    pipeline.reset()
+    assert session.heights() == {"": height} and height_in_words(height).endswith("deviation 0.06 m")
+    session.reset()
     assert height_in_words(height) == "1.70 m, a mean of people: no depth was measured"
-    assert Pipeline(TrackerConfig(), NodeSettings()).heights() == {}
-    assert pipeline.tracker.skeleton.height == pytest.approx(config.assumed_height) and not height.measured
+    assert Session(TrackerConfig(), NodeSettings()).heights() == {}
+    assert session.tracker.skeleton.height == pytest.approx(config.assumed_height) and not height.measured
     assert (config.height_text, TrackerConfig().height_text) == ("to be measured", "1.75 m")
-    untold, pipeline = track(scene, None, config=config, frames=20)
-    assert pipeline.tracker.skeleton.height == config.assumed_height
+    untold, session = track(scene, None, config=config, frames=20)
+    assert session.tracker.skeleton.height == config.assumed_height
 
 
 def test_a_height_that_nobody_has_is_not_measured(scene, images):
@@ -258,12 +258,12 @@ def test_the_cloud_may_contain_the_depth(scene, images):
     depth = landmarks[0, :, 2].copy()
     depth[3] = np.nan
     message = with_depths(BACKEND, cloud(BACKEND, START_NS, pixels[0]), depth)
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    pipeline.set_camera(camera_info(BACKEND))
-    keypoints, _ = pipeline.first._decode(message)
+    session = Session(TrackerConfig(), NodeSettings())
+    session.set_camera(camera_info(BACKEND))
+    keypoints, _ = session.first._decode(message)
     assert np.isnan(keypoints.depth[3]) and keypoints.depth_of_surface
     assert np.allclose(np.delete(keypoints.depth, 3), np.delete(landmarks[0, :, 2], 3), atol=1e-5)
-    assert pipeline.process(message, 0).accepted
+    assert session.process(message, 0).accepted
 
 
 SIZES = st.sampled_from([0, 1, 2, 3, 7, 16, 16385, 2**32 - 1])

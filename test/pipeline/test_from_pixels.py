@@ -1,4 +1,4 @@
-"""Observations from pixels have the checks of the pipeline."""
+"""Observations from pixels have the checks of the session."""
 
 import warnings
 from datetime import datetime

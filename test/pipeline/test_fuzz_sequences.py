@@ -19,7 +19,7 @@ from sequences import TRACKED_WITHIN, aligned_error  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.pipeline.camera.camera_selection import STEADY  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 TRUTH, PIXELS = people("coco17")[0]
@@ -45,8 +45,8 @@ def good(number, stamp_ns):
 class Sequence:
     """The wrong messages of one kind; random: a generator."""
 
-    def __init__(self, pipeline, random):
-        self.pipeline, self.random = pipeline, random
+    def __init__(self, session, random):
+        self.session, self.random = session, random
         self.unit = UNITS[sorted(UNITS)[random.integers(len(UNITS))]]
         self.focal, self.other = float(random.uniform(250, 3000)), [FRAME, "other", "/" + FRAME][random.integers(3)]
         self.depth = random.uniform(2, 5, 17)
@@ -60,9 +60,9 @@ class Sequence:
 
     def cameras(self, number, stamp_ns):
         if number % 2:
-            self.pipeline.set_camera(camera_info(BACKEND, self.focal, self.other))
+            self.session.set_camera(camera_info(BACKEND, self.focal, self.other))
         else:
-            self.pipeline.set_camera(camera_info(BACKEND))
+            self.session.set_camera(camera_info(BACKEND))
         return good(number, stamp_ns)
 
     def coordinates(self, number, stamp_ns):
@@ -79,7 +79,7 @@ class Sequence:
 
 
 KINDS = ("repeats", "stamps", "cameras", "coordinates", "depths", "scores")
-PIPELINE = Pipeline(TrackerConfig(depth_prior=False), NodeSettings())
+PIPELINE = Session(TrackerConfig(depth_prior=False), NodeSettings())
 
 
 def send(diagnostics, number, message):

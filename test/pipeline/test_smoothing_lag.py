@@ -1,4 +1,4 @@
-"""`smoothing_lag` in the pipeline and the replay: later, in order, each frame with its own stamp."""
+"""`smoothing_lag` in the session and the replay: later, in order, each frame with its own stamp."""
 
 import time
 
@@ -14,7 +14,7 @@ from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = rosbags_backend()
@@ -24,9 +24,9 @@ PIXELS = pixels_of_motion(60)
 
 
 def pipeline_for(lag=LAG, **settings):
-    pipeline = Pipeline(TrackerConfig(smoothing_lag=lag), NodeSettings(**settings))
-    pipeline.set_camera(camera_info(BACKEND))
-    return pipeline
+    session = Session(TrackerConfig(smoothing_lag=lag), NodeSettings(**settings))
+    session.set_camera(camera_info(BACKEND))
+    return session
 
 
 def stamp(index):
@@ -38,15 +38,15 @@ def stamp_of(message):
 
 
 def test_late_frames_have_their_own_messages_and_continuous_joint_states():
-    pipeline, frames = pipeline_for(), []
+    session, frames = pipeline_for(), []
     for i, xy in enumerate(PIXELS):
-        due = pipeline.frames(cloud(BACKEND, stamp(i), xy), 0)
+        due = session.frames(cloud(BACKEND, stamp(i), xy), 0)
         assert [f.stamp_ns for f in due] == [stamp(i - WAITING)][: i >= WAITING]
         assert all(f.held_s == pytest.approx(LAG) for f in due)
         frames += due
-    assert pipeline.counts["accepted"] == len(PIXELS)
-    frames += frames_of(pipeline.finish())
-    assert [f.stamp_ns for f in frames] == [stamp(i) for i in range(len(PIXELS))] and pipeline.finish() == []
+    assert session.counts["accepted"] == len(PIXELS)
+    frames += frames_of(session.finish())
+    assert [f.stamp_ns for f in frames] == [stamp(i) for i in range(len(PIXELS))] and session.finish() == []
     for i, frame in enumerate(frames):
         assert np.allclose(frame.detected, PIXELS[i], atol=1e-3)
         assert np.array_equal(frame.positions[:3], frame.estimate.state.translation)
@@ -57,7 +57,7 @@ def test_late_frames_have_their_own_messages_and_continuous_joint_states():
 
 def test_a_lag_of_3_ms_has_no_effect_and_one_with_almost_no_smoothing_only_delays():
     """docs/tuning.md, smoothing_lag."""
-    at_once, delayed = pipeline_for(0.003), Pipeline(TrackerConfig(smoothing=5e-4, smoothing_lag=LAG), NodeSettings())
+    at_once, delayed = pipeline_for(0.003), Session(TrackerConfig(smoothing=5e-4, smoothing_lag=LAG), NodeSettings())
     delayed.set_camera(camera_info(BACKEND))
     for i, xy in enumerate(PIXELS[:10]):
         assert [f.stamp_ns for f in at_once.frames(cloud(BACKEND, stamp(i), xy), 0)] == [stamp(i)]
@@ -67,41 +67,41 @@ def test_a_lag_of_3_ms_has_no_effect_and_one_with_almost_no_smoothing_only_delay
 
 
 def test_the_keypoints_delay_does_not_include_the_lag():
-    pipeline = pipeline_for()
-    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    session = pipeline_for()
+    diagnostics = Diagnostics(session, "tracker", 0.0)
     for i in range(10):
         arrival_ns = stamp(i) + 40_000_000
-        frames = pipeline.frames(cloud(BACKEND, stamp(i), PIXELS[i]), arrival_ns)
+        frames = session.frames(cloud(BACKEND, stamp(i), PIXELS[i]), arrival_ns)
         diagnostics.count_message(frames, arrival_ns, 0.1 * i, 0.001)
     assert diagnostics.line(1.0).values["keypoints delay median [s]"] == "0.040"
 
 
 def test_each_person_has_a_separate_lag_and_absent_people_are_published_too():
-    pipeline, got = pipeline_for(max_people=2), {}
+    session, got = pipeline_for(max_people=2), {}
     for i in range(30):
         people = [PIXELS[i] - [300, 0], PIXELS[i] + [300, 0]][: 2 if i < 20 else 1]
         message = crowd(BACKEND, stamp(i), [(xy, np.ones(17)) for xy in people], list(range(4, 4 + len(people))))
-        for frame in pipeline.frames(message, 0):
+        for frame in session.frames(message, 0):
             assert frame.accepted and frame.held_s == pytest.approx(LAG)
             got.setdefault(frame.person, []).append(frame.stamp_ns)
     assert got["p4"] == [stamp(i) for i in range(30 - WAITING)] and got["p5"] == [stamp(i) for i in range(20)]
-    assert [(f.person, f.stamp_ns) for f in frames_of(pipeline.finish())] == [("p4", stamp(i)) for i in range(27, 30)]
+    assert [(f.person, f.stamp_ns) for f in frames_of(session.finish())] == [("p4", stamp(i)) for i in range(27, 30)]
 
 
-def loop(pipeline):
+def loop(session):
     """Stamps of an earlier time, which two messages confirm."""
     for i in (-90, -89):
-        pipeline.frames(cloud(BACKEND, stamp(i), PIXELS[0]), 0)
+        session.frames(cloud(BACKEND, stamp(i), PIXELS[0]), 0)
 
 
-@pytest.mark.parametrize("forget", [Pipeline.reset, loop])
+@pytest.mark.parametrize("forget", [Session.reset, loop])
 def test_a_reset_drops_waiting_frames(forget):
-    pipeline = pipeline_for()
+    session = pipeline_for()
     for i in range(10):
-        pipeline.frames(cloud(BACKEND, stamp(i), PIXELS[i]), 0)
-    forget(pipeline)
-    assert pipeline.counts["resets"] >= 1
-    assert all(frame.stamp_ns < START_NS for frame in frames_of(pipeline.finish()))
+        session.frames(cloud(BACKEND, stamp(i), PIXELS[i]), 0)
+    forget(session)
+    assert session.counts["resets"] >= 1
+    assert all(frame.stamp_ns < START_NS for frame in frames_of(session.finish()))
 
 
 def away(stamps, pixels, confidence):

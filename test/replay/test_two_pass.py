@@ -27,7 +27,7 @@ from lassokin_ros.core.recording import WHOLE_FILE  # noqa: E402
 from lassokin_ros.core.tracker import Tracker  # noqa: E402
 from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion  # noqa: E402
 from lassokin_ros.pipeline.frame_result import FrameResult  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from lassokin_ros.replay.keypoint_recording import write_keypoint_recording  # noqa: E402
 from lassokin_ros.replay.passes import passes  # noqa: E402
@@ -160,7 +160,7 @@ def test_a_person_whose_height_is_not_known_yet_is_not_tracked_backward(monkeypa
         KeptObservations, "track_backward", lambda *_: pytest.fail("each track has a height of its own")
     )
     config = TrackerConfig(height=0.0, camera_height=1.2, tilt_deviation=0.01)
-    make = partial(Pipeline, node_config=NodeSettings())
+    make = partial(Session, node_config=NodeSettings())
     assert passes._backward(KeptObservations(), make, make(config), config, {}) == {}
 
 
@@ -247,8 +247,8 @@ def test_an_observation_is_given_back_as_it_was():
 
 def test_the_track_backward_has_the_places_learned_forward_and_leaves_them(monkeypatch):
     """Nobody told where the right camera is: it was found after the first instant, and corrected then."""
-    pipeline = Pipeline(TrackerConfig(extrinsics="learn"), NodeSettings(cameras=("left", "right")))
-    extrinsics, kept, used = pipeline.tracker.learned.extrinsics, KeptObservations(), []
+    session = Session(TrackerConfig(extrinsics="learn"), NodeSettings(cameras=("left", "right")))
+    extrinsics, kept, used = session.tracker.learned.extrinsics, KeptObservations(), []
     found = CameraPose("right", exponential(np.array([[0.0, 1.5, 0.0]]))[0], np.array([0.0, 0.0, 3.0]))
     extrinsics.found["right"], extrinsics.corrections["right"] = found, np.array([0.0, 0.0, 0.0, 0.1, 0.0, 0.0])
     for n, right in enumerate([CameraPose("right", known=False), found]):
@@ -260,8 +260,8 @@ def test_the_track_backward_has_the_places_learned_forward_and_leaves_them(monke
         used.extend(placed(instant) for instant in self._latest_first(self._people[number]["p1"]))
 
     monkeypatch.setattr(KeptObservations, "track_backward", track_backward)
-    make = partial(Pipeline, node_config=pipeline.config)
-    passes._backward(kept, lambda config, bodies: make(config), pipeline, pipeline.tracker.config, {})
+    make = partial(Session, node_config=session.config)
+    passes._backward(kept, lambda config, bodies: make(config), session, session.tracker.config, {})
     places = [[one.camera.translation.tolist() for one in instant] for instant in used]
     assert places == 2 * [[[0.0, 0.0, 0.0], [0.1, 0.0, 3.0]]]
     assert extrinsics.found == {"right": found} and extrinsics.corrections

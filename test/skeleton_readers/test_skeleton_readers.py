@@ -14,7 +14,7 @@ from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.outputs.description.skeleton_file import skeleton_text
 from lassokin_ros.pipeline.outputs.description.urdf import urdf
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.exports.bvh import hierarchy
 from lassokin_ros.skeleton_readers import smpl
@@ -340,12 +340,12 @@ def test_the_core_names_the_reader_of_the_file(tmp_path):
 def test_node_and_replay_read_a_skeleton_file(tmp_path):
     smpl_like(tmp_path / "model.npz")
     config = TrackerConfig(skeleton=str(tmp_path / "model.npz"))
-    pipeline = Pipeline(config, NodeSettings(max_people=2))
-    same(pipeline.tracker.skeleton, BUILT_IN)
+    session = Session(config, NodeSettings(max_people=2))
+    same(session.tracker.skeleton, BUILT_IN)
 
 
 def test_node_and_replay_refuse_a_skeleton_without_a_valid_urdf(tmp_path):
     """As it may be in a BVH file with its own names."""
     (tmp_path / "own.yaml").write_text(skeleton_text(BUILT_IN).replace('"pelvis"', '"root"'))
     with pytest.raises(SkeletonError, match="two joints of its URDF would be called 'root_x'"):
-        Pipeline(TrackerConfig(skeleton=str(tmp_path / "own.yaml")), NodeSettings())
+        Session(TrackerConfig(skeleton=str(tmp_path / "own.yaml")), NodeSettings())

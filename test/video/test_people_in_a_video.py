@@ -9,7 +9,7 @@ from two_people import RATE, scene
 
 from benchmarks.common.report import data_folder
 from lassokin_ros.detector.backend import Detected
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.video import track as track_module
 from lassokin_ros.video.command import main
 from lassokin_ros.video.people import PersonError, choose, people_in, settings_for
@@ -68,8 +68,8 @@ def test_one_of_two_people_is_tracked_all_the_time(who, side, two, long_video, t
 
 def test_all_people_have_their_files(monkeypatch, two, long_video, tmp_path, capsys):  # noqa: F811
     """And each of them is tracked backward, too."""
-    given, use = [], Pipeline.use_backward
-    monkeypatch.setattr(Pipeline, "use_backward", lambda self, frames: (given.append(frames), use(self, frames)))
+    given, use = [], Session.use_backward
+    monkeypatch.setattr(Session, "use_backward", lambda self, frames: (given.append(frames), use(self, frames)))
     found = run(long_video, tmp_path, "--person", "all", "--export", str(tmp_path / "m.bvh"))
     (frames,) = given
     for number, (person, (seconds, x)) in enumerate(sorted(found.items()), 1):

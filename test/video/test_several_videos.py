@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from lassokin_ros.core.learned import camera_finder
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, read_cameras
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.video import several_videos
 from lassokin_ros.video.command import main
 from lassokin_ros.video.found_cameras import calibration_toml
@@ -99,8 +99,8 @@ def write_calibration(path, names):
 
 def test_two_videos_give_one_motion_in_the_frame_of_the_calibration(short, capsys, tmp_path, monkeypatch):
     """They are tracked backward, too."""
-    given, use = [], Pipeline.use_backward
-    monkeypatch.setattr(Pipeline, "use_backward", lambda self, frames: (given.append(frames), use(self, frames)))
+    given, use = [], Session.use_backward
+    monkeypatch.setattr(Session, "use_backward", lambda self, frames: (given.append(frames), use(self, frames)))
     command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--export", "walk.npz"]
     (tmp_path / "robot.yaml").write_text(ROBOT, encoding="utf-8")
     assert main([*command, "--params-file", "robot.yaml", "-p", "fixed_frame:=world"]) == 0

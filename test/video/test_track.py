@@ -14,7 +14,7 @@ import pytest
 
 from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.detector.backend import Detected, DetectorError
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.video import track as track_module
 from lassokin_ros.video.camera import from_file, from_fov
 from lassokin_ros.video.command import main
@@ -296,9 +296,9 @@ def positions(file):
 
 
 def test_a_file_is_smoothed_with_later_frames_and_detected_once(long_video, tmp_path, monkeypatch, capsys):
-    detector, given, use = Walking(), [], Pipeline.use_backward
+    detector, given, use = Walking(), [], Session.use_backward
     monkeypatch.setattr(track_module, "make_detector", lambda name: detector)
-    monkeypatch.setattr(Pipeline, "use_backward", lambda self, frames: (given.append(frames), use(self, frames)))
+    monkeypatch.setattr(Session, "use_backward", lambda self, frames: (given.append(frames), use(self, frames)))
     for name, options in (("whole", []), ("causal", ["--causal"])):
         files = ["--export", str(tmp_path / f"{name}.npz"), "--video", str(tmp_path / f"{name}.mp4")]
         assert main([str(long_video), "--fov", "60", *files, *options]) == 0
@@ -393,7 +393,7 @@ def test_a_parameter_file_of_a_robot_is_used_without_its_topics(images, monkeypa
 def test_the_images_of_a_video_are_raw_unless_the_command_says_otherwise(images, monkeypatch):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
     seen = []
-    monkeypatch.setattr(track_module, "Pipeline", lambda tracker, node, *_, **__: seen.append(node) or 1 / 0)
+    monkeypatch.setattr(track_module, "Session", lambda tracker, node, *_, **__: seen.append(node) or 1 / 0)
     for given in ([], ["-p", "rectified:=true"]):
         with pytest.raises(ZeroDivisionError):
             main([str(images), "--height", "1.75", "--params-file", str(CONFIG / "zed.yaml"), *given])

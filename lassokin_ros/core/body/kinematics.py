@@ -14,10 +14,10 @@ from functools import cached_property
 
 import numpy as np
 
-from lassokin_ros.core import kernel
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, hat, logarithm
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.record import record
 
 
@@ -33,6 +33,10 @@ class BodyState:
 
         omega: (..., 3 n) rad, the paper's Omega; translation_step: (..., 3) m, its x.
         """
+        if kernel.active:
+            moved = np.empty(self.rotations.shape)
+            if kernel.retract(self.rotations, omega, moved):
+                return BodyState(moved, self.translation + translation_step)
         steps = exponential(omega.reshape(self.rotations.shape[:-1]))
         return BodyState(self.rotations @ steps, self.translation + translation_step)
 
@@ -108,7 +112,7 @@ class Kinematics:
         vectors: (..., n + l, 3, 1) m, `vectors` of another body with the same tree; default: this body's.
         """
         vectors, n = self.vectors if vectors is None else vectors, self.joint_count
-        if kernel.pose is not None:
+        if kernel.active:
             lead = state.rotations.shape[:-3]
             orientations, places = np.empty(state.rotations.shape), np.empty((*lead, len(self.vectors), 3))
             tree = self.skeleton.parents, self.layout.joints
@@ -136,6 +140,10 @@ class Kinematics:
 
     def live_twists(self, pose: BodyPose, axes: np.ndarray) -> np.ndarray:
         """(..., live, 6): `twists` of the live degrees of freedom; axes: (..., n, 3, 3), see `twists`."""
+        if kernel.active:
+            found = np.empty((*axes.shape[:-3], len(self.live_index), 6))
+            if kernel.twists(axes, pose.positions, self.live_index, found):
+                return found
         return twists(pose, axes).take(self.live_index, axis=-2)
 
     def point_columns(
@@ -154,9 +162,10 @@ class Kinematics:
         """
         f = rows.reshape(*rows.shape[:-3], -1, 3)
         reach = self.reach_of(joints, rows.shape[-2])
-        moments = wrenches(root, points, f).swapaxes(-1, -2)
-        np.multiply(live_twists @ moments, reach, out=columns[..., :-3, :])
-        columns[..., -3:, :] = f.swapaxes(-1, -2)
+        if not (kernel.active and kernel.point_columns(live_twists, root, points, f, reach, columns)):
+            moments = wrenches(root, points, f).swapaxes(-1, -2)
+            np.multiply(live_twists @ moments, reach, out=columns[..., :-3, :])
+            columns[..., -3:, :] = f.swapaxes(-1, -2)
 
     def reach_of(self, joints: np.ndarray, rows: int) -> np.ndarray:
         """(live, m k): 1 where a live degree of freedom moves the point of a row, for m rows per point.

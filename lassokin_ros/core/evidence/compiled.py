@@ -1,4 +1,4 @@
-"""`linearise` of `ImagePoints`, `LearnedDepth`, `PosePrior`, `Upright` and `Balance` by the compiled kernel.
+"""`linearise` and `cost` of `ImagePoints`, `LearnedDepth`, `PosePrior`, `Upright` and `Balance` by the compiled kernel.
 
 It treats regular frames: one state, Huber's weights, and rows about the frame's start.
 """
@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.core import kernel
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.evidence.balance import OFFSET_DEVIATION, Balance
 from lassokin_ros.core.evidence.evidence import EvaluatedState, LinearisationPoint
@@ -20,9 +19,10 @@ from lassokin_ros.core.evidence.pose_prior import PosePrior
 from lassokin_ros.core.evidence.upright import LEAN_DEVIATION, Upright
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import NEAREST_DEPTH
-from lassokin_ros.core.image.robust_loss import THRESHOLD, huber_weights
+from lassokin_ros.core.image.robust_loss import CAP, THRESHOLD, huber_weights
+from lassokin_ros.core.kernel import kernel
 
-_CONSTANTS = np.array([NEAREST_DEPTH, THRESHOLD, LEAN_DEVIATION, OFFSET_DEVIATION, TAIL])
+_CONSTANTS = np.array([NEAREST_DEPTH, THRESHOLD, CAP, LEAN_DEVIATION, OFFSET_DEVIATION, TAIL])
 
 
 class CompiledEvidence:
@@ -59,11 +59,18 @@ class CompiledEvidence:
         self, about: LinearisationPoint, rows: Mapping[str, slice], columns: np.ndarray, z: np.ndarray
     ) -> bool:
         """Fill the rows of the evidence in `names`. Returns False if the frame is not regular."""
-        if kernel.linearise is None or about.robust is not huber_weights or about.increment_jacobian is not None:
+        if not kernel.active or about.robust is not huber_weights or about.increment_jacobian is not None:
             return False
         begin = tuple(rows[name].start for name in (PosePrior.name, Upright.name, Balance.name))
         state, views = self._state(about.states, about.frame), self._views(about.frame, rows)
-        return bool(kernel.linearise(self._tables, state, views, begin, columns, z))
+        return kernel.linearise(self._tables, state, views, begin, columns, z)
+
+    def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray | None:
+        """The cost (...,) of the evidence in `names`; None if the frame is not regular."""
+        found = np.empty(states.pose.landmarks.shape[:-2])
+        if kernel.active and kernel.cost(self._tables, self._state(states, frame), self._views(frame, {}), found):
+            return found
+        return None
 
     def _state(self, states: EvaluatedState, frame: FrameData) -> tuple[Any, ...]:
         pose, posture = states.pose, states.posture
@@ -72,14 +79,15 @@ class CompiledEvidence:
         return (*places, posture.theta, posture.residual, frame.up, height, weight)
 
     def _views(self, frame: FrameData, rows: Mapping[str, slice]) -> tuple[tuple[Any, ...], ...]:
-        """What each camera sees, with its first rows."""
+        """What each camera sees, with its first rows (0 without `rows`)."""
         views: list[tuple[Any, ...]] = []
         for view, (image, depth) in zip(frame.views, self._pieces):
             camera, given = view.camera, view.joint_depths
-            seen = view.points, view.weights, camera.rotation, camera.translation, rows[image.name].start
+            begin = rows[image.name].start if rows else 0
+            seen = view.points, view.weights, camera.rotation, camera.translation, begin
             if depth is None or given is None:
                 views.append((*seen, None, None, None, None, None))
                 continue
-            begin = rows[depth.name].start
+            begin = rows[depth.name].start if rows else 0
             views.append((*seen, given.sight, given.depths, given.whitening, depth.factor(frame), begin))
         return tuple(views)

@@ -137,4 +137,7 @@ class FrameModel:
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(...,) negative log-likelihood of each state, all evidence together."""
-        return np.asarray(sum(piece.cost(states, frame) for piece in self.pieces.values() if piece.present(frame)))
+        compiled = self._compiled.cost(states, frame)
+        cost, done = (0.0, ()) if compiled is None else (compiled, self._compiled.names)
+        others = (piece for name, piece in self.pieces.items() if name not in done and piece.present(frame))
+        return np.asarray(cost + sum(piece.cost(states, frame) for piece in others))

@@ -19,8 +19,8 @@ from copy import copy
 
 import numpy as np
 
-from lassokin_ros.core import kernel
 from lassokin_ros.core.image.projection import carried
+from lassokin_ros.core.kernel import kernel
 
 ACCELERATION_FACTORS = np.array([0.15, 0.5, 1.5, 4.0])
 """Accelerations of the models, as multiples of the typical one."""
@@ -92,7 +92,7 @@ class KeypointTracks:
         weights: (l,) of the points, 0 = missing. known, unseen: (l,) those of the filter, updated in place. limits:
         largest squared distance over variance of a point from its track, `MAX_GAP`, and the model error.
         """
-        if kernel.follow is None:
+        if not kernel.active:
             return None
         switching = _switching(step)
         mixing = step, 1 - (_MODELS - 1) * switching, switching, 2 * (acceleration * step) ** 2

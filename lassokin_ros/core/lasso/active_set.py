@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from lassokin_ros.core import kernel
+from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.scipy_functions import lapack
 
 NEGLIGIBLE = 0.2
@@ -29,7 +29,7 @@ def predicted_solution(
     """The exact solution (n,) on the support that a guess (n,) predicts, for example the last frame's; None if it is
     not found within `steps`.
     """
-    if kernel.predicted is not None:
+    if kernel.active:
         omega = np.empty(len(g))
         if kernel.predicted(H, g, alpha, guess, np.array([NEGLIGIBLE, ENTERING_TOGETHER, ALONE_FROM, steps]), omega):
             return omega

@@ -18,6 +18,7 @@ import numpy as np
 import proxsuite
 
 from lassokin_ros.core.errors import SolverError
+from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.lasso.problem import Reduced
 from lassokin_ros.core.record import record
 from lassokin_ros.core.scipy_functions import lapack
@@ -129,15 +130,16 @@ def projected(reduced: Reduced, alpha: np.ndarray) -> Form:
 
 def condensed(reduced: Reduced, alpha: np.ndarray) -> Form | None:
     """The condensed dual in units of alpha, divided by the mean diagonal; None if H is not safely positive definite."""
-    H, g = reduced.H, reduced.g
-    scaled = _inverse(H)
-    if scaled is None:
-        return None
-    scaled *= alpha
-    scaled *= alpha[:, None]
-    mean = scaled.trace() / len(alpha)
-    scaled /= mean
-    linear = -scaled.dot(g / alpha)
+    H, g, scaled, linear, mean = reduced.H, reduced.g, np.empty(reduced.H.shape), np.empty(len(alpha)), np.empty(1)
+    largest = np.array([LARGEST_CONDITION])
+    if not (kernel.active and kernel.condensed(H, g, alpha, largest, scaled, linear, mean)):
+        inverse = _inverse(H)
+        if inverse is None:
+            return None
+        scaled = inverse * alpha * alpha[:, None]
+        mean = scaled.trace() / len(alpha)
+        scaled /= mean
+        linear = -scaled.dot(g / alpha)
     bound = np.ones(len(alpha))
     return Form("condensed", scaled, linear, None, bound, mean / alpha, lambda o: (g - H.dot(o)) / alpha)
 

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from lassokin_ros.core.errors import SolverError
+from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.record import record
 from lassokin_ros.core.scipy_functions import lapack
 
@@ -75,6 +76,11 @@ class Reduced:
 def eliminate_translation(problem: Lasso) -> Reduced:
     """Eliminate x by KKT-3 (15). In unobservable directions (one landmark or none) x is 0."""
     A, B, z = problem.A, problem.B, problem.z
+    if kernel.active:
+        m, n = A.shape
+        rows, z_projected, Y, g = np.empty((n, m)), np.empty(m), np.empty((3, m)), np.empty(n)
+        if kernel.eliminate(A.T, B.T, z, rows, z_projected, Y, g):
+            return Reduced(rows.T, z_projected, Y, rows @ rows.T, g)
     # A pseudo-inverse instead of a ridge: with a small alpha, even a ridge of 1e-12 is visible in KKT-3.
     values, vectors, _ = lapack.dsyev(B.T.dot(B))
     smallest = 1e-10 * float(values[2])

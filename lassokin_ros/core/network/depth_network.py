@@ -23,11 +23,11 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.core import kernel
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.roles import NETWORK_JOINTS, SIDES, sided
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import carried
+from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.observation import AXES
 from lassokin_ros.core.record import record
 
@@ -141,7 +141,7 @@ class Scene:
 
 def features(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """(inputs (..., INPUTS) float32, rotation (..., 3, 3) from the camera frame into the virtual camera)."""
-    if kernel.features is not None and scene.points.ndim == 3:
+    if kernel.active and scene.points.ndim == 3:
         result, rotation = np.empty(INPUTS, dtype=np.float32), np.empty((3, 3))
         rest = np.concatenate(([scene.up_known], _length_inputs(scene)))
         given = scene.points.copy(), scene.seen, _IS_TRUNK, _GAINS, scene.up * scene.up_known, rest
@@ -257,6 +257,10 @@ def activated(h: np.ndarray) -> np.ndarray:
 
 def layer(h: np.ndarray, W: np.ndarray, b: np.ndarray) -> np.ndarray:
     """`activated` of `linear`."""
+    if kernel.active:
+        result = h @ W
+        if kernel.activate(result, b):
+            return result
     return activated(linear(h, W, b))
 
 
@@ -293,6 +297,10 @@ class Network:
         """
         inputs, rotation = features(scene)
         outputs = self(inputs)
+        if kernel.active:
+            places, depths, whitening = np.empty((len(PLACES), 3)), np.empty(DEPTHS), np.empty((DEPTHS, DEPTHS))
+            if kernel.decode(outputs, np.array([height]), _FROM_OUTPUTS, places, depths, whitening):
+                return places, depths, whitening, rotation
         found, whitening = interpreted(outputs)
         targets = height * found.astype(float)
         places = np.concatenate((targets, -targets[:1]))  # left_hip is the first target

@@ -18,7 +18,7 @@ from lassokin_ros.node.log_throttle import LogThrottle
 from lassokin_ros.pipeline.camera_images import CameraImages
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 
 
 class CameraInputs:
@@ -27,7 +27,7 @@ class CameraInputs:
     def __init__(
         self,
         node: Node,
-        pipeline: Pipeline,
+        session: Session,
         images: CameraImages,
         diagnostics: Diagnostics,
         on_depth: Callable[[str, Any], None],
@@ -38,7 +38,7 @@ class CameraInputs:
 
         Raises ConfigurationError if the package of a required message type is not installed.
         """
-        self._pipeline, self._images, self._diagnostics, self._on_error = pipeline, images, diagnostics, on_error
+        self._session, self._images, self._diagnostics, self._on_error = session, images, diagnostics, on_error
         self._warning = LogThrottle(node.get_logger().warning, time.monotonic)
         topic, now = topics.of_camera(topics.CAMERA_INFO, images.name), time.monotonic()
         self._received = False
@@ -55,7 +55,7 @@ class CameraInputs:
         self._missing_camera = MissingInput(node, topic, topics.CAMERA_INFO_TYPE, (), now)
         self._depth = None
         if images.depth is not None:
-            depth = pipeline.config.depth_topic(images.name)
+            depth = session.config.depth_topic(images.name)
             self._depth = DepthInput(node, depth, images.depth, partial(on_depth, images.name), now)
 
     def poll(self) -> None:
@@ -80,7 +80,7 @@ class CameraInputs:
         self._diagnostics.count_camera_info(time.monotonic())
 
     def _on_camera_info(self, message: Any) -> bool:
-        reason = self._pipeline.set_camera(message, self._images.name)
+        reason = self._session.set_camera(message, self._images.name)
         if reason is not None:
             self._warning.log(reason, f"camera_info refused: {self._images.camera.fault}")
         return reason is None and not self._images.camera.is_shared

@@ -31,7 +31,7 @@ class KeypointInput:
     ) -> None:
         """topic: name before remapping.
 
-        before: called before the waiting messages are taken. counts: the Counter of the pipeline.
+        before: called before the waiting messages are taken. counts: the Counter of the session.
 
         process: called with each selected message and the time of its reception, ns, 0 if the middleware gives none.
         Raises ConfigurationError if the package of the message type is not installed.

@@ -19,8 +19,8 @@ from lassokin_ros.node.inputs.polled_subscription import SimulatedTime
 from lassokin_ros.node.inputs.transform_input import TransformInput
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
-from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.people.per_body_session import PerBodySession
+from lassokin_ros.pipeline.session import Session
 
 
 class SceneInputs:
@@ -29,7 +29,7 @@ class SceneInputs:
     def __init__(
         self,
         node: Node,
-        pipeline: Pipeline | PerBodyPipeline,
+        session: Session | PerBodySession,
         diagnostics: Diagnostics,
         on_depth: Callable[[str, Any], None],
         on_error: Callable[[str, Exception], None],
@@ -39,13 +39,13 @@ class SceneInputs:
 
         Raises ConfigurationError if the package of a required message type is not installed.
         """
-        self._node, self._pipeline, self._on_error = node, pipeline, on_error
+        self._node, self._session, self._on_error = node, session, on_error
         self.simulated_time = SimulatedTime(node)
         self._cameras = {
-            name: CameraInputs(node, pipeline, images, diagnostics, on_depth, on_error)
-            for name, images in pipeline.cameras.items()
+            name: CameraInputs(node, session, images, diagnostics, on_depth, on_error)
+            for name, images in session.cameras.items()
         }
-        user = pipeline.places or pipeline.mount
+        user = session.places or session.mount
         self._transforms = None if user is None else TransformInput(node, user)
         self._missing_clock = MissingInput(node, topics.CLOCK, topics.CLOCK_TYPE, (), time.monotonic())
 
@@ -80,5 +80,5 @@ class SceneInputs:
         faults += [camera.check(now) for camera in self._cameras.values()]
         if self._transforms is not None:
             fault = self._transforms.check(now)
-            faults.append("" if self._pipeline.places else fault)  # /diagnostics has it for each camera
+            faults.append("" if self._session.places else fault)  # /diagnostics has it for each camera
         return "; ".join(filter(None, faults))

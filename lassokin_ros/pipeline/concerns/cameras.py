@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 from lassokin_ros.pipeline.concerns.catalogue import Raised, say
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 
 SILENCE_S = 2.0
 """s: a longer period without keypoints is a warning."""
@@ -13,52 +13,52 @@ APART_S = 0.06
 """s: difference of the delays of two cameras that is a warning. Prediction over it costs a quarter of the accuracy."""
 
 
-def wrong_cameras(pipeline: Pipeline, learned: bool = True) -> Iterator[Raised]:
+def wrong_cameras(session: Session, learned: bool = True) -> Iterator[Raised]:
     """Yield which cameras are wrong, as the person shows: they contradict the others, or their poses are off.
 
     That cameras contradict each other is said without naming the wrong one, if no pose is known to be off. learned:
     also yield poses whose error is small enough to be learned.
     """
-    extrinsics, words = pipeline.extrinsics, list(pipeline.placement.agreement.left_out.values())
+    extrinsics, words = session.extrinsics, list(session.placement.agreement.left_out.values())
     poses = []
     if extrinsics is not None:
-        poses = [extrinsics.in_words(name) if learned else extrinsics.wrong.get(name, "") for name in pipeline.cameras]
+        poses = [extrinsics.in_words(name) if learned else extrinsics.wrong.get(name, "") for name in session.cameras]
     words += filter(None, poses)
     if not any(poses):
-        words += pipeline.placement.agreement.undecided()
+        words += session.placement.agreement.undecided()
     return (say("camera_wrong", fault=fault) for fault in words)
 
 
-def camera_concerns(pipeline: Pipeline, sending: Sequence[str], silent_s: Callable[[str], float]) -> Iterator[Raised]:
+def camera_concerns(session: Session, sending: Sequence[str], silent_s: Callable[[str], float]) -> Iterator[Raised]:
     """Yield what is wrong. sending: cameras with messages in the last period. silent_s: returns s without messages."""
-    if pipeline.places is None:
+    if session.places is None:
         return
-    for fault in pipeline.places.faults.values():
+    for fault in session.places.faults.values():
         yield say("camera_unplaced", fault=fault)
-    if len(pipeline.cameras) == 1:
+    if len(session.cameras) == 1:
         return
-    if shared := pipeline.places.shared_frame:
+    if shared := session.places.shared_frame:
         yield say("cameras_share_frame", fault=shared)
-    silent = pipeline.config.silent_when_empty and pipeline.detector_connected
-    for name, camera in pipeline.cameras.items():
+    silent = session.config.silent_when_empty and session.detector_connected
+    for name, camera in session.cameras.items():
         if camera.camera.view is None:
             yield say("camera_without_info", camera=name)
         elif not silent and silent_s(name) > SILENCE_S:
             yield say("camera_silent", camera=name, limit=SILENCE_S)
-    yield from _clocks(pipeline, sending)
-    yield from wrong_cameras(pipeline)
+    yield from _clocks(session, sending)
+    yield from wrong_cameras(session)
 
 
-def no_usable_image(pipeline: Pipeline, sending: Sequence[str]) -> Iterator[Raised]:
+def no_usable_image(session: Session, sending: Sequence[str]) -> Iterator[Raised]:
     """Yield why no camera that sends keypoints can be used."""
-    places = pipeline.places
+    places = session.places
     if places is not None and sending and all(name in places.faults for name in sending) and places.fault:
         yield say("no_usable_image", fault=places.fault)
 
 
-def _clocks(pipeline: Pipeline, sending: Sequence[str]) -> Iterator[Raised]:
+def _clocks(session: Session, sending: Sequence[str]) -> Iterator[Raised]:
     """Yield that the stamps of two cameras are of different clocks, or one of the detectors is slower."""
-    cameras = ((name, pipeline.cameras[name]) for name in sending)
+    cameras = ((name, session.cameras[name]) for name in sending)
     delays = {name: camera.delay_s for name, camera in cameras if camera.delay_s is not None}
     if len(delays) < 2:
         return

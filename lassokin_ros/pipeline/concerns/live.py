@@ -18,7 +18,7 @@ from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.people.people_tracker import GONE
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import MESSAGE
 
 FUTURE_S, LATE_S, LATEST_S, PAST_S = 1.0, 0.5, 60.0, 3600.0
@@ -41,9 +41,9 @@ MOST_MARKED = 0.5
 Rule = Callable[[Period], Iterator[Raised]]
 
 
-def of_each_camera(pipeline: Pipeline, rule: Callable[[CameraImages], Iterator[Raised]]) -> Iterator[Raised]:
+def of_each_camera(session: Session, rule: Callable[[CameraImages], Iterator[Raised]]) -> Iterator[Raised]:
     """Yield what a rule finds about each camera, with the name of each one of several."""
-    for name, camera in pipeline.cameras.items():
+    for name, camera in session.cameras.items():
         for raised in rule(camera):
             yield raised._replace(text=f"camera '{name}': {raised.text}") if name else raised
 
@@ -54,7 +54,7 @@ def passed_on(key: str, text: str) -> Iterator[Raised]:
         yield Raised(key, CONCERNS[key].level, text)
 
 
-def camera_refused(pipeline: Pipeline) -> Iterator[Raised]:
+def camera_refused(session: Session) -> Iterator[Raised]:
     """Yield why the last camera_info of a camera was refused."""
 
     def refused(camera: CameraImages) -> Iterator[Raised]:
@@ -62,7 +62,7 @@ def camera_refused(pipeline: Pipeline) -> Iterator[Raised]:
             kept = "" if camera.camera.view is None else "; the last good one is used"
             yield say("camera_refused", fault=fault, kept=kept)
 
-    return of_each_camera(pipeline, refused)
+    return of_each_camera(session, refused)
 
 
 def rejections(period: Period) -> Iterator[Raised]:
@@ -89,20 +89,20 @@ def _cameras_fit(period: Period) -> Iterator[Raised]:
             width, height = camera.camera.view.size
             yield say("outside", width=width, height=height, when="")
 
-    yield from of_each_camera(period.pipeline, unlikely)
-    yield from of_each_camera(period.pipeline, outside)
+    yield from of_each_camera(period.session, unlikely)
+    yield from of_each_camera(period.session, outside)
 
 
 def _fit(period: Period) -> Iterator[Raised]:
     """Yield that the keypoints do not fit a body."""
     if period.misfits and float(np.median(period.misfits)) >= NO_BODY:
-        tracker = period.pipeline.tracker
+        tracker = period.session.tracker
         yield say("no_body", distance=NO_BODY * tracker.skeleton.height, landmarks=tracker.config.landmarks)
 
 
 def _turnover(period: Period) -> Iterator[Raised]:
     """Yield that more people came and left than is plausible."""
-    config, recent = period.pipeline.config, period.recent
+    config, recent = period.session.config, period.recent
     numbered = not config.topic_per_body and config.person_ids == MESSAGE
     if numbered and min(recent["people come"], recent["people left"]) > TURNOVER and not recent["resets"]:
         yield say("turnover")
@@ -110,15 +110,15 @@ def _turnover(period: Period) -> Iterator[Raised]:
 
 def _depth(period: Period) -> Iterator[Raised]:
     """Yield why measured depth is not used."""
-    pipeline, recent = period.pipeline, period.recent
+    session, recent = period.session, period.recent
     unused = period.with_depth < LEAST_DEPTH_USED * period.tracked
     if recent[DEPTH_IN_MESSAGE] and unused:
         yield say("own_depth_not_near")
-    elif pipeline.depth is not None:
-        found = list(of_each_camera(pipeline, lambda camera: _depth_fault(period, camera)))
-        frozen = any(camera.depth is not None and camera.depth.frozen for camera in pipeline.cameras.values())
+    elif session.depth is not None:
+        found = list(of_each_camera(session, lambda camera: _depth_fault(period, camera)))
+        frozen = any(camera.depth is not None and camera.depth.frozen for camera in session.cameras.values())
         if not found and not frozen:  # `_inputs` names frozen ones
-            found = list(of_each_camera(pipeline, lambda camera: _unmatched_depth(period, camera)))
+            found = list(of_each_camera(session, lambda camera: _unmatched_depth(period, camera)))
             if not found and recent[MATCHED] and unused:
                 found = [say("depth_not_near")]
         yield from found
@@ -128,7 +128,7 @@ def _depth_fault(period: Period, camera: CameraImages) -> Iterator[Raised]:
     if camera.depth is None:
         return iter(())
     if period.depth_images(camera.name) == 0:
-        return iter([say("no_depth_images", topic=period.pipeline.config.depth_topic(camera.name))])
+        return iter([say("no_depth_images", topic=period.session.config.depth_topic(camera.name))])
     return passed_on("depth_unused", camera.depth.fault or camera.depth_check.fault)
 
 
@@ -139,12 +139,12 @@ def _unmatched_depth(period: Period, camera: CameraImages) -> Iterator[Raised]:
 
 def _height(period: Period) -> Iterator[Raised]:
     """Yield that the height is assumed, or that measured depth contradicts it."""
-    pipeline, config = period.pipeline, period.pipeline.tracker.config
+    session, config = period.session, period.session.tracker.config
     if config.height > 0:
-        if any(tracker.learned.size_check.wrong for tracker in pipeline.trackers.values()):
+        if any(tracker.learned.size_check.wrong for tracker in session.trackers.values()):
             yield say("height_wrong", height=config.height)
         return
-    heights = pipeline.heights().values()
+    heights = session.heights().values()
     if not period.tracked or any(height.measured for height in heights):
         return
     floor = max((height.floor_deviation for height in heights), default=0.0)
@@ -169,26 +169,26 @@ def _clock(period: Period) -> Iterator[Raised]:
 
 def _inputs(period: Period) -> Iterator[Raised]:
     """Yield that inputs are not what they seem, see `pipeline/input_checks`."""
-    pipeline, recent = period.pipeline, period.recent
-    yield from of_each_camera(pipeline, lambda camera: passed_on("stamp_rate", camera.stamp_rate.warning))
-    yield from _other_camera(pipeline)
+    session, recent = period.session, period.recent
+    yield from of_each_camera(session, lambda camera: passed_on("stamp_rate", camera.stamp_rate.warning))
+    yield from _other_camera(session)
     if recent[UNSCORED] and recent[UNSCORED] >= recent["received"]:
         yield say("unscored")
-    for name, camera in pipeline.cameras.items():
+    for name, camera in session.cameras.items():
         if camera.depth is not None and camera.depth.frozen:
-            yield say("depth_frozen", topic=pipeline.config.depth_topic(name), limit=FROZEN_S)
+            yield say("depth_frozen", topic=session.config.depth_topic(name), limit=FROZEN_S)
     if recent[JUMPS]:
-        cameras, frame = "cameras have" if len(pipeline.cameras) > 1 else "camera has", pipeline.config.fixed_frame
-        yield say("frame_jumped", cameras=cameras, frame=frame, step=pipeline.placement.jumps.words)
-    yield from of_each_camera(pipeline, lambda camera: passed_on("image_size", camera.image_size.warning))
-    yield from of_each_camera(pipeline, lambda camera: passed_on("own_depth_unused", camera.own_depth.warning))
-    yield from of_each_camera(pipeline, lambda camera: passed_on("ids_from_1", camera.landmark_ids.warning))
+        cameras, frame = "cameras have" if len(session.cameras) > 1 else "camera has", session.config.fixed_frame
+        yield say("frame_jumped", cameras=cameras, frame=frame, step=session.placement.jumps.words)
+    yield from of_each_camera(session, lambda camera: passed_on("image_size", camera.image_size.warning))
+    yield from of_each_camera(session, lambda camera: passed_on("own_depth_unused", camera.own_depth.warning))
+    yield from of_each_camera(session, lambda camera: passed_on("ids_from_1", camera.landmark_ids.warning))
 
 
-def _other_camera(pipeline: Pipeline) -> Iterator[Raised]:
+def _other_camera(session: Session) -> Iterator[Raised]:
     """Yield that camera_info and keypoints of a camera have different frame_ids."""
-    for name, one in pipeline.cameras.items():
-        if pipeline.image is None or (view := one.camera.view) is None:
+    for name, one in session.cameras.items():
+        if session.image is None or (view := one.camera.view) is None:
             continue
         frame, camera = one.frame_id, view.intrinsics.frame_id
         if frame and camera and frame != camera:
@@ -201,8 +201,8 @@ def _interval(period: Period) -> Iterator[Raised]:
     """Yield that people are reported as lost between two messages."""
     if len(period.intervals) < INTERVALS:
         return
-    config, interval = period.pipeline.config, float(np.median(period.intervals))
-    limits = {"stale_after": config.stale_after, "lost_after": period.pipeline.tracker.config.lost_after}
+    config, interval = period.session.config, float(np.median(period.intervals))
+    limits = {"stale_after": config.stale_after, "lost_after": period.session.tracker.config.lost_after}
     short = [f"{name} is {limit:g} s" for name, limit in limits.items() if limit < interval]
     if short:
         which = "both" if len(short) > 1 else "it"
@@ -216,13 +216,14 @@ def _identity(period: Period) -> Iterator[Raised]:
 
 
 def _is_guess(period: Period) -> bool:
-    one, locked = period.pipeline.ids is None, period.pipeline.locked
-    return any(frame.guessed and (one or frame.person == locked) for frame in period.newest)
+    one, locked = period.session.ids is None, period.session.locked
+    here = period.newest if period.tracked else ()
+    return any(frame.guessed and (one or frame.person == locked) for frame in here)
 
 
 def _numbers(period: Period) -> Iterator[Raised]:
     """Yield why the detector's person numbers are not used."""
-    people = period.pipeline.people
+    people = period.session.people
     if people.jumped_number is not None:
         yield say("numbers_jump", number=people.jumped_number)
     elif people.numbers_may_be_indices:
@@ -231,21 +232,21 @@ def _numbers(period: Period) -> Iterator[Raised]:
 
 def _lock(period: Period) -> Iterator[Raised]:
     """Yield that nobody is followed because somebody is locked."""
-    if (locked := period.pipeline.locked) is not None and not _is_guess(period):
+    if (locked := period.session.locked) is not None and not _is_guess(period):
         yield say("locked_forgotten") if locked == GONE else say("locked_absent", person=locked)
 
 
 def _unused_lock(period: Period) -> Iterator[Raised]:
-    if period.pipeline.config.lock and period.pipeline.config.topic_per_body:
+    if period.session.config.lock and period.session.config.topic_per_body:
         yield say("unused_lock")
 
 
 def untrackable(period: Period) -> Iterator[Raised]:
     """Yield why nobody of several people whom the images show is tracked. Of a single person the rejections tell it."""
-    pipeline, recent = period.pipeline, period.recent
-    several = pipeline.config.several_people and not pipeline.config.topic_per_body
+    session, recent = period.session, period.recent
+    several = session.config.several_people and not session.config.topic_per_body
     if several and not period.tracked and recent[NOBODY] < recent["received"]:
-        config = pipeline.tracker.config
+        config = session.tracker.config
         yield say("untrackable", landmarks=config.min_landmarks, confidence=config.min_confidence)
 
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 from lassokin_ros.doubt.live import Judgement
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 
 INTERVALS = 5
 """Number of the newest messages that give the interval between keypoints."""
@@ -24,11 +24,11 @@ class Period:
     last message that has some; last: all results of the last message.
     """
 
-    def __init__(self, pipeline: Pipeline, now: float, before: Period | None = None) -> None:
+    def __init__(self, session: Session, now: float, before: Period | None = None) -> None:
         """before: the last period, whose newest messages are still the newest ones."""
-        self.pipeline, self.since = pipeline, now
-        self._counts = Counter(pipeline.counts)
-        depths = ((name, camera.depth) for name, camera in pipeline.cameras.items())
+        self.session, self.since = session, now
+        self._counts = Counter(session.counts)
+        depths = ((name, camera.depth) for name, camera in session.cameras.items())
         self._depth_images = Counter({name: depth.received for name, depth in depths if depth is not None})
         self.times_ms: list[float] = []
         self.delays: list[float] = []
@@ -45,13 +45,13 @@ class Period:
     @cached_property
     def recent(self) -> Counter[str]:
         """The counts of this period, at the first access."""
-        recent = Counter(self.pipeline.counts)
+        recent = Counter(self.session.counts)
         recent.subtract(self._counts)
         return recent
 
     def depth_images(self, camera: str) -> int:
         """Return the number of depth images that a camera with depth has sent."""
-        depth = self.pipeline.cameras[camera].depth
+        depth = self.session.cameras[camera].depth
         return 0 if depth is None else int(depth.received - self._depth_images[camera])
 
     def add(self, frames: Sequence[FrameResult], arrival_ns: int, now: float, callback_s: float) -> None:
@@ -60,8 +60,8 @@ class Period:
             self.intervals.append(now - self.keypoints_at)
         self.keypoints_at, self.last = now, frames
         self.times_ms.append(1e3 * callback_s)
-        if self.pipeline.nobody_in_view:
-            self.unused_confidence = max(self.unused_confidence, self.pipeline.unused_confidence)
+        if self.session.nobody_in_view:
+            self.unused_confidence = max(self.unused_confidence, self.session.unused_confidence)
         for frame in frames[:1]:
             if arrival_ns:  # 0: a simulated clock that has not started
                 self.delays.append((arrival_ns - frame.stamp_ns) * 1e-9 - frame.held_s)

@@ -55,7 +55,7 @@ class ImageSize:
     def _use_camera(self, info: View | None) -> None:
         self._info = self._scaled = info  # as camera_info tells it, and with the size that is used
         self._factor: float | None = None
-        self._others = self._outside = 0
+        self._agreeing = self._others = self._outside = 0  # messages with this factor, another one; with people outside
 
     @property
     def warning(self) -> str:
@@ -86,14 +86,15 @@ class ImageSize:
         return self._scaled
 
     def _use(self, factor: float | None) -> None:
-        """Use the factor of a message if the first one has it, or several in a row."""
+        """Use the factor of a message if the first one has it, or as many in a row as had the last, up to IN_A_ROW."""
         if factor is None or factor == self._factor:
+            self._agreeing += factor is not None
             self._others = 0
             return
         self._others += 1
-        if self._factor is None or self._others >= IN_A_ROW:
+        if self._factor is None or self._others >= min(IN_A_ROW, self._agreeing):
             assert self._info is not None
-            self._factor, self._others = factor, 0
+            self._factor, self._agreeing, self._others = factor, self._others, 0
             self._scaled = self._info.scaled(factor) if factor not in (UNCERTAIN, 1.0) else self._info
 
     def refuse_outside(self, keypoints: Keypoints, view: View, min_confidence: float) -> None:

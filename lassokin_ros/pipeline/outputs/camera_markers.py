@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.body.rotations import to_quaternion
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.camera_markers import CameraMarkersBuilder
 
@@ -22,19 +22,19 @@ UNKNOWN_HALF = 0.5
 class CameraMarkers:
     """Makes a message of all cameras whose place is known."""
 
-    def __init__(self, backend: Backend, pipeline: Pipeline) -> None:
-        self._pipeline, self._builder = pipeline, CameraMarkersBuilder(backend)
+    def __init__(self, backend: Backend, session: Session) -> None:
+        self._session, self._builder = session, CameraMarkersBuilder(backend)
         self._last = -math.inf
 
     def build(self, stamp_ns: int, now: float) -> Any | None:
         """Return the message; None if no place is known, or PERIOD_S has not passed. now: s of any clock."""
-        places = self._pipeline.places
+        places = self._session.places
         if places is None or now - self._last < PERIOD_S:
             return None
-        extrinsics = self._pipeline.extrinsics
+        extrinsics = self._session.extrinsics
         found = {}
         for name, pose in places.newest.items():
-            view = self._pipeline.cameras[name].camera.view
+            view = self._session.cameras[name].camera.view
             if view is None or name in places.faults:
                 continue
             pose = pose if extrinsics is None else extrinsics.corrected(pose)

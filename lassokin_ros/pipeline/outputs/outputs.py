@@ -19,7 +19,7 @@ from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.people_messages import Image, PeopleMessages
 from lassokin_ros.pipeline.outputs.skeletons_message import SkeletonsMessage
 from lassokin_ros.pipeline.outputs.status.presence_state import TRACKING, PresenceState
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import OFF
 from msg_adapters.backends import Backend
 from msg_adapters.detectors.registry import full_type_name
@@ -57,9 +57,9 @@ class Sink(Protocol):
 class PersonTopics:
     """The topics of one person, with the body's description before the first frame that needs it."""
 
-    def __init__(self, sink: Sink, backend: Backend, pipeline: Pipeline, title: str, person: str, without: str) -> None:
+    def __init__(self, sink: Sink, backend: Backend, session: Session, title: str, person: str, without: str) -> None:
         """title: name of the node. person: the id, empty on the topics of one person. without: a topic left out."""
-        skeleton, config = pipeline.tracker.skeleton, pipeline.config
+        skeleton, config = session.tracker.skeleton, session.config
         self._sink = sink
         naming = Naming.of_person(config, title, person)
         self._description = RobotDescription(backend, skeleton, config.root_frame, naming)
@@ -119,13 +119,13 @@ class Outputs:
     leave, and the locked one those of one person, too.
     """
 
-    def __init__(self, pipeline: Pipeline, sink: Sink, backend: Backend, title: str) -> None:
+    def __init__(self, session: Session, sink: Sink, backend: Backend, title: str) -> None:
         """title: name of the node.
 
         Raises ConfigurationError if the package of a required message type is not installed.
         """
-        self._pipeline, self._sink, self._backend, self._title = pipeline, sink, backend, title
-        config = pipeline.config
+        self._session, self._sink, self._backend, self._title = session, sink, backend, title
+        config = session.config
         self.on_fault: Callable[[str], None] = lambda words: None
         """Called with a reason why a message could not be made."""
         self.on_state: Callable[[str], None] = lambda state: None
@@ -151,8 +151,8 @@ class Outputs:
         self._state_out = sink.open(topics.STATE_OUTPUT, topics.STATE, True)
         self._state, self._text = PresenceState(), StringBuilder(backend)
         self._skeletons_out = sink.open(topics.SKELETONS_OUTPUT, topics.SKELETONS, True)
-        self._skeletons = SkeletonsMessage(backend, pipeline.tracker.skeleton.joint_count, serialised=True)
-        self._cameras = CameraMarkers(backend, pipeline)
+        self._skeletons = SkeletonsMessage(backend, session.tracker.skeleton.joint_count, serialised=True)
+        self._cameras = CameraMarkers(backend, session)
         self._as_of_ns = 0  # newest time of the clock of arrivals for which the state was derived
         self._people_at = self._state_at = 0.0  # s, see `repeat`
 
@@ -164,17 +164,17 @@ class Outputs:
     def start(self, now_ns: int) -> None:
         """Write the state and the list of people before the first answer. now_ns: ns of the clock of arrivals."""
         self._write_state()
-        self.keep(self._pipeline.ids or [], now_ns)
+        self.keep(self._session.ids or [], now_ns)
 
     def publish(self, answer: Answer, now_ns: int, now: float = 0.0) -> None:
         """Write the messages of an answer. now_ns: ns of the clock of arrivals; now: s, see `repeat`."""
-        pipeline, accepted = self._pipeline, answer.accepted
+        session, accepted = self._session, answer.accepted
         self._publish_people(accepted)
         if not answer.frames or accepted:  # a rejected message does not change the list of people
-            self.keep(pipeline.ids or [], now_ns)
+            self.keep(session.ids or [], now_ns)
         if not answer.refused:
             image = answer.stamp_ns, answer.frame_id
-            self._newest.update(answer.frames, pipeline.ids, pipeline.placement.jumps.newest)
+            self._newest.update(answer.frames, session.ids, session.placement.jumps.newest)
             self._write_people(image, now)
             if self._wants(self._skeletons_out):
                 self._sink.write(self._skeletons_out, self._skeletons.build(image, answer.frames))
@@ -182,7 +182,7 @@ class Outputs:
             self.check(now_ns)
 
     def _publish_people(self, frames: Sequence[FrameResult]) -> None:
-        several = self._pipeline.config.several_people
+        several = self._session.config.several_people
         copy_markers = self._write_markers if several and self._wants(self._markers_out) else None
         for frame in frames:
             if several and frame.person not in self._people:
@@ -190,15 +190,15 @@ class Outputs:
             try:
                 if several:
                     self._people[frame.person].publish(frame, copy_markers)
-                if not several or frame.person == self._pipeline.locked:
+                if not several or frame.person == self._session.locked:
                     self.person = self.person or self._open_person("", topics.MARKERS)
                     self.person.publish(frame)
             except SkeletonError as error:
-                self._pipeline.counts[LINK_AS_FRAME] += 1
+                self._session.counts[LINK_AS_FRAME] += 1
                 self.on_fault(str(error))
 
     def _open_person(self, person: str, without: str = "") -> PersonTopics:
-        return PersonTopics(self._sink, self._backend, self._pipeline, self._title, person, without)
+        return PersonTopics(self._sink, self._backend, self._session, self._title, person, without)
 
     def _write_markers(self, message: Any) -> None:
         self._sink.write(self._markers_out, message)
@@ -226,9 +226,9 @@ class Outputs:
 
     def _update_state(self) -> bool:
         """Derive the state, and write it if it has changed. Return True in this case."""
-        pipeline, now_ns = self._pipeline, self._as_of_ns
-        limits = pipeline.reported_lost_after, pipeline.config.forget_after
-        changed = self._state.update(pipeline.presence_at(now_ns), now_ns, *limits, pipeline.scene_known_empty(now_ns))
+        session, now_ns = self._session, self._as_of_ns
+        limits = session.reported_lost_after, session.config.forget_after
+        changed = self._state.update(session.presence_at(now_ns), now_ns, *limits, session.scene_known_empty(now_ns))
         if changed:
             self._write_state()
         return changed
@@ -239,15 +239,15 @@ class Outputs:
         now_ns: as for `check`; without a clock (0) there is no stamp for ~/people and ~/markers. now: s, steady clock.
         """
         if now_ns > 0 and now - self._people_at >= REPEAT_S:
-            self._write_people(self._pipeline.image_at(now_ns), now)
+            self._write_people(self._session.image_at(now_ns), now)
         if now_ns > 0:
-            self.write_cameras(self._pipeline.image_at(now_ns)[0], now)
+            self.write_cameras(self._session.image_at(now_ns)[0], now)
         if now - self._state_at >= REPEAT_S and self._wants(self._state_out):
             self._write_state(now)
 
     def forget(self, now_ns: int) -> None:
         """Forget all people: the session was reset, and the clock may have jumped. This is no news, see `on_state`."""
-        self.keep(self._pipeline.ids or [], now_ns)
+        self.keep(self._session.ids or [], now_ns)
         self._newest.forget()
         self.restart_clock()
         self._update_state()
@@ -258,9 +258,9 @@ class Outputs:
 
     def _write_people(self, image: Image, now: float) -> None:
         if self._wants(self._people_out):
-            pipeline = self._pipeline
-            limits = pipeline.reported_lost_after, pipeline.config.forget_after
-            more = pipeline.untracked_at(image[0]), pipeline.locked
+            session = self._session
+            limits = session.reported_lost_after, session.config.forget_after
+            more = session.untracked_at(image[0]), session.locked
             self._sink.write(self._people_out, self._newest.build(image, *limits, *more))
             self._people_at = now
 

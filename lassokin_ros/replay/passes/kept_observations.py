@@ -64,7 +64,7 @@ class KeptObservations:
         """By number, None if one person is followed: the ids in order; of each the instants at which the person was
         seen under it."""
         self.identities: dict[tuple[str, bytes], int] = {}
-        """The number of each of several people by what was seen, see `Pipeline.identities`."""
+        """The number of each of several people by what was seen, see `Session.identities`."""
         self._first_ns = 0
         self._newest_ns: dict[int | None, int] = {}  # of the accepted frames, by number
         self._cameras: dict[str, CameraPose] = {}  # first pose of each, by name
@@ -151,7 +151,7 @@ class KeptObservations:
 
 
 def _arrays(one: Observation) -> dict[str, np.ndarray]:
-    """Return what an observation of the pipeline holds, by name."""
+    """Return what an observation of the session holds, by name."""
     numbers = np.array([one.focal, one.depth_of_surface, one.depth_age])
     arrays = {"points": one.points, "confidence": one.confidence, "numbers": numbers}
     if one.depth is not None:

@@ -19,7 +19,7 @@ from lassokin_ros.pipeline.camera.placement import JUMPS
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.description.skeleton_file import LEAST_MOTION
 from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.replay.passes.kept_observations import KeptObservations
 from lassokin_ros.replay.playback import Playback
 from msg_adapters.output_messages.people import number_of
@@ -33,8 +33,8 @@ Play = Callable[[Playback, str], None]
 class Make(Protocol):
     """Makes a session for the recording."""
 
-    def __call__(self, config: TrackerConfig, bodies: Bodies | None = None) -> Pipeline:
-        """bodies: see `Pipeline`."""
+    def __call__(self, config: TrackerConfig, bodies: Bodies | None = None) -> Session:
+        """bodies: see `Session`."""
         ...
 
 
@@ -51,28 +51,28 @@ class Known:
     bodies: Bodies
     backward: Mapping[int | None, Mapping[int, Backward]]
     height: str
-    first: Pipeline
+    first: Session
     identities: Mapping[tuple[str, bytes], int] | None
 
-    def session(self, make: Make) -> Pipeline:
+    def session(self, make: Make) -> Session:
         """Return the session of the last pass."""
-        pipeline = make(self.config, self.bodies)
-        pipeline.tracker.adopt_cameras(self.first.tracker)
-        pipeline.use_backward(self.backward)
-        pipeline.identities = self.identities
-        return pipeline
+        session = make(self.config, self.bodies)
+        session.tracker.adopt_cameras(self.first.tracker)
+        session.use_backward(self.backward)
+        session.identities = self.identities
+        return session
 
 
 class _Learned:
     """The newest lengths of each person: a tracker forgets them when the person leaves."""
 
-    def __init__(self, pipeline: Pipeline) -> None:
-        self._pipeline = pipeline
+    def __init__(self, session: Session) -> None:
+        self._session = session
         self.bodies: dict[int | None, Skeleton] = {}
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         """Keep those of the people in the frames; a listener of Playback."""
-        trackers = self._pipeline.trackers
+        trackers = self._session.trackers
         for frame in frames:
             tracker = trackers.get(frame.person)
             if frame.accepted and tracker is not None and tracker.learned.lengths.kept_motion >= LEAST_MOTION:
@@ -81,30 +81,30 @@ class _Learned:
 
 def learn(make: Make, play: Play, config: TrackerConfig) -> Known:
     """Make the first two passes. Nothing is known of people who moved for less than LEAST_MOTION."""
-    pipeline = make(config)
-    first, learned, kept = Playback(pipeline), _Learned(pipeline), KeptObservations()
+    session = make(config)
+    first, learned, kept = Playback(session), _Learned(session), KeptObservations()
     first.listeners += [kept.add, learned.add]
     play(first, "first pass")
-    several, bodies = pipeline.config.several_people, learned.bodies
+    several, bodies = session.config.several_people, learned.bodies
     if not several and None in bodies:
-        bodies = {None: pipeline.tracker.skeleton}  # with what was learned from the last frame
-        config = replace(config, height=float(pipeline.tracker.skeleton.height))
-    heights = "" if several or not bodies else "".join(map(height_in_words, pipeline.heights().values()))
-    backward = _backward(kept, make, pipeline, config, bodies)
-    return Known(config, bodies, backward, heights, pipeline, kept.identities if several else None)
+        bodies = {None: session.tracker.skeleton}  # with what was learned from the last frame
+        config = replace(config, height=float(session.tracker.skeleton.height))
+    heights = "" if several or not bodies else "".join(map(height_in_words, session.heights().values()))
+    backward = _backward(kept, make, session, config, bodies)
+    return Known(config, bodies, backward, heights, session, kept.identities if several else None)
 
 
 def _backward(
-    kept: KeptObservations, make: Make, pipeline: Pipeline, config: TrackerConfig, bodies: Bodies
+    kept: KeptObservations, make: Make, session: Session, config: TrackerConfig, bodies: Bodies
 ) -> dict[int | None, Mapping[int, Backward]]:
     """The frames backward in time, of each person.
 
     None if the motion of the mount or the fixed frame is not in the observations, or if the height is not known yet:
     each track would have its own.
     """
-    if pipeline.mount is not None or pipeline.counts[JUMPS] or config.height == 0 or not kept.usable:
+    if session.mount is not None or session.counts[JUMPS] or config.height == 0 or not kept.usable:
         return {}
-    extrinsics = pipeline.extrinsics
+    extrinsics = session.extrinsics
 
     def placed(observations: Sequence[Observation]) -> list[Observation]:
         """At the places of the cameras as they were known at the end."""
@@ -116,6 +116,6 @@ def _backward(
     for number in kept.numbers:
         body = {number: bodies[number]} if number in bodies else {}
         tracker = make(replace(config, extrinsics=GIVEN), body).tracker
-        tracker.floor_below = pipeline.tracker.floor_below
+        tracker.floor_below = session.tracker.floor_below
         found[number] = kept.track_backward(number, tracker, placed)
     return found

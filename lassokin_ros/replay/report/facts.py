@@ -21,7 +21,7 @@ from lassokin_ros.replay.report.wrong_spans import WrongSpan, wrong_spans
 class Facts:
     """The data of a finished replay.
 
-    title: name of the recording. topics: keypoint topic and camera_info topic. counts: counters of the pipeline.
+    title: name of the recording. topics: keypoint topic and camera_info topic. counts: counters of the session.
     landmarks: names in layout order. skeleton: the skeleton before calibration. image_size: (width, height) px, None
     without camera_info. own_keypoints: True if this program detected the keypoints in images, False for recorded ones.
     other_sizes: `image_size` of further cameras. level: (3, 3) rotation from the frame of the rows' positions to that
@@ -53,7 +53,7 @@ class Facts:
 
     @property
     def tracked(self) -> int:
-        """Number of those with a skeleton. The pipeline's count has images without people, and lacks held instants."""
+        """Number of those with a skeleton. The session's count has images without people, and lacks held instants."""
         return sum(message.people > 0 for message in self.log.messages)
 
     @cached_property

@@ -12,7 +12,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.concerns.catalogue import DOUBT, PROBLEM, Raised, say
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.image_sets import SAME_INSTANT_NS
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.replay.report.facts import Facts
 from lassokin_ros.replay.report.findings import findings
 from lassokin_ros.replay.report.images import ReportImages
@@ -23,16 +23,16 @@ from lassokin_ros.replay.report.page import check_report, page
 class Report:
     """The report of one replay."""
 
-    def __init__(self, path: Path, pipeline: Pipeline, replace: bool = False, given: Skeleton | None = None) -> None:
+    def __init__(self, path: Path, session: Session, replace: bool = False, given: Skeleton | None = None) -> None:
         """Raises ReportError if the page cannot be written to `path`. replace: an existing file may be replaced.
 
-        given: the skeleton before the first of two passes; None: that of the pipeline.
+        given: the skeleton before the first of two passes; None: that of the session.
         """
         check_report(path, replace)
-        self._path, self._pipeline = path, pipeline
-        self._skeleton = given or pipeline.tracker.skeleton  # before calibration
-        level = pipeline.level if pipeline.config.fixed_frame else None
-        names = tuple(pipeline.cameras)
+        self._path, self._session = path, session
+        self._skeleton = given or session.tracker.skeleton  # before calibration
+        level = session.level if session.config.fixed_frame else None
+        names = tuple(session.cameras)
         self._log = ReplayLog(cameras=names, level=level)
         self.images = {name: ReportImages() for name in names}
         """The images of each camera, each added with the stamp of its keypoint message."""
@@ -65,15 +65,15 @@ class Report:
         ReportError, and the error of `files`.
         """
         title = title.encode(errors="backslashreplace").decode()  # file names may hold bytes that are not UTF-8
-        pipeline = self._pipeline
-        views = [camera.camera.view for camera in pipeline.cameras.values()]
+        session = self._session
+        views = [camera.camera.view for camera in session.cameras.values()]
         size, *others = (view.size if view is not None and min(view.size) > 0 else None for view in views)
-        tracker = pipeline.tracker
+        tracker = session.tracker
         names = tracker.layout.names
-        counts = dict(pipeline.counts)
-        configs = tracker.config, pipeline.config
+        counts = dict(session.counts)
+        configs = tracker.config, session.config
         given, log = self._skeleton, self._log
-        level = pipeline.level if self._log.level is None else np.eye(3)  # the log turned a fixed frame's positions
+        level = session.level if self._log.level is None else np.eye(3)  # the log turned a fixed frame's positions
         facts = Facts(title, topics, log, counts, *configs, given, names, size, own_keypoints, tuple(others), level)
         times = {message.stamp_ns: message.time for message in self._log.messages}
         apart_ns = SAME_INSTANT_NS if len(self.images) > 1 else 0

@@ -8,7 +8,7 @@ from messages import camera_info, cloud, pixels_of_motion, rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import ALL, OFF, NodeSettings
 from msg_adapters.backends import RclpyBackend, RosbagsBackend
 from msg_adapters.output_messages.builders import (
@@ -30,16 +30,16 @@ def backend(request):
 
 
 def test_every_serialised_output_equals_its_message(backend):
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    pipeline.set_camera(camera_info(backend))
+    session = Session(TrackerConfig(), NodeSettings())
+    session.set_camera(camera_info(backend))
     tf = ALL if isinstance(backend, RosbagsBackend) else OFF  # rclpy's tf2_msgs may be missing
     settings = {"config": NodeSettings(publish_tf=tf)}
-    messages, ready = (FrameMessages(backend, pipeline.tracker.skeleton, serialised=r, **settings) for r in (0, 1))
+    messages, ready = (FrameMessages(backend, session.tracker.skeleton, serialised=r, **settings) for r in (0, 1))
     for i, xy in enumerate(pixels_of_motion(12)):
         confidence = np.full(17, 0.9)
         confidence[: i % 4] = 0  # so that the number of crosses changes
         stamp = START_NS + i * 16_666_667
-        frame = pipeline.process(cloud(backend, stamp, xy, confidence, frame_id="camera" + "_x" * (i // 5)), 0)
+        frame = session.process(cloud(backend, stamp, xy, confidence, frame_id="camera" + "_x" * (i // 5)), 0)
         for (topic, message), (same_topic, serialised) in zip(messages.build(frame), ready.build(frame)):
             assert topic == same_topic
             assert isinstance(serialised, bytes), topic

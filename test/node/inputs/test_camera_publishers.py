@@ -80,7 +80,7 @@ def test_the_zoom_to_and_fro_of_a_real_nodes_camera_is_followed():
     """It publishes camera_info at each change only: the node knows that it is one camera."""
     backend, pixels = RclpyBackend(), pixels_of_motion(60, 30.0)
     with node_in_this_process("/zoom") as (node, serve), Peer("/zoom", outputs=False) as peer:
-        camera = node._pipeline.camera
+        camera = node._session.camera
 
         def focal():
             serve()
@@ -93,4 +93,4 @@ def test_the_zoom_to_and_fro_of_a_real_nodes_camera_is_followed():
             peer.spin_until(lambda: focal() == expected, 20.0, f"the change to {expected}")
             for index in range(2):
                 node.work_on(cloud(backend, peer.start_ns + (2 * change + index) * 33_333_333, pixels[index]))
-        assert camera.warning == "" and node._pipeline.counts["accepted"] > 10
+        assert camera.warning == "" and node._session.counts["accepted"] > 10

@@ -20,7 +20,7 @@ PIXELS = pixels_of_motion(2)
 
 def focal(node):
     """px, of the camera in use."""
-    return node._pipeline.camera.view.intrinsics.K[0, 0]
+    return node._session.camera.view.intrinsics.K[0, 0]
 
 
 def of(focal_px, stamp_s=0):
@@ -47,7 +47,7 @@ def test_the_executor_waits_for_camera_info_until_there_is_a_camera():
         without_timers(node)
         seen = []
         peer.node.create_subscription(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, seen.append, 10)
-        peer.spin_until(lambda: [peer.send_camera(), serve()] and node._pipeline.has_camera and seen)
+        peer.spin_until(lambda: [peer.send_camera(), serve()] and node._session.has_camera and seen)
         node._inputs.poll()
         calls = []
         node._inputs.camera_info._on_any = lambda: calls.append(None)
@@ -62,13 +62,13 @@ def test_a_change_of_the_camera_between_two_polls_is_not_missed():
     """Three messages between two polls: images from before the change are still read with the earlier camera."""
     with node_in_this_process("/every_change") as (node, serve), Peer("/every_change", outputs=False) as peer:
         without_timers(node)
-        peer.spin_until(lambda: [peer.camera.publish(of(600.0, 99)), serve()] and node._pipeline.has_camera)
+        peer.spin_until(lambda: [peer.camera.publish(of(600.0, 99)), serve()] and node._session.has_camera)
         for focal_px, stamp_s in ((600.0, 100), (700.0, 101), (700.0, 102)):
             peer.camera.publish(of(focal_px, stamp_s))
         peer.spin_until(lambda: node._inputs.poll() or focal(node) == 700.0, what="the change")
         node._inputs.poll()
-        assert node._pipeline.camera.view.stamp_ns == 101 * 10**9
-        assert node._pipeline.camera.at(100_900_000_000).intrinsics.K[0, 0] == 600.0
+        assert node._session.camera.view.stamp_ns == 101 * 10**9
+        assert node._session.camera.at(100_900_000_000).intrinsics.K[0, 0] == 600.0
 
 
 def test_repeated_camera_info_is_not_decoded_but_each_rejection_is_counted():
@@ -81,14 +81,14 @@ def test_repeated_camera_info_is_not_decoded_but_each_rejection_is_counted():
         assert len(taken) == 1
         for _ in range(3):
             come._on_serialised(serialize_message(of(0.0)))
-        assert len(taken) == 4 and node._pipeline.counts["rejected: camera_uncalibrated"] == 3
+        assert len(taken) == 4 and node._session.counts["rejected: camera_uncalibrated"] == 3
         come._on_serialised(serialize_message(of(600.0)))  # the fault has ended
-        assert not node._pipeline.camera_fault
+        assert not node._session.camera_fault
         come.take(of(700.0))  # with another fault
         come._on_serialised(serialize_message(of(600.0)))
         assert focal(node) == 600.0
         come._on_serialised(b"\0\1\0\0 no message")
-        assert node._pipeline.counts["rejected: internal_error"] == 1 and focal(node) == 600.0
+        assert node._session.counts["rejected: internal_error"] == 1 and focal(node) == 600.0
 
 
 @pytest.mark.parametrize("policy", [{"depth": 1}, {"reliability": "reliable"}])
@@ -101,7 +101,7 @@ def test_with_an_overridden_qos_the_executor_keeps_waiting(policy):
     }
     with node_in_this_process("/own_qos", **settings) as (node, serve), Peer("/own_qos", outputs=False) as peer:
         without_timers(node)
-        peer.spin_until(lambda: [peer.send_camera(), serve()] and node._pipeline.has_camera)
+        peer.spin_until(lambda: [peer.send_camera(), serve()] and node._session.has_camera)
         peer.spin_until(lambda: [peer.send(0, PIXELS[0]), serve()] and node._diagnostics.keypoints_received)
         peer.spin_until(lambda: [peer.camera.publish(of(700.0)), serve()] and focal(node) == 700.0)
         node._publish_diagnostics()
@@ -115,7 +115,7 @@ def test_time_and_camera_are_read_before_the_keypoints_are_processed():
         order = []
         node._inputs.simulated_time.poll = lambda: order.append("time")
         node._inputs.camera_info.poll = lambda: order.append("camera")
-        node._pipeline.push = lambda *_: order.append("keypoints") or []
+        node._session.push = lambda *_: order.append("keypoints") or []
         peer.spin_until(lambda: [peer.send(0, PIXELS[0]), serve()] and "keypoints" in order)
         assert order[:3] == ["time", "camera", "keypoints"]
 
@@ -146,10 +146,10 @@ def test_the_clock_is_read_when_the_time_is_needed(simulated):
         assert rests_for_a_second(serve) and now() == 100 * 10**9
         node._inputs.poll()
         assert now() == 200 * 10**9
-        resets, seconds = node._pipeline.counts["resets"], 150
+        resets, seconds = node._session.counts["resets"], 150
         tick()
         peer.spin_until(lambda: node._inputs.poll() or now() == 150 * 10**9, what="the time before")
-        assert node._pipeline.counts["resets"] == resets + 1
+        assert node._session.counts["resets"] == resets + 1
 
 
 def test_an_invalid_time_has_no_other_effect():
@@ -158,7 +158,7 @@ def test_an_invalid_time_has_no_other_effect():
         clock, message = peer.node.create_publisher(Clock, "/clock", 10), Clock()
         message.clock.sec = -1
         node._inputs.poll()
-        counts = node._pipeline.counts
+        counts = node._session.counts
         peer.spin_until(lambda: [clock.publish(message), node._inputs.poll()] and counts["rejected: internal_error"])
         node._inputs.camera_info.take(of(600.0))
         peer.spin_until(lambda: [peer.camera.publish(of(700.0)), node._inputs.poll()] and focal(node) == 700.0)

@@ -1,4 +1,4 @@
-"""`smoothing_lag` in the live node: the same late frames as in the pipeline, and none of before a reset."""
+"""`smoothing_lag` in the live node: the same late frames as in the session, and none of before a reset."""
 
 import time
 
@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = rosbags_backend()
@@ -30,9 +30,9 @@ def stamp_of(message):
 
 
 def test_the_live_node_publishes_the_same_late_frames_as_the_pipeline():
-    namespace, pipeline = "/lagging", Pipeline(TrackerConfig(smoothing_lag=0.05), NodeSettings())
-    pipeline.set_camera(camera_info(BACKEND))
-    expected = [f for i, xy in enumerate(PIXELS[:20]) for f in pipeline.frames(cloud(BACKEND, stamp(i), xy), 0)]
+    namespace, session = "/lagging", Session(TrackerConfig(smoothing_lag=0.05), NodeSettings())
+    session.set_camera(camera_info(BACKEND))
+    expected = [f for i, xy in enumerate(PIXELS[:20]) for f in session.frames(cloud(BACKEND, stamp(i), xy), 0)]
     with (
         NodeProcess(namespace, "-p", "smoothing_lag:=0.05", "-p", "stale_after:=30.0"),
         Peer(namespace, outputs=False) as peer,

@@ -383,7 +383,7 @@ def test_keypoints_without_a_stamp_are_reported_once(monkeypatch, capfd):
         node._inputs.camera_info.take(camera_info(BACKEND))
         for index, stamp_ns in enumerate((0, *(time.time_ns() + n * STEP_NS for n in range(3)))):
             node.work_on(cloud(BACKEND, stamp_ns, PIXELS[index]))
-        assert node._pipeline.counts["unstamped"] == 1
+        assert node._session.counts["unstamped"] == 1
     assert capfd.readouterr().err.count("without a stamp") == 1
 
 
@@ -394,7 +394,7 @@ def test_another_fault_with_the_same_reason_is_logged(capfd):
             message = cloud(BACKEND, time.time_ns(), PIXELS[0])
             message.fields[3 if index < 10 else 2].datatype = 7 if index < 10 else 5
             node.work_on(message)
-        assert node._pipeline.counts["rejected: wrong_datatype"] == 20
+        assert node._session.counts["rejected: wrong_datatype"] == 20
     said = capfd.readouterr().err
     assert said.count("field 'id' has datatype") == 1 and said.count("field 'confidence' has datatype") == 1
 
@@ -421,7 +421,7 @@ def test_confidences_slightly_below_the_limit_are_logged_once(confidence, lines,
     with node_in_this_process("/unsure", max_people=max_people) as (node, _):
         logged = []
         monkeypatch.setattr(node, "get_logger", lambda: SimpleNamespace(warning=logged.append))
-        node._pipeline.set_camera(camera_info(BACKEND))
+        node._session.set_camera(camera_info(BACKEND))
         for index in range(2 * UNUSED_MESSAGES):
             stamp_ns = 10**12 + index * 33_333_333
             node.work_on(cloud(BACKEND, stamp_ns, PIXELS[index], np.full(17, confidence)))

@@ -10,27 +10,27 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.camera_markers import PERIOD_S, CameraMarkers
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
 pytest.importorskip("rosbags")
 BACKEND, START_NS = rosbags_backend(), 1_700_000_000_000_000_000
 
 
-def seen_by(eyes, settings, seconds, pipeline=None, tf=True):
-    """A pipeline after the images of the eyes at these times, and the results of the last one."""
+def seen_by(eyes, settings, seconds, session=None, tf=True):
+    """A session after the images of the eyes at these times, and the results of the last one."""
     frames, random = [], np.random.default_rng(0)
-    if pipeline is None:
-        pipeline = Pipeline(TrackerConfig(), settings)
-        for name, one in zip(pipeline.cameras, eyes):
-            pipeline.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
+    if session is None:
+        session = Session(TrackerConfig(), settings)
+        for name, one in zip(session.cameras, eyes):
+            session.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
     for now in seconds:
-        for name, one in zip(pipeline.cameras, eyes):
+        for name, one in zip(session.cameras, eyes):
             if tf:
-                pipeline.transforms.add(tf_of(BACKEND, one, START_NS, now), static=False)
+                session.transforms.add(tf_of(BACKEND, one, START_NS, now), static=False)
             message = keypoints(BACKEND, one, START_NS, now, truth_at([now]).landmarks[0], random)
-            frames = pipeline.frames(message, START_NS + round(1e9 * now), name) or frames
-    return pipeline, frames
+            frames = session.frames(message, START_NS + round(1e9 * now), name) or frames
+    return session, frames
 
 
 def pyramid(marker):
@@ -44,8 +44,8 @@ def pyramid(marker):
 def test_each_camera_has_a_pyramid_of_its_field_of_view_and_its_name():
     eyes = [eye("left", 0), eye("right", 90)]
     settings = NodeSettings(cameras=("left", "right"), fixed_frame=MAP)
-    pipeline, frames = seen_by(eyes, settings, np.arange(3) / 30)
-    message = CameraMarkers(BACKEND, pipeline).build(START_NS, 0.0)
+    session, frames = seen_by(eyes, settings, np.arange(3) / 30)
+    message = CameraMarkers(BACKEND, session).build(START_NS, 0.0)
     assert [(one.ns, one.id, one.text) for one in message.markers] == [
         ("cameras", 0, ""),
         ("camera_names", 0, "left"),
@@ -58,7 +58,7 @@ def test_each_camera_has_a_pyramid_of_its_field_of_view_and_its_name():
         seen = one.pose_at(0).into_camera(pyramid(marker))
         assert np.allclose(seen[4], 0, atol=1e-9) and (seen[:4, 2] > 0.1).all()
         assert np.allclose(seen[:4, :2] / seen[:4, 2:] * FOCAL + [WIDTH / 2, HEIGHT / 2], corners, atol=1e-6)
-    people = FrameMessages(BACKEND, pipeline.tracker.skeleton, config=settings)
+    people = FrameMessages(BACKEND, session.tracker.skeleton, config=settings)
     ((_, skeleton),) = people.build(frames[0], {topics.MARKERS})
     taken = {(one.ns, one.id) for one in skeleton.markers}
     assert taken and not taken & {(one.ns, one.id) for one in message.markers}
@@ -66,23 +66,23 @@ def test_each_camera_has_a_pyramid_of_its_field_of_view_and_its_name():
 
 def test_a_camera_that_moves_is_followed_and_one_without_a_pose_is_left_out():
     robot = turning_eye("camera", 0.5)
-    pipeline, _ = seen_by([robot], NodeSettings(fixed_frame=MAP), [0.0])
-    markers = CameraMarkers(BACKEND, pipeline)
+    session, _ = seen_by([robot], NodeSettings(fixed_frame=MAP), [0.0])
+    markers = CameraMarkers(BACKEND, session)
     places = [pyramid(markers.build(START_NS, 0.0).markers[0]).copy()]
-    seen_by([robot], None, [0.1, 0.2, 0.3], pipeline)
+    seen_by([robot], None, [0.1, 0.2, 0.3], session)
     assert markers.build(START_NS, 0.9 * PERIOD_S) is None  # not yet due
     places.append(pyramid(markers.build(START_NS, 1.1 * PERIOD_S).markers[0]))
     turn = np.linalg.norm(places[1][:4] - places[0][:4], axis=1)
     assert 0.02 < turn.min() and turn.max() < 0.1  # 0.15 rad at 0.3 m and more
     assert np.allclose(robot.pose_at(0.3).into_camera(places[1])[4], 0, atol=1e-6)
-    seen_by([robot], None, [5.0], pipeline, tf=False)
+    seen_by([robot], None, [5.0], session, tf=False)
     assert markers.build(START_NS, 1.0) is None
 
 
 def test_cameras_without_a_fixed_frame_are_in_that_of_the_first_and_one_alone_has_no_marker():
     eyes = [eye("left", 0), eye("right", 90)]
-    pipeline, _ = seen_by(eyes, NodeSettings(cameras=("left", "right")), [0.0])
-    message = CameraMarkers(BACKEND, pipeline).build(START_NS, 0.0)
+    session, _ = seen_by(eyes, NodeSettings(cameras=("left", "right")), [0.0])
+    message = CameraMarkers(BACKEND, session).build(START_NS, 0.0)
     assert {one.header.frame_id for one in message.markers} == {eyes[0].frame}
     assert np.allclose(pyramid(message.markers[0])[4], 0)
     alone, _ = seen_by(eyes[:1], NodeSettings(), [0.0], tf=False)

@@ -18,7 +18,7 @@ from lassokin_ros.core.learned.vertical import Vertical, level_from_camera, vert
 from lassokin_ros.demo.synthetic import motion
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount, roll_and_pitch
 from lassokin_ros.pipeline.camera.transforms import LONGEST_NAME, MOST_FRAMES, MOST_STAMPS, TransformError, Transforms
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
 pytest.importorskip("rosbags")
@@ -192,12 +192,12 @@ def test_the_learned_vertical_moves_with_the_camera():
 
 
 def estimates(tracker_config, node_config, transforms=None):
-    pipeline = Pipeline(tracker_config, node_config)
-    pipeline.set_camera(camera_info(BACKEND))
+    session = Session(tracker_config, node_config)
+    session.set_camera(camera_info(BACKEND))
     if transforms is not None:
-        pipeline.mount.transforms = transforms
-    return pipeline, [
-        pipeline.process(cloud(BACKEND, SECOND + i * 16_000_000, PIXELS[i]), 0).estimate.pose.positions
+        session.mount.transforms = transforms
+    return session, [
+        session.process(cloud(BACKEND, SECOND + i * 16_000_000, PIXELS[i]), 0).estimate.pose.positions
         for i in (0, 1, 2)
     ]
 
@@ -205,10 +205,10 @@ def estimates(tracker_config, node_config, transforms=None):
 def test_the_mount_from_tf_is_that_of_the_parameters():
     mounted = NodeSettings(camera_mount_frame=BASE)
     told, expected = estimates(TrackerConfig(camera_roll=np.pi, camera_pitch=DOWN), NodeSettings())
-    pipeline, found = estimates(TrackerConfig(), mounted, robot())
+    session, found = estimates(TrackerConfig(), mounted, robot())
     assert np.allclose(found, expected, atol=1e-6)
     assert not np.allclose(expected, estimates(TrackerConfig(), NodeSettings())[1], atol=1e-2)
-    assert pipeline.mount.fault == "" and np.allclose(np.abs(pipeline.mount.angles), (np.pi, DOWN))
+    assert session.mount.fault == "" and np.allclose(np.abs(session.mount.angles), (np.pi, DOWN))
     assert told.mount is None
 
 
@@ -218,14 +218,14 @@ def lean_error(nods, settings):
     stamps = SECOND + np.arange(len(nods)) * 66_000_000
     pose = kinematics.pose(motion(SKELETON, stamps * 1e-9))
     without_network = TrackerConfig(depth_prior=False)  # with it, the mount matters less
-    pipeline, errors = Pipeline(without_network, settings), []
-    pipeline.set_camera(camera_info(BACKEND))
+    session, errors = Session(without_network, settings), []
+    session.set_camera(camera_info(BACKEND))
     for i, (pitch, stamp) in enumerate(zip(nods, stamps.tolist())):
         level = level_from_camera(0.0, pitch)
         pixels = project(pose.landmarks[i] @ level) * FOCAL + [WIDTH / 2, HEIGHT / 2]
-        if pipeline.mount is not None:
-            robot(pitch, stamp, pipeline.mount.transforms, hanging=0.0)
-        answer = pipeline.process(cloud(BACKEND, stamp, pixels), 0)
+        if session.mount is not None:
+            robot(pitch, stamp, session.mount.transforms, hanging=0.0)
+        answer = session.process(cloud(BACKEND, stamp, pixels), 0)
         if answer.rejection == "other_size":  # most of the person is out of view
             continue
         found = answer.estimate.pose.orientations[0]
@@ -241,9 +241,9 @@ def test_a_person_before_a_nodding_head_stays_upright():
 
 def test_without_tf_the_parameters_are_used():
     tracker = TrackerConfig(camera_pitch=0.3)
-    pipeline, found = estimates(tracker, NodeSettings(camera_mount_frame=BASE))
+    session, found = estimates(tracker, NodeSettings(camera_mount_frame=BASE))
     assert np.array_equal(found, estimates(tracker, NodeSettings())[1])
-    assert pipeline.mount.angles is None and "no transform of" in pipeline.mount.fault
+    assert session.mount.angles is None and "no transform of" in session.mount.fault
 
 
 def above(height, pitch=DOWN):
@@ -257,36 +257,36 @@ def above(height, pitch=DOWN):
 def test_the_floor_is_at_height_0_of_the_base():
     mounted = NodeSettings(camera_mount_frame=BASE, floor=True)
     told, expected = estimates(TrackerConfig(camera_pitch=DOWN, camera_height=HIGH, hold_feet=False), NodeSettings())
-    pipeline, found = estimates(TrackerConfig(), mounted, above(HIGH))
+    session, found = estimates(TrackerConfig(), mounted, above(HIGH))
     assert np.allclose(found, expected, atol=1e-6)
-    assert pipeline.camera_height == pytest.approx(HIGH) == told.camera_height
-    pipeline, without = estimates(TrackerConfig(), NodeSettings(camera_mount_frame=BASE), above(HIGH))
-    assert pipeline.camera_height is None and not np.allclose(found, without, atol=1e-3)
+    assert session.camera_height == pytest.approx(HIGH) == told.camera_height
+    session, without = estimates(TrackerConfig(), NodeSettings(camera_mount_frame=BASE), above(HIGH))
+    assert session.camera_height is None and not np.allclose(found, without, atol=1e-3)
 
 
 def test_the_floor_is_at_height_0_of_the_fixed_frame():
-    pipeline = Pipeline(TrackerConfig(), NodeSettings(fixed_frame=BASE, floor=True))
-    pipeline.set_camera(camera_info(BACKEND))
-    pipeline.places.transforms = above(HIGH)
-    assert pipeline.process(cloud(BACKEND, SECOND, PIXELS[0]), 0).accepted
-    assert pipeline.camera_height == pytest.approx(HIGH)
-    assert np.allclose(pipeline.tracker.floor, (0, 0, 1, 0))
+    session = Session(TrackerConfig(), NodeSettings(fixed_frame=BASE, floor=True))
+    session.set_camera(camera_info(BACKEND))
+    session.places.transforms = above(HIGH)
+    assert session.process(cloud(BACKEND, SECOND, PIXELS[0]), 0).accepted
+    assert session.camera_height == pytest.approx(HIGH)
+    assert np.allclose(session.tracker.floor, (0, 0, 1, 0))
 
 
 def test_the_floor_is_live():
-    pipeline, _ = estimates(TrackerConfig(), NodeSettings(camera_mount_frame=BASE), above(HIGH))
+    session, _ = estimates(TrackerConfig(), NodeSettings(camera_mount_frame=BASE), above(HIGH))
     for floor, height in ((True, HIGH), (False, None)):
-        pipeline.tune(TrackerConfig(), NodeSettings(camera_mount_frame=BASE, floor=floor))
-        pipeline.process(cloud(BACKEND, SECOND + (2 - floor) * 100_000_000, PIXELS[0]), 0)
-        assert pipeline.camera_height == height
-    tripod = Pipeline(TrackerConfig(), NodeSettings())
+        session.tune(TrackerConfig(), NodeSettings(camera_mount_frame=BASE, floor=floor))
+        session.process(cloud(BACKEND, SECOND + (2 - floor) * 100_000_000, PIXELS[0]), 0)
+        assert session.camera_height == height
+    tripod = Session(TrackerConfig(), NodeSettings())
     tripod.tune(TrackerConfig(camera_height=1.4), NodeSettings())
     assert tripod.camera_height == pytest.approx(1.4)
 
 
 def test_without_tf_the_floor_is_unknown():
-    pipeline, _ = estimates(TrackerConfig(), NodeSettings(camera_mount_frame=BASE, floor=True))
-    assert pipeline.camera_height is None
+    session, _ = estimates(TrackerConfig(), NodeSettings(camera_mount_frame=BASE, floor=True))
+    assert session.camera_height is None
 
 
 @pytest.mark.parametrize("frame", ["fixed_frame", "camera_mount_frame"])
@@ -294,14 +294,14 @@ def test_a_floor_that_cannot_be_is_refused(frame):
     with pytest.raises(ConfigurationError, match="floor is true, but no frame is named .* camera_height in place"):
         NodeSettings(floor=True).checked()
     with pytest.raises(ConfigurationError, match=f"camera_height is 1.2 and {frame} 'odom'; expected one of them"):
-        Pipeline(TrackerConfig(camera_height=1.2), NodeSettings(**{frame: "odom"}))
-    pipeline = Pipeline(TrackerConfig(), NodeSettings(**{frame: "odom"}))
+        Session(TrackerConfig(camera_height=1.2), NodeSettings(**{frame: "odom"}))
+    session = Session(TrackerConfig(), NodeSettings(**{frame: "odom"}))
     with pytest.raises(ConfigurationError, match="expected one of them"):
-        pipeline.tune(TrackerConfig(camera_height=1.2), NodeSettings(**{frame: "odom"}))
-    assert pipeline.tracker.config.camera_height == 0
+        session.tune(TrackerConfig(camera_height=1.2), NodeSettings(**{frame: "odom"}))
+    assert session.tracker.config.camera_height == 0
     for settings in ({}, {"camera_mount_frame": "odom", "floor": True}, {"fixed_frame": "odom"}):
         with pytest.raises(ConfigurationError, match="tilt_deviation is 0.01, but no feet are known to stand"):
-            Pipeline(TrackerConfig(tilt_deviation=0.01), NodeSettings(**settings))
+            Session(TrackerConfig(tilt_deviation=0.01), NodeSettings(**settings))
     with pytest.raises(ConfigurationError, match="camera_height is -0.1; expected 0 to 100 m"):
         TrackerConfig(camera_height=-0.1).checked()
 

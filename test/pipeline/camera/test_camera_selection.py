@@ -10,7 +10,7 @@ from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backen
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.pipeline.camera.camera_selection import LASTING, STEADY  # noqa: E402
 from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = rosbags_backend()
@@ -18,8 +18,8 @@ PIXELS = pixels_of_motion(30, 30.0)
 
 
 @pytest.fixture
-def pipeline():
-    return Pipeline(TrackerConfig(), NodeSettings())
+def session():
+    return Session(TrackerConfig(), NodeSettings())
 
 
 @pytest.mark.parametrize(
@@ -31,10 +31,10 @@ def pipeline():
         (400, 600, 320, 240, "fx and fy differ"),
     ],
 )
-def test_an_unlikely_matrix_is_a_warning_with_numbers(pipeline, fx, fy, cx, cy, text):
-    assert pipeline.set_camera(camera_info(BACKEND, k=np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0]))) is None
-    assert text in pipeline.camera.warning and f"fx = {fx}" in pipeline.camera.warning
-    assert "640 x 480" in pipeline.camera.warning
+def test_an_unlikely_matrix_is_a_warning_with_numbers(session, fx, fy, cx, cy, text):
+    assert session.set_camera(camera_info(BACKEND, k=np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0]))) is None
+    assert text in session.camera.warning and f"fx = {fx}" in session.camera.warning
+    assert "640 x 480" in session.camera.warning
 
 
 @pytest.mark.parametrize(
@@ -52,175 +52,175 @@ def test_an_unlikely_matrix_is_a_warning_with_numbers(pipeline, fx, fy, cx, cy, 
         (13000, 13000, 640, 360, (1280, 720), "a field of view below 6 degrees"),
     ],
 )
-def test_a_matrix_that_is_certainly_wrong_is_refused_with_numbers(pipeline, fx, fy, cx, cy, size, text):
+def test_a_matrix_that_is_certainly_wrong_is_refused_with_numbers(session, fx, fy, cx, cy, size, text):
     message = camera_info(BACKEND, k=np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0]), width=size[0], height=size[1])
-    assert pipeline.set_camera(message) == "camera_uncalibrated"
-    assert text in pipeline.camera_fault and f"fx = {fx:g}" in pipeline.camera_fault
-    assert not pipeline.has_camera
+    assert session.set_camera(message) == "camera_uncalibrated"
+    assert text in session.camera_fault and f"fx = {fx:g}" in session.camera_fault
+    assert not session.has_camera
 
 
-def test_a_fisheye_has_a_short_focal_length(pipeline):
+def test_a_fisheye_has_a_short_focal_length(session):
     fisheye = {"distortion_model": "equidistant", "d": np.zeros(4), "width": 1280, "height": 720}
     assert (
-        pipeline.set_camera(camera_info(BACKEND, k=np.array([250, 0, 640, 0, 250, 360, 0, 0, 1.0]), **fisheye)) is None
+        session.set_camera(camera_info(BACKEND, k=np.array([250, 0, 640, 0, 250, 360, 0, 0, 1.0]), **fisheye)) is None
     )
 
 
-def test_two_cameras_with_one_frame_are_named_and_the_first_one_stays(pipeline):
+def test_two_cameras_with_one_frame_are_named_and_the_first_one_stays(session):
     """They alternate: without this, so would the person's distance."""
     depths = []
     for i, xy in enumerate(PIXELS):
-        pipeline.set_camera(camera_info(BACKEND))
+        session.set_camera(camera_info(BACKEND))
         if i % 2:
-            pipeline.set_camera(camera_info(BACKEND, 400.0))
-        frame = pipeline.process(cloud(BACKEND, 10**9 + i * 33_333_333, xy), 0)
+            session.set_camera(camera_info(BACKEND, 400.0))
+        frame = session.process(cloud(BACKEND, 10**9 + i * 33_333_333, xy), 0)
         depths.append(frame.estimate.state.translation[2])
-    assert np.ptp(depths[10:]) < 0.3 and pipeline.camera.is_shared
-    assert "camera_info of two cameras with the frame_id" in pipeline.camera.warning
-    assert "used is the one with fx = 600 px" in pipeline.camera.warning
-    assert "the other one has fx = 400 px and 640 x 480 px; expected one publisher" in pipeline.camera.warning
+    assert np.ptp(depths[10:]) < 0.3 and session.camera.is_shared
+    assert "camera_info of two cameras with the frame_id" in session.camera.warning
+    assert "used is the one with fx = 600 px" in session.camera.warning
+    assert "the other one has fx = 400 px and 640 x 480 px; expected one publisher" in session.camera.warning
     for _ in range(STEADY + 2):  # the first one ends
-        pipeline.set_camera(camera_info(BACKEND, 400.0))
-    assert not pipeline.camera.is_shared and pipeline.camera.warning == ""
-    assert pipeline.camera.view.intrinsics.K[0, 0] == 400.0
+        session.set_camera(camera_info(BACKEND, 400.0))
+    assert not session.camera.is_shared and session.camera.warning == ""
+    assert session.camera.view.intrinsics.K[0, 0] == 400.0
 
 
-def test_a_second_camera_that_publishes_seldom_is_noticed(pipeline):
+def test_a_second_camera_that_publishes_seldom_is_noticed(session):
     for i in range(150):
-        pipeline.set_camera(camera_info(BACKEND, 400.0 if i % 30 == 29 else 600.0))
-    assert "camera_info of two cameras with the frame_id" in pipeline.camera.warning
-    assert pipeline.camera.view.intrinsics.K[0, 0] == 600.0
+        session.set_camera(camera_info(BACKEND, 400.0 if i % 30 == 29 else 600.0))
+    assert "camera_info of two cameras with the frame_id" in session.camera.warning
+    assert session.camera.view.intrinsics.K[0, 0] == 600.0
 
 
-def test_a_zoom_is_no_second_camera(pipeline):
+def test_a_zoom_is_no_second_camera(session):
     for step in range(40):
-        assert pipeline.set_camera(camera_info(BACKEND, 600.0 + 5.0 * step)) is None
-        assert pipeline.camera.warning == "" and pipeline.camera.view.intrinsics.K[0, 0] == 600.0 + 5.0 * step
+        assert session.set_camera(camera_info(BACKEND, 600.0 + 5.0 * step)) is None
+        assert session.camera.warning == "" and session.camera.view.intrinsics.K[0, 0] == 600.0 + 5.0 * step
 
 
-def images(pipeline, count, start=0):
+def images(session, count, start=0):
     """Process images; return the focal lengths with which they were used."""
     sent = [cloud(BACKEND, 10**9 + (start + i) * 33_333_333, PIXELS[i % 30]) for i in range(count)]
-    return [pipeline.process(message, 0).lens.K[0, 0] for message in sent]
+    return [session.process(message, 0).lens.K[0, 0] for message in sent]
 
 
 @pytest.mark.parametrize("publishers", [0, 1, 2], ids=["unknown", "one publisher", "a relay, too"])
 @pytest.mark.parametrize("latched", [True, False])
-def test_a_zoom_to_and_fro_is_followed_at_each_change(pipeline, latched, publishers):
-    pipeline.camera.publishers = publishers
+def test_a_zoom_to_and_fro_is_followed_at_each_change(session, latched, publishers):
+    session.camera.publishers = publishers
     for cycle in range(8):
         focal = (600.0, 1200.0)[cycle % 2]
         for i in range(40):
             if i == 0 or not latched:
-                pipeline.set_camera(camera_info(BACKEND, focal))
-            assert images(pipeline, 1, 40 * cycle + i) == [focal]
-        assert pipeline.camera.warning == "" and not pipeline.camera.is_shared
+                session.set_camera(camera_info(BACKEND, focal))
+            assert images(session, 1, 40 * cycle + i) == [focal]
+        assert session.camera.warning == "" and not session.camera.is_shared
 
 
-def test_the_zoom_of_a_slow_detectors_only_camera_is_followed(pipeline):
+def test_the_zoom_of_a_slow_detectors_only_camera_is_followed(session):
     """Between two changes are two images."""
-    pipeline.camera.publishers = 1
+    session.camera.publishers = 1
     for cycle in range(8):
-        pipeline.set_camera(camera_info(BACKEND, (600.0, 1200.0)[cycle % 2]))
-        assert images(pipeline, 2, 2 * cycle) == 2 * [(600.0, 1200.0)[cycle % 2]]
-    assert pipeline.camera.warning == ""
+        session.set_camera(camera_info(BACKEND, (600.0, 1200.0)[cycle % 2]))
+        assert images(session, 2, 2 * cycle) == 2 * [(600.0, 1200.0)[cycle % 2]]
+    assert session.camera.warning == ""
 
 
 @pytest.mark.parametrize("publishers", [0, 1, 2])
-def test_latched_camera_info_is_not_ignored_for_good(pipeline, publishers):
+def test_latched_camera_info_is_not_ignored_for_good(session, publishers):
     """Published once at each change, and the changes follow each other faster than the images."""
-    pipeline.camera.publishers = publishers
+    session.camera.publishers = publishers
     for change in range(8):
-        pipeline.set_camera(camera_info(BACKEND, (600.0, 1200.0)[change % 2]))
-    assert pipeline.camera.is_shared and pipeline.camera.view.intrinsics.K[0, 0] == 600.0
-    used = images(pipeline, STEADY)
+        session.set_camera(camera_info(BACKEND, (600.0, 1200.0)[change % 2]))
+    assert session.camera.is_shared and session.camera.view.intrinsics.K[0, 0] == 600.0
+    used = images(session, STEADY)
     assert used[:LASTING] == LASTING * [600.0] and used[LASTING + 1 :] == (STEADY - LASTING - 1) * [1200.0]
-    assert pipeline.camera.warning == "" and not pipeline.camera.is_shared
+    assert session.camera.warning == "" and not session.camera.is_shared
 
 
-def test_an_ignored_camera_that_cannot_be_used_is_refused_later(pipeline):
+def test_an_ignored_camera_that_cannot_be_used_is_refused_later(session):
     for change in range(8):
-        pipeline.set_camera(camera_info(BACKEND, (600.0, 1200.0)[change % 2]))
-    pipeline.set_camera(camera_info(BACKEND, 0.0))
-    assert images(pipeline, LASTING + 5) == (LASTING + 5) * [600.0]
-    assert "not calibrated" in pipeline.camera_fault
+        session.set_camera(camera_info(BACKEND, (600.0, 1200.0)[change % 2]))
+    session.set_camera(camera_info(BACKEND, 0.0))
+    assert images(session, LASTING + 5) == (LASTING + 5) * [600.0]
+    assert "not calibrated" in session.camera_fault
 
 
 @pytest.mark.parametrize("publishers, noticed", [(0, False), (1, False), (2, True)])
-def test_two_slow_publishers_are_noticed_by_their_number(pipeline, publishers, noticed):
+def test_two_slow_publishers_are_noticed_by_their_number(session, publishers, noticed):
     """Each publishes once in 20 images, which one camera that zooms could do, too."""
-    pipeline.camera.publishers = publishers
+    session.camera.publishers = publishers
     used = []
     for turn in range(16):
-        pipeline.set_camera(camera_info(BACKEND, (600.0, 400.0)[turn % 2]))
-        used += images(pipeline, 10, 10 * turn)
-    assert pipeline.camera.is_shared is noticed
+        session.set_camera(camera_info(BACKEND, (600.0, 400.0)[turn % 2]))
+        used += images(session, 10, 10 * turn)
+    assert session.camera.is_shared is noticed
     assert set(used[80:]) == ({600.0} if noticed else {600.0, 400.0})
 
 
 @pytest.mark.parametrize("publishers", [0, 1], ids=["a recording", "a player"])
 @pytest.mark.parametrize("apart_s, noticed", [(0.1, True), (0.3, True), (1.5, False)])
-def test_two_slow_cameras_in_a_recording_are_noticed_by_their_stamps(pipeline, publishers, apart_s, noticed):
+def test_two_slow_cameras_in_a_recording_are_noticed_by_their_stamps(session, publishers, apart_s, noticed):
     """No zoom goes to and fro so fast."""
-    pipeline.camera.publishers = publishers
+    session.camera.publishers = publishers
     used = []
     for turn in range(16):
         message = camera_info(BACKEND, (600.0, 400.0)[turn % 2])
         set_header(message.header, 10**9 + round(turn * apart_s * 1e9), FRAME)
-        pipeline.set_camera(message)
-        used += images(pipeline, 5, 5 * turn)
-    assert pipeline.camera.is_shared is noticed
+        session.set_camera(message)
+        used += images(session, 5, 5 * turn)
+    assert session.camera.is_shared is noticed
     assert set(used[40:]) == ({600.0} if noticed else {600.0, 400.0})
 
 
-def test_the_zoom_of_one_of_several_cameras_is_followed(pipeline):
+def test_the_zoom_of_one_of_several_cameras_is_followed(session):
     """They are told apart by their frame_id."""
-    pipeline.camera.publishers = 2
+    session.camera.publishers = 2
     for cycle in range(8):
         focal = (600.0, 1200.0)[cycle % 2]
         for i in range(40):
-            pipeline.set_camera(camera_info(BACKEND, 500.0, "other"))
-            pipeline.set_camera(camera_info(BACKEND, focal))
-            assert images(pipeline, 1, 40 * cycle + i) == [focal]
-    assert "several cameras on one topic" in pipeline.camera.warning
+            session.set_camera(camera_info(BACKEND, 500.0, "other"))
+            session.set_camera(camera_info(BACKEND, focal))
+            assert images(session, 1, 40 * cycle + i) == [focal]
+    assert "several cameras on one topic" in session.camera.warning
 
 
-def test_a_leading_slash_makes_no_other_camera(pipeline):
-    pipeline.set_camera(camera_info(BACKEND, frame_id=f"/{FRAME}"))
-    pipeline.set_camera(camera_info(BACKEND, 900.0, "other"))
-    frame = pipeline.process(cloud(BACKEND, 10**9, PIXELS[0]), 0)
+def test_a_leading_slash_makes_no_other_camera(session):
+    session.set_camera(camera_info(BACKEND, frame_id=f"/{FRAME}"))
+    session.set_camera(camera_info(BACKEND, 900.0, "other"))
+    frame = session.process(cloud(BACKEND, 10**9, PIXELS[0]), 0)
     assert frame.accepted and frame.frame_id == FRAME and frame.lens.K[0, 0] == 600.0
-    frame = pipeline.process(cloud(BACKEND, 2 * 10**9, PIXELS[1], frame_id=f"/{FRAME}"), 0)
-    assert frame.accepted and frame.frame_id == FRAME and pipeline.counts[LEADING_SLASH] == 1
+    frame = session.process(cloud(BACKEND, 2 * 10**9, PIXELS[1], frame_id=f"/{FRAME}"), 0)
+    assert frame.accepted and frame.frame_id == FRAME and session.counts[LEADING_SLASH] == 1
 
 
-def test_a_usual_matrix_is_no_warning(pipeline):
-    pipeline.set_camera(camera_info(BACKEND, k=np.array([610.0, 0, 300, 0, 590, 260, 0, 0, 1])))
-    assert pipeline.camera.warning == ""
+def test_a_usual_matrix_is_no_warning(session):
+    session.set_camera(camera_info(BACKEND, k=np.array([610.0, 0, 300, 0, 590, 260, 0, 0, 1])))
+    assert session.camera.warning == ""
     window = camera_info(BACKEND)
     window.roi.x_offset, window.roi.y_offset, window.roi.width, window.roi.height = 400, 300, 200, 100
-    pipeline.set_camera(window)
-    assert pipeline.camera.warning == ""
+    session.set_camera(window)
+    assert session.camera.warning == ""
 
 
 @pytest.mark.parametrize("others", [1, 3])
-def test_the_camera_with_the_keypoints_frame_is_used(pipeline, others):
+def test_the_camera_with_the_keypoints_frame_is_used(session, others):
     cameras = [camera_info(BACKEND)] + [camera_info(BACKEND, 900.0, f"other_{i}") for i in range(others)]
     for i, xy in enumerate(PIXELS):
         for camera in cameras:
-            assert pipeline.set_camera(camera) is None
-        frame = pipeline.process(cloud(BACKEND, 10**9 + i * 33_333_333, xy), 0)
+            assert session.set_camera(camera) is None
+        frame = session.process(cloud(BACKEND, 10**9 + i * 33_333_333, xy), 0)
         assert frame.accepted and frame.lens.K[0, 0] == 600.0 and frame.estimate.initialised is (i == 0)
-    assert "several cameras on one topic" in pipeline.camera.warning
-    assert f"used is '{FRAME}'" in pipeline.camera.warning
+    assert "several cameras on one topic" in session.camera.warning
+    assert f"used is '{FRAME}'" in session.camera.warning
 
 
-def test_the_camera_changes_with_the_frame_of_the_keypoints(pipeline):
-    pipeline.set_camera(camera_info(BACKEND))
-    assert pipeline.process(cloud(BACKEND, 10**9, PIXELS[0]), 0).accepted
-    pipeline.set_camera(camera_info(BACKEND, 700.0, "other"))
+def test_the_camera_changes_with_the_frame_of_the_keypoints(session):
+    session.set_camera(camera_info(BACKEND))
+    assert session.process(cloud(BACKEND, 10**9, PIXELS[0]), 0).accepted
+    session.set_camera(camera_info(BACKEND, 700.0, "other"))
     frames = [
-        pipeline.process(cloud(BACKEND, 10**9 + i * 33_333_333, PIXELS[i], frame_id=name), 0)
+        session.process(cloud(BACKEND, 10**9 + i * 33_333_333, PIXELS[i], frame_id=name), 0)
         for i, name in ((1, FRAME), (2, "other"), (3, "other"))
     ]
     assert [f.lens.K[0, 0] for f in frames] == [600.0, 700.0, 700.0]
@@ -229,18 +229,18 @@ def test_the_camera_changes_with_the_frame_of_the_keypoints(pipeline):
 
 @pytest.mark.parametrize("share", [0.3, 0.8])
 @pytest.mark.parametrize("first", [0, 5], ids=["a stamp first", "none first"])
-def test_a_stamp_of_0_among_others_counts_as_missing(pipeline, share, first):
+def test_a_stamp_of_0_among_others_counts_as_missing(session, share, first):
     pixels, random = pixels_of_motion(120, 30.0), np.random.default_rng(2)
-    pipeline.set_camera(camera_info(BACKEND))
+    session.set_camera(camera_info(BACKEND))
     initialised = rejected = 0
     for i, xy in enumerate(pixels):
         missing = i < first or (i > first and random.random() < share)
         stamp_ns = 0 if missing else 10**8 + i * 33_333_333
         arrival_ns = 1_700_000_000 * 10**9 + i * 33_333_333 + int(random.integers(10**7))
-        frame = pipeline.process(cloud(BACKEND, stamp_ns, xy), arrival_ns)
+        frame = session.process(cloud(BACKEND, stamp_ns, xy), arrival_ns)
         rejected += not frame.accepted
         initialised += frame.accepted and frame.estimate.initialised
         if i > first:
             assert abs(frame.stamp_ns - 10**8 - i * 33_333_333) < 10**8
     assert (initialised, rejected) == (1 + (first > 0), 0)
-    assert pipeline.counts["resets"] == (first > 0)
+    assert session.counts["resets"] == (first > 0)

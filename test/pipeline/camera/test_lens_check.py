@@ -12,7 +12,7 @@ from messages import camera_info, cloud, pixels_of_motion, rosbags_backend  # no
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.errors import CameraError  # noqa: E402
 from lassokin_ros.pipeline.camera.lens import Lens  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = rosbags_backend()
@@ -64,9 +64,9 @@ def info(model, numbers, size, D):
 @pytest.mark.parametrize("name", REAL)
 def test_real_lenses_are_accepted_without_a_warning(name):
     model, numbers, size, D = REAL[name]
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    assert pipeline.set_camera(info(*REAL[name])) is None
-    assert pipeline.camera.warning == "" and pipeline.camera.view.lens.model == model
+    session = Session(TrackerConfig(), NodeSettings())
+    assert session.set_camera(info(*REAL[name])) is None
+    assert session.camera.warning == "" and session.camera.view.lens.model == model
     assert Lens(matrix(*numbers), D, model).warning == Lens(matrix(*numbers), D, model, size).warning == ""
 
 
@@ -74,20 +74,20 @@ def test_real_lenses_are_accepted_without_a_warning(name):
 def test_distortion_that_no_lens_has_is_refused(name):
     model, D, words = ABSURD[name]
     K, size = (920.0 if model != "equidistant" else 250.0,) * 2 + (640, 360), (1280, 720)
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    assert pipeline.set_camera(info(model, K, size, D)) == "camera_unusable"
-    assert f"({model}) is not the distortion of a lens: {words}" in pipeline.camera_fault
+    session = Session(TrackerConfig(), NodeSettings())
+    assert session.set_camera(info(model, K, size, D)) == "camera_unusable"
+    assert f"({model}) is not the distortion of a lens: {words}" in session.camera_fault
     for of_image in (size, (0, 0)):
         with pytest.raises(CameraError, match="is not the distortion of a lens"):
             Lens(matrix(*K), D, model, of_image)
 
 
 def test_the_last_good_camera_stays():
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    pipeline.set_camera(camera_info(BACKEND))
+    session = Session(TrackerConfig(), NodeSettings())
+    session.set_camera(camera_info(BACKEND))
     bad = camera_info(BACKEND, distortion_model="plumb_bob", d=np.array([1e5, 1e5, 0, 0, 0]))
-    assert pipeline.set_camera(bad) == "camera_unusable" and pipeline.camera_fault
-    frame = pipeline.process(cloud(BACKEND, 10**9, pixels_of_motion(1)[0]), 0)
+    assert session.set_camera(bad) == "camera_unusable" and session.camera_fault
+    frame = session.process(cloud(BACKEND, 10**9, pixels_of_motion(1)[0]), 0)
     assert frame.accepted and 2 < frame.estimate.state.translation[2] < 6
 
 
@@ -99,6 +99,6 @@ def test_the_last_good_camera_stays():
     ],
 )
 def test_unusual_distortion_is_a_warning(D, words):
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    assert pipeline.set_camera(info("plumb_bob", (920.0, 920, 640, 360), (1280, 720), D)) is None
-    assert re.search(f"is unusual for a lens: {words}", pipeline.camera.warning)
+    session = Session(TrackerConfig(), NodeSettings())
+    assert session.set_camera(info("plumb_bob", (920.0, 920, 640, 360), (1280, 720), D)) is None
+    assert re.search(f"is unusual for a lens: {words}", session.camera.warning)

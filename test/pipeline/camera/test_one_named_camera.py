@@ -13,8 +13,8 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.demo.synthetic import motion
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
-from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.people.per_body_session import PerBodySession
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RosbagsBackend
 
@@ -23,52 +23,52 @@ BACKEND, START_NS, PERIOD_NS = rosbags_backend(), 1_700_000_000_000_000_000, 33_
 
 
 def made(frame_id=FRAME, **settings):
-    result = Pipeline(TrackerConfig(), NodeSettings(**settings))
+    result = Session(TrackerConfig(), NodeSettings(**settings))
     assert result.set_camera(camera_info(BACKEND, frame_id=frame_id), result.first.name) is None
     return result
 
 
 def test_it_is_tracked_in_a_fixed_frame():
     left = eye("left", 0)
-    pipeline = made(left.frame, cameras=("left",), fixed_frame=MAP)
-    pipeline.transforms.add(tf_of(BACKEND, left, START_NS, 0.0), static=True)
+    session = made(left.frame, cameras=("left",), fixed_frame=MAP)
+    session.transforms.add(tf_of(BACKEND, left, START_NS, 0.0), static=True)
     random, truth = np.random.default_rng(0), truth_at(np.arange(10) / 30)
     for index in range(10):
         message = keypoints(BACKEND, left, START_NS, index / 30, truth.landmarks[index], random)
-        (frame,) = pipeline.frames(message, START_NS, "left")
+        (frame,) = session.frames(message, START_NS, "left")
         assert frame.accepted and frame.frame_id == MAP and frame.camera.name == "left"
 
 
 def test_it_gives_the_results_and_the_topics_of_a_camera_without_a_name():
     pixels, found = pixels_of_motion(5), []
     for name in ("", "left"):
-        pipeline = made(cameras=(name,))
-        messages = FrameMessages(BACKEND, pipeline.tracker.skeleton, config=pipeline.config)
+        session = made(cameras=(name,))
+        messages = FrameMessages(BACKEND, session.tracker.skeleton, config=session.config)
         for index in range(5):
             stamp_ns = START_NS + index * PERIOD_NS
-            (frame,) = pipeline.frames(cloud(BACKEND, stamp_ns, pixels[index]), stamp_ns, name)
+            (frame,) = session.frames(cloud(BACKEND, stamp_ns, pixels[index]), stamp_ns, name)
         found.append((frame.positions, frame.frame_id, [topic for topic, _ in messages.build(frame)]))
     assert np.array_equal(found[0][0], found[1][0]) and found[0][1:] == found[1][1:]
 
 
 def test_its_depth_images_are_compared_with_the_person():
-    pipeline = made(cameras=("left",), depth="depth")
+    session = made(cameras=("left",), depth="depth")
     skeleton = Skeleton.load("anthropometric", 1.75)
     pose = Kinematics(skeleton, Layout.load("coco17", skeleton)).pose(motion(skeleton, np.zeros(1)))
     image = depth_message(BACKEND, START_NS, render(skeleton, pose.positions[0]))
-    pipeline.cameras["left"].depth.add(image, START_NS)
-    (frame,) = pipeline.frames(cloud(BACKEND, START_NS, pixels_of_motion(1)[0]), START_NS, "left")
+    session.cameras["left"].depth.add(image, START_NS)
+    (frame,) = session.frames(cloud(BACKEND, START_NS, pixels_of_motion(1)[0]), START_NS, "left")
     assert frame.accepted and frame.estimate.depth_measured
-    assert pipeline.cameras["left"].depth_check._frames == 1
+    assert session.cameras["left"].depth_check._frames == 1
 
 
 def test_it_sees_bodies_with_a_topic_each():
     backend = RosbagsBackend(detector_types())
     config = NodeSettings(cameras=("left",), keypoints_type=HRI, rep155=True, max_people=2)
-    pipeline = PerBodyPipeline(TrackerConfig(landmarks="hri18"), config)
-    assert pipeline.set_camera(camera_info(BACKEND), "left") is None
-    pipeline.keep(["abc"])
+    session = PerBodySession(TrackerConfig(landmarks="hri18"), config)
+    assert session.set_camera(camera_info(BACKEND), "left") is None
+    session.keep(["abc"])
     pixels = pixels_of_motion(1, layout="hri18")[0]
     message = hri_skeleton(backend, START_NS, FRAME, pixels, np.full(18, 0.9), (WIDTH, HEIGHT))
-    (frame,) = pipeline.frames_of("abc", message, START_NS)
+    (frame,) = session.frames_of("abc", message, START_NS)
     assert frame.accepted and frame.person == "abc"

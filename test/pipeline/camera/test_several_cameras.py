@@ -1,4 +1,4 @@
-"""Several cameras, and a fixed frame: what the pipeline publishes for a person whose motion is known in the map."""
+"""Several cameras, and a fixed frame: what the session publishes for a person whose motion is known in the map."""
 
 import shlex
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, camera_commands, save_cameras
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
 pytest.importorskip("rosbags")
@@ -43,15 +43,15 @@ class Result:
 
 
 class Play:
-    """Sends the images of cameras to a pipeline, and keeps the results."""
+    """Sends the images of cameras to a session, and keeps the results."""
 
     def __init__(self, eyes: list[Eye], settings=TWO, config=None, still=False, poses=None, height=1.75):
         self.eyes, self.still, self.height = eyes, still, height
-        self.pipeline = Pipeline(config or TrackerConfig(), settings, poses=poses)
-        self.names = self.pipeline.config.camera_names
+        self.session = Session(config or TrackerConfig(), settings, poses=poses)
+        self.names = self.session.config.camera_names
         self.random, self.results, self.refused = np.random.default_rng(0), [], []
         for name, one in zip(self.names, eyes):
-            assert self.pipeline.set_camera(camera_info(BACKEND, frame_id=one.frame), name) is None
+            assert self.session.set_camera(camera_info(BACKEND, frame_id=one.frame), name) is None
 
     def truth(self, seconds):
         return truth_at([seconds], self.still, height=self.height)
@@ -59,7 +59,7 @@ class Play:
     def image(self, number, seconds, late=0.0):
         name, one = self.names[number], self.eyes[number]
         message = keypoints(BACKEND, one, START_NS, seconds, self.truth(seconds).landmarks[0], self.random)
-        self.keep(self.pipeline.frames(message, START_NS + round(1e9 * (seconds + 0.01 + late)), name))
+        self.keep(self.session.frames(message, START_NS + round(1e9 * (seconds + 0.01 + late)), name))
 
     def keep(self, frames):
         for frame in frames:
@@ -71,13 +71,13 @@ class Play:
             self.results.append(Result(seconds, np.linalg.norm(apart, axis=1), apart[0], frame))
 
     def transforms(self, number, seconds):
-        self.pipeline.transforms.add(tf_of(BACKEND, self.eyes[number], START_NS, seconds), static=False)
+        self.session.transforms.add(tf_of(BACKEND, self.eyes[number], START_NS, seconds), static=False)
 
     def run(self, seconds=2.0, hz=30, phase=0.0, tf=True, silent=lambda number, seconds: False):
         for index in range(round(seconds * hz)):
             for number in range(len(self.eyes)):
                 now = index / hz + number * phase
-                if tf and self.pipeline.transforms is not None:
+                if tf and self.session.transforms is not None:
                     self.transforms(number, now)
                 if not silent(number, now):
                     self.image(number, now)
@@ -102,8 +102,8 @@ def test_two_cameras_place_the_person_in_the_map():
 def test_images_of_one_instant_share_a_lasso_and_others_have_their_own():
     together, alternating = Play([LEFT, RIGHT]).run(), Play([LEFT, RIGHT]).run(phase=1 / 60)
     assert len(together.results) == 60 and len(alternating.results) == 120
-    assert together.pipeline.counts[LATE] <= 2  # before the periods are known
-    assert alternating.pipeline.counts[LATE] == 0 and alternating.error() < 20
+    assert together.session.counts[LATE] <= 2  # before the periods are known
+    assert alternating.session.counts[LATE] == 0 and alternating.error() < 20
 
 
 def test_without_a_fixed_frame_the_skeleton_is_in_the_frame_of_the_first_camera():
@@ -117,7 +117,7 @@ def test_without_a_fixed_frame_the_skeleton_is_in_the_frame_of_the_first_camera(
 
 def test_one_camera_in_a_fixed_frame_gives_the_pose_that_it_gives_in_its_own():
     own, fixed = Play([LEFT], NodeSettings()), Play([LEFT], NodeSettings(fixed_frame=MAP))
-    own.pipeline.tracker.learned.vertical = Vertical(given=np.array([0.0, -1.0, 0.0]))  # as the map's
+    own.session.tracker.learned.vertical = Vertical(given=np.array([0.0, -1.0, 0.0]))  # as the map's
     own.run(1.0), fixed.run(1.0)
     pose = LEFT.pose_at(0)
     for one, other in zip(own.results, fixed.results):
@@ -171,28 +171,28 @@ def test_a_jump_of_the_fixed_frame_moves_the_person_with_it(degrees, metres, eye
     odometry, before = [jumping(one, degrees, metres) for one in eyes], eyes[0].pose_at(0)
     settings = TWO if len(eyes) > 1 else NodeSettings(fixed_frame=MAP)
     play = Play(eyes, settings, TrackerConfig(smoothing_lag=lag))
-    diagnostics = Diagnostics(play.pipeline, "tracker", 0.0)
+    diagnostics = Diagnostics(play.session, "tracker", 0.0)
     for index in range(60 * len(eyes)):
         number, now = index % len(eyes), index // len(eyes) / 30 + index % len(eyes) * phase
         for one in odometry:
-            play.pipeline.transforms.add(tf_of(BACKEND, one, START_NS, now), static=False)
+            play.session.transforms.add(tf_of(BACKEND, one, START_NS, now), static=False)
         play.image(number, now)
-    assert not play.refused and play.pipeline.counts[JUMPS] == 1
+    assert not play.refused and play.session.counts[JUMPS] == 1
     for one in play.results[15:]:
         seen = odometry[0].pose_at(one.seconds).into_camera(one.frame.estimate.pose.positions)
         assert np.linalg.norm(seen - before.into_camera(play.truth(one.seconds).positions[0]), axis=1).mean() < 0.1
         assert np.linalg.norm(one.frame.velocity) < 0.5 and np.abs(one.frame.joint_velocities).max() < 3.0
         assert np.abs(one.frame.joint_states()[1]).max() < 10.0 and not one.frame.judge().doubt.likely_wrong
-    assert play.pipeline.placement.jumps.words in status(play, diagnostics).message
+    assert play.session.placement.jumps.words in status(play, diagnostics).message
 
 
 def test_a_camera_that_jumps_alone_was_moved_and_the_person_was_not():
     play = Play([LEFT, RIGHT])
     for index in range(60):
         for number, one in enumerate((LEFT, jumping(RIGHT, 0, (-0.5, -0.5, 0.0)))):
-            play.pipeline.transforms.add(tf_of(BACKEND, one, START_NS, index / 30), static=False)
+            play.session.transforms.add(tf_of(BACKEND, one, START_NS, index / 30), static=False)
             play.image(number, index / 30)
-    assert not play.pipeline.counts[JUMPS] and len(play.results) == 60
+    assert not play.session.counts[JUMPS] and len(play.results) == 60
 
 
 def test_a_late_image_from_before_a_jump_is_no_second_jump():
@@ -205,18 +205,18 @@ def test_a_late_image_from_before_a_jump_is_no_second_jump():
 def test_a_robot_that_is_elsewhere_after_a_reset_has_not_jumped():
     """Simulated time is set back by 2 s, and its old end is passed again."""
     play = Play([LEFT], NodeSettings(fixed_frame=MAP)).run(2.0)
-    play.pipeline.transforms.clear()
-    play.pipeline.reset()
+    play.session.transforms.clear()
+    play.session.reset()
     away = jumping(LEFT, 30, (1.0, -2.0, 0.0)).pose_at(9.0)
     for index in range(75):
-        play.pipeline.transforms.add(tf_of(BACKEND, Eye("left", lambda _: away), START_NS, index / 30), static=False)
+        play.session.transforms.add(tf_of(BACKEND, Eye("left", lambda _: away), START_NS, index / 30), static=False)
         play.image(0, index / 30)
-    assert not play.pipeline.counts[JUMPS] and not play.refused
+    assert not play.session.counts[JUMPS] and not play.refused
 
 
 def test_a_fast_robot_is_no_jump():
     robot = turning_eye("camera", 4.0)
-    assert not Play([robot], NodeSettings(fixed_frame=MAP), still=True).run(2.0).pipeline.counts[JUMPS]
+    assert not Play([robot], NodeSettings(fixed_frame=MAP), still=True).run(2.0).session.counts[JUMPS]
 
 
 def test_a_camera_without_a_transform_is_left_out_and_named():
@@ -225,8 +225,8 @@ def test_a_camera_without_a_transform_is_left_out_and_named():
         play.transforms(0, index / 30)
         for number in range(2):
             play.image(number, index / 30)
-    assert len(play.results) == 30 and play.pipeline.counts["no transform of right"] >= 28
-    assert "right_optical" in play.pipeline.places.faults["right"] and "left" not in play.pipeline.places.faults
+    assert len(play.results) == 30 and play.session.counts["no transform of right"] >= 28
+    assert "right_optical" in play.session.places.faults["right"] and "left" not in play.session.places.faults
     nothing = Play([LEFT, RIGHT]).run(0.5, tf=False)
     assert not nothing.results and {one.rejection for one in nothing.refused} == {"no_transform"}
     assert MAP in nothing.refused[0].detail
@@ -259,7 +259,7 @@ def test_a_camera_that_sees_nobody_is_no_rejection():
             play.transforms(number, index / 30)
         play.image(0, index / 30)
         empty = crowd(BACKEND, START_NS + round(1e9 * index / 30), [], frame_id=RIGHT.frame)
-        play.keep(play.pipeline.frames(empty, START_NS + round(1e9 * index / 30), "right"))
+        play.keep(play.session.frames(empty, START_NS + round(1e9 * index / 30), "right"))
     assert len(play.results) == 60 and not play.refused
 
 
@@ -275,7 +275,7 @@ def test_the_followed_person_is_found_in_the_other_image_by_place_and_size():
             people = [(xy, np.full(17, 0.9 if i == (0 if number == 0 else 1) else 0.8)) for i, xy in enumerate(seen)]
             stamp_ns = START_NS + round(1e9 * now)
             message = crowd(BACKEND, stamp_ns, people, [7 + number, 8 - number], frame_id=one.frame)
-            play.keep(play.pipeline.frames(message, stamp_ns, name))
+            play.keep(play.session.frames(message, stamp_ns, name))
     assert play.error() < 25 and play.results[-1].frame.estimate.cameras == 2
 
 
@@ -292,8 +292,8 @@ def test_two_people_are_the_same_two_in_both_cameras():
             people = [(pixels(one, now, body, play.random), np.full(17, 0.9)) for body in order]
             stamp_ns = START_NS + round(1e9 * now)
             message = crowd(BACKEND, stamp_ns, people, frame_id=one.frame)
-            found.append(play.pipeline.frames(message, stamp_ns, name))
-    assert play.pipeline.counts["people come"] == 2
+            found.append(play.session.frames(message, stamp_ns, name))
+    assert play.session.counts["people come"] == 2
     last = {frame.person: frame.estimate for frames in found[-4:] for frame in frames}
     assert len(last) == 2 and all(estimate.cameras == 2 for estimate in last.values())
     places = sorted((estimate.pose.positions[0] for estimate in last.values()), key=lambda place: place[0])
@@ -303,7 +303,7 @@ def test_two_people_are_the_same_two_in_both_cameras():
 
 def status(play, diagnostics=None):
     """The line of /diagnostics after a play."""
-    diagnostics = diagnostics or Diagnostics(play.pipeline, "tracker", 0.0)
+    diagnostics = diagnostics or Diagnostics(play.session, "tracker", 0.0)
     diagnostics.count_camera_info(0.9)
     diagnostics.count_message([play.results[-1].frame], 0, 0.9, 0.001)
     return diagnostics.line(1.0)
@@ -313,12 +313,12 @@ def test_depth_images_are_counted_for_each_camera():
     """Those of the left camera are of the keypoints' time, those of the right one 1 s older."""
     settings = NodeSettings(cameras=("left", "right"), fixed_frame=MAP, depth="depth")
     play, depth = Play([LEFT, RIGHT], settings), np.full((48, 64), 3.6)
-    diagnostics = Diagnostics(play.pipeline, "tracker", 0.0)
+    diagnostics = Diagnostics(play.session, "tracker", 0.0)
     for index in range(30):
         for number, name in enumerate(play.names):
             stamp_ns = START_NS + round(1e9 * (index / 30 - number))
             message = depth_message(BACKEND, stamp_ns, depth, frame_id=play.eyes[number].frame)
-            play.pipeline.cameras[name].depth.add(message, 0)
+            play.session.cameras[name].depth.add(message, 0)
             play.transforms(number, index / 30)
             play.image(number, index / 30)
     line = status(play, diagnostics)
@@ -342,7 +342,7 @@ def off(camera, degrees, metres):
 def test_a_camera_that_was_moved_is_noticed_and_with_learn_corrected(extrinsics):
     poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
     play = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics=extrinsics), poses=poses).run(6.0)
-    angle, shift = play.pipeline.tracker.learned.extrinsics.moved("right")
+    angle, shift = play.session.tracker.learned.extrinsics.moved("right")
     assert np.degrees(angle) == pytest.approx(3.0, abs=0.7) and shift < 0.1
     assert (play.error(5.0) < 40) if extrinsics == "learn" else (play.error(5.0) > 100)
 
@@ -350,7 +350,7 @@ def test_a_camera_that_was_moved_is_noticed_and_with_learn_corrected(extrinsics)
 @pytest.mark.parametrize("extrinsics", ["check", "learn"])
 def test_a_camera_at_its_place_is_not_corrected(extrinsics):
     exact = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics=extrinsics)).run(3.0)
-    assert exact.pipeline.tracker.learned.extrinsics.moved("right") is None and exact.error(2.0) < 20
+    assert exact.session.tracker.learned.extrinsics.moved("right") is None and exact.error(2.0) < 20
 
 
 @pytest.mark.parametrize(
@@ -369,7 +369,7 @@ def test_a_turn_and_a_shift_of_a_camera_are_told_apart_by_a_person_who_walks(deg
     walk = np.array([1.0, 1.2, 0.0]) * walks
     play.truth = lambda seconds: truth_at([seconds], shift=walk * np.sin([seconds, 0.7 * seconds, 0.0]))
     play.run(6.0)
-    assert words in play.pipeline.extrinsics.in_words("right")
+    assert words in play.session.extrinsics.in_words("right")
 
 
 @pytest.mark.parametrize("moved", ["right", "back"])
@@ -377,7 +377,7 @@ def test_of_three_cameras_each_one_is_checked(moved):
     eyes = [LEFT, RIGHT, eye("back", 180)]
     poses = {one.name: off(one, 3.0, 0.0) if one.name == moved else one.pose_at(0) for one in eyes}
     play = Play(eyes, NodeSettings(cameras=("left", "right", "back"), fixed_frame=MAP), poses=poses).run(4.0)
-    extrinsics = play.pipeline.tracker.learned.extrinsics
+    extrinsics = play.session.tracker.learned.extrinsics
     assert [extrinsics.moved(name) is not None for name in ("right", "back")] == [moved == "right", moved == "back"]
 
 
@@ -385,13 +385,13 @@ def test_an_inverse_transform_is_named():
     pose = RIGHT.pose_at(0)
     inverse = CameraPose("right", pose.rotation.T, pose.centre)
     play = Play([LEFT, RIGHT], TWO, poses={"left": LEFT.pose_at(0), "right": inverse}).run(2.5)
-    assert "inverse transform" in play.pipeline.tracker.learned.extrinsics.wrong["right"]
+    assert "inverse transform" in play.session.tracker.learned.extrinsics.wrong["right"]
 
 
 @pytest.mark.parametrize("height", [1.1, 1.9])
 def test_two_cameras_measure_the_height(height):
     play = Play([LEFT, RIGHT], TWO, TrackerConfig(height=0.0), height=height).run(3.0)
-    assert play.pipeline.tracker.skeleton.height == pytest.approx(height, rel=0.03)
+    assert play.session.tracker.skeleton.height == pytest.approx(height, rel=0.03)
 
 
 @pytest.mark.parametrize(
@@ -422,7 +422,7 @@ def test_a_repeated_or_a_wrong_stamp_of_a_camera_changes_nothing():
     for _ in range(30):
         play.image(1, 29 / 30)
     play.image(1, 1000.0, late=-999.0)
-    counts = play.pipeline.counts
+    counts = play.session.counts
     assert counts["resets"] == 0 and counts["rejected: old_stamp"] == 30 and counts["rejected: stamp_jump"] == 1
     assert "camera 'right'" in play.refused[0].detail
     before = len(play.results)
@@ -435,13 +435,13 @@ def test_a_repeated_or_a_wrong_stamp_of_a_camera_changes_nothing():
 def test_after_a_reset_the_poses_are_learned_anew(extrinsics):
     poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
     play = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics=extrinsics), poses=poses).run(4.0)
-    learned = play.pipeline.tracker.learned.extrinsics
+    learned = play.session.tracker.learned.extrinsics
     assert learned.moved("right") is not None and learned.in_words("right")
-    play.pipeline.reset()
+    play.session.reset()
     assert not learned.in_words("right")
     with pytest.raises(CamerasFileError, match="no pose of a camera was learned yet"):
-        camera_commands(play.pipeline)
-    play.pipeline.places._given["right"] = RIGHT.pose_at(0)  # the pose is repaired
+        camera_commands(play.session)
+    play.session.places._given["right"] = RIGHT.pose_at(0)  # the pose is repaired
     for index in range(200):
         for number in range(2):
             play.image(number, 10.0 + index / 30)
@@ -454,7 +454,7 @@ def test_the_next_person_has_the_poses_learned_from_the_last_one():
     poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
     play = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics="learn"), poses=poses).run(6.0)
     before = play.error(5.0)
-    play.pipeline.people._people[0].body.reset(same_camera=True)
+    play.session.people._people[0].body.reset(same_camera=True)
     for index in range(15):
         for number in range(2):
             play.image(number, 6.0 + index / 30)
@@ -465,7 +465,7 @@ def test_a_learned_pose_is_that_of_the_results():
     poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
     play = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics="learn"), poses=poses).run(6.0)
     play.image(1, 6.01)
-    play.keep(frames_of(play.pipeline.due(START_NS + 7_000_000_000)))
+    play.keep(frames_of(play.session.due(START_NS + 7_000_000_000)))
     frame = play.results[-1].frame
     assert frame.camera.name == "right"
     assert np.nanmedian(np.linalg.norm(frame.reprojected - frame.detected, axis=1)) < 8.0
@@ -477,7 +477,7 @@ def test_without_the_first_camera_no_other_pose_is_corrected():
     settings = NodeSettings(cameras=("left", "right", "back"), fixed_frame=MAP)
     play = Play([LEFT, RIGHT, back], settings, TrackerConfig(extrinsics="learn"), poses=poses)
     play.run(3.0, silent=lambda number, seconds: number == 0)
-    assert not play.pipeline.tracker.learned.extrinsics.corrections and len(play.results) > 80
+    assert not play.session.tracker.learned.extrinsics.corrections and len(play.results) > 80
 
 
 def test_images_that_wait_or_come_late_do_not_say_that_nobody_is_there():
@@ -487,34 +487,34 @@ def test_images_that_wait_or_come_late_do_not_say_that_nobody_is_there():
             play.transforms(number, index / 30)
             play.image(number, index / 30)
     assert len(play.results) == 60 and not play.refused
-    assert play.pipeline.counts["accepted"] == 60
+    assert play.session.counts["accepted"] == 60
     nobody = Play([LEFT, RIGHT])
     for index in range(10):
         for number, one in enumerate(nobody.eyes):
             nobody.transforms(number, index / 30)
             stamp_ns = START_NS + round(1e9 * index / 30)
             empty = crowd(BACKEND, stamp_ns, [], frame_id=one.frame)
-            nobody.keep(nobody.pipeline.frames(empty, stamp_ns, nobody.names[number]))
+            nobody.keep(nobody.session.frames(empty, stamp_ns, nobody.names[number]))
     assert len(nobody.refused) >= 10
 
 
 def test_a_late_camera_is_counted_and_its_delay_is_said():
     play = Play([LEFT, RIGHT])
-    diagnostics = Diagnostics(play.pipeline, "tracker", 0.0)
+    diagnostics = Diagnostics(play.session, "tracker", 0.0)
     sent = sorted((index / 30 + 0.12 * number, number, index / 30) for index in range(60) for number in range(2))
     for _, number, seconds in sent:
         play.transforms(number, seconds)
         play.image(number, seconds, late=0.12 * number)
     line = status(play, diagnostics)
     assert "keypoints of 'right' arrive 0.12 s later" in line.message and "rejected" not in line.message
-    counts = play.pipeline.counts
+    counts = play.session.counts
     assert counts[LATE] > 50 and counts["accepted"] + counts[LATE] == counts["received"] == 120
 
 
 def test_camera_info_of_the_other_camera_is_named():
     play = Play([LEFT, RIGHT])
-    play.pipeline.cameras["right"].camera = Camera(rectified=False)
-    play.pipeline.set_camera(camera_info(BACKEND, frame_id=LEFT.frame), "right")
+    play.session.cameras["right"].camera = Camera(rectified=False)
+    play.session.set_camera(camera_info(BACKEND, frame_id=LEFT.frame), "right")
     play.run(1.0)
     assert "right/camera_info is of another camera" in status(play).message
 
@@ -533,16 +533,16 @@ def test_the_poses_are_checked_with_several_people_too():
     poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 5.0, 0.0)}
     play = Play([LEFT, RIGHT], settings, poses=poses).run(6.0)
     assert "camera 'right': the keypoints suggest" in status(play).message
-    assert len(camera_commands(play.pipeline)) == 1
+    assert len(camera_commands(play.session)) == 1
 
 
 def test_the_learned_poses_are_saved_as_static_transforms(tmp_path):
     poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
     play = Play([LEFT, RIGHT], TWO, poses=poses)
     with pytest.raises(CamerasFileError, match="no pose of a camera was learned yet"):
-        save_cameras(play.pipeline, tmp_path / "cameras.sh")
+        save_cameras(play.session, tmp_path / "cameras.sh")
     play.run(6.0)
-    path = save_cameras(play.pipeline, tmp_path / "new" / "cameras.sh")
+    path = save_cameras(play.session, tmp_path / "new" / "cameras.sh")
     command, wait = path.read_text().splitlines()
     assert command.endswith("--frame-id map --child-frame-id right_optical &") and wait == "wait"
     words = command.split()
@@ -554,9 +554,9 @@ def test_the_learned_poses_are_saved_as_static_transforms(tmp_path):
     assert np.degrees((turn * Rotation.from_matrix(truth.rotation)).magnitude()) < 0.7
     for impossible in (path / "below_a_file", "~nobody_of_this_name/cameras.sh", "no\0name.sh"):
         with pytest.raises(CamerasFileError, match="cannot be written"):
-            save_cameras(play.pipeline, Path(impossible))
+            save_cameras(play.session, Path(impossible))
     with pytest.raises(CamerasFileError, match="there is one camera"):
-        save_cameras(Play([LEFT], NodeSettings()).pipeline, path)
+        save_cameras(Play([LEFT], NodeSettings()).session, path)
 
 
 def test_saved_commands_hold_the_frames_of_the_images_as_they_are_written():
@@ -564,9 +564,9 @@ def test_saved_commands_hold_the_frames_of_the_images_as_they_are_written():
     poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
     play = Play([LEFT, eye(name, 90)], TWO, poses=poses).run(6.0)
     refused = keypoints(BACKEND, eye("refused", 90), START_NS, 5.8, play.truth(5.8).landmarks[0], play.random)
-    (frame,) = play.pipeline.frames(refused, START_NS + 6 * 10**9, "right")
+    (frame,) = play.session.frames(refused, START_NS + 6 * 10**9, "right")
     assert not frame.accepted
-    (command,) = camera_commands(play.pipeline)
+    (command,) = camera_commands(play.session)
     assert shlex.split(command)[-4:] == ["--frame-id", MAP, "--child-frame-id", f"{name}_optical"]
 
 
@@ -596,7 +596,7 @@ def without_tf_of_right(settings, config=LEARN, seconds=8.0, phase=0.0):
 def test_a_camera_without_a_transform_is_found_from_the_person():
     play = without_tf_of_right(TWO, phase=1 / 60)
     assert len(play.results) >= 238 and not play.refused
-    found = play.pipeline.places.newest["right"]
+    found = play.session.places.newest["right"]
     assert np.linalg.norm(found.centre - RIGHT.pose_at(0).centre) < 0.3
     turn = Rotation.from_matrix(found.rotation @ RIGHT.pose_at(0).rotation.T)
     assert np.degrees(turn.magnitude()) < 3.0
@@ -604,8 +604,8 @@ def test_a_camera_without_a_transform_is_found_from_the_person():
     assert play.results[-1].frame.estimate.cameras == 2 and play.error(7.0) < 1000 * before
     line = status(play)
     assert line.values["right: pose"] == "found from the person" and "right" not in line.message
-    assert play.pipeline.counts["no transform of right"] <= 1
-    assert "--child-frame-id right_optical" in camera_commands(play.pipeline)[0]
+    assert play.session.counts["no transform of right"] <= 1
+    assert "--child-frame-id right_optical" in camera_commands(play.session)[0]
 
 
 def test_until_it_is_found_the_other_camera_goes_on_and_diagnostics_says_why():
@@ -613,13 +613,13 @@ def test_until_it_is_found_the_other_camera_goes_on_and_diagnostics_says_why():
     assert len(play.results) == 60 and play.results[-1].frame.estimate.cameras == 1
     assert "no pose of camera 'right'" in status(play).message and "found from the person" in status(play).message
     checked = without_tf_of_right(TWO, TrackerConfig(extrinsics="check"))
-    assert "right" not in checked.pipeline.places.newest and checked.results[-1].frame.estimate.cameras == 1
+    assert "right" not in checked.session.places.newest and checked.results[-1].frame.estimate.cameras == 1
 
 
 def test_a_camera_whose_place_was_found_from_the_person_does_not_measure_the_height():
     play = without_tf_of_right(TWO, TrackerConfig(height=0.0, extrinsics="learn"))
-    assert "right" in play.pipeline.places.newest and play.results[-1].frame.estimate.cameras == 2
-    (height,) = play.pipeline.heights().values()
+    assert "right" in play.session.places.newest and play.results[-1].frame.estimate.cameras == 2
+    (height,) = play.session.heights().values()
     assert not height.measured and "1.7 m is assumed" in status(play).message
 
 
@@ -639,19 +639,19 @@ def two_people_without_tf_of_right(in_view, seconds, max_people=4):
             bodies = [truth_at([now + 3 * shift[0]], shift=shift).landmarks[0] for shift in shifts]
             people = [(pixels(one, now, body, play.random), np.full(17, 0.9)) for body in bodies]
             stamp_ns = START_NS + round(1e9 * now)
-            play.keep(play.pipeline.frames(crowd(BACKEND, stamp_ns, people, frame_id=one.frame), stamp_ns, name))
+            play.keep(play.session.frames(crowd(BACKEND, stamp_ns, people, frame_id=one.frame), stamp_ns, name))
     return play
 
 
 def test_of_several_people_the_one_who_is_alone_in_view_shows_where_a_camera_is():
     play = two_people_without_tf_of_right(lambda _, person, now: person == 0 or not 1.0 < now < 7.0, 8.5)
-    found = play.pipeline.places.newest["right"]
+    found = play.session.places.newest["right"]
     assert np.linalg.norm(found.centre - RIGHT.pose_at(0).centre) < 0.3
     turn = Rotation.from_matrix(found.rotation @ RIGHT.pose_at(0).rotation.T)
     assert np.degrees(turn.magnitude()) < 3.0
     last = {one.frame.person: one.frame.estimate for one in play.results[-4:]}
     assert len(last) == 2 and all(estimate.cameras == 2 for estimate in last.values())
-    assert not play.refused and not any("rejected" in name for name in play.pipeline.counts)
+    assert not play.refused and not any("rejected" in name for name in play.session.counts)
 
 
 @pytest.mark.parametrize(
@@ -661,8 +661,8 @@ def test_of_several_people_the_one_who_is_alone_in_view_shows_where_a_camera_is(
 )
 def test_nothing_is_found_from_people_who_may_be_exchanged(in_view, max_people):
     play = two_people_without_tf_of_right(in_view, 9.0, max_people=max_people)
-    assert "right" not in play.pipeline.places.newest
-    assert "found from the person" in play.pipeline.places.fault and len(play.results) > 240
+    assert "right" not in play.session.places.newest
+    assert "found from the person" in play.session.places.fault and len(play.results) > 240
 
 
 def test_a_transform_that_comes_later_replaces_the_found_pose():
@@ -671,11 +671,11 @@ def test_a_transform_that_comes_later_replaces_the_found_pose():
         for number in range(2):
             play.transforms(number, index / 30)
             play.image(number, index / 30)
-    assert not play.pipeline.tracker.learned.extrinsics.found
+    assert not play.session.tracker.learned.extrinsics.found
     assert play.error(10.0) < 25
 
 
 def test_without_fixed_frame_and_tf_two_cameras_need_no_calibration():
     play = without_tf_of_right(NodeSettings(cameras=("left", "right")))
     assert play.results[-1].frame.frame_id == LEFT.frame and play.results[-1].frame.estimate.cameras == 2
-    assert not play.pipeline.places.faults
+    assert not play.session.places.faults

@@ -16,7 +16,7 @@ from lassokin_ros.pipeline.outputs.camera_markers import CameraMarkers
 from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, save_cameras
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
 pytest.importorskip("rosbags")
@@ -25,16 +25,16 @@ LEFT, RIGHT, BACK = eye("left", 0), eye("right", 90), eye("back", 200, 4.0)
 
 
 class Rig:
-    """Sends what cameras see of a person to a pipeline."""
+    """Sends what cameras see of a person to a session."""
 
     def __init__(self, *eyes, poses=None, **settings):
         self.eyes = {one.name: one for one in eyes}
         settings = NodeSettings(cameras=tuple(self.eyes), fixed_frame=MAP, **settings)
         given = {name: one.pose_at(0) for name, one in self.eyes.items()} | (poses or {})
-        self.pipeline, self.random = Pipeline(TrackerConfig(), settings, poses=given), np.random.default_rng(0)
+        self.session, self.random = Session(TrackerConfig(), settings, poses=given), np.random.default_rng(0)
         for name, one in self.eyes.items():
-            self.pipeline.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
-        self.diagnostics, self.errors = Diagnostics(self.pipeline, "tracker", 0.0), []
+            self.session.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
+        self.diagnostics, self.errors = Diagnostics(self.session, "tracker", 0.0), []
         self.diagnostics.count_camera_info(0.0)
 
     def send(self, begin, end, instead=None, late=None, noise_px=3.0, silent=(), hz=30):
@@ -49,7 +49,7 @@ class Rig:
                 points = seen[(instead or {}).get(name, name)]
                 stamp_ns = START_NS + round(1e9 * (now - (late or {}).get(name, 0.0)))
                 message = cloud(BACKEND, stamp_ns, points, frame_id=one.frame)
-                frames = self.pipeline.frames(message, START_NS + round(1e9 * now) + 10_000_000, name)
+                frames = self.session.frames(message, START_NS + round(1e9 * now) + 10_000_000, name)
                 self.keep(frames, now)
         return self
 
@@ -65,7 +65,7 @@ class Rig:
 
     @property
     def left_out(self):
-        return set(self.pipeline.placement.agreement.left_out)
+        return set(self.session.placement.agreement.left_out)
 
 
 def inverse(one):
@@ -92,9 +92,9 @@ def test_of_three_cameras_the_wrong_one_is_named_and_not_used_after_a_second(fau
     assert not rig.left_out
     rig.send(0.5, 1.2, **how)
     assert rig.left_out == {"right"}
-    used = rig.pipeline.counts[f"right: {LEFT_OUT}"]
+    used = rig.session.counts[f"right: {LEFT_OUT}"]
     rig.send(1.2, 3.0, **how)
-    assert rig.pipeline.counts[f"right: {LEFT_OUT}"] - used >= 53  # of 54 images; one may wait
+    assert rig.session.counts[f"right: {LEFT_OUT}"] - used >= 53  # of 54 images; one may wait
     assert np.median(rig.errors[-20:]) < 0.03
     line = rig.diagnostics.line(3.0)
     assert "camera 'right' is not used: its keypoints do not fit those of 'left' and 'back'" in line.message
@@ -106,7 +106,7 @@ def test_a_camera_whose_lens_is_not_its_own_is_named():
     rig = Rig(LEFT, RIGHT, BACK)
     info = camera_info(BACKEND, frame_id=RIGHT.frame)
     info.k[[0, 4]] *= 0.6
-    rig.pipeline.set_camera(info, "right")
+    rig.session.set_camera(info, "right")
     rig.send(0.0, 2.0)
     assert rig.left_out == {"right"} and "camera 'right' is not used" in rig.said(2.0)
 
@@ -115,14 +115,14 @@ def test_a_camera_that_is_repaired_is_used_again():
     rig = Rig(LEFT, RIGHT, BACK).send(0.0, 1.5, instead={"right": "back"})
     assert rig.left_out == {"right"}
     rig.send(1.5, 3.0)
-    assert not rig.left_out and rig.pipeline.cameras["right"].residuals
+    assert not rig.left_out and rig.session.cameras["right"].residuals
     assert "is not used" not in rig.said(3.0) and np.median(rig.errors[-20:]) < 0.03
 
 
 @pytest.mark.parametrize("poses", [{}, {"right": turned(RIGHT, 2.0)}])
 def test_good_cameras_and_a_small_error_of_a_pose_are_used(poses):
     rig = Rig(LEFT, RIGHT, BACK, poses=poses).send(0.0, 3.0, noise_px=5.0)
-    assert not rig.left_out and not any(LEFT_OUT in key for key, count in rig.pipeline.counts.items() if count)
+    assert not rig.left_out and not any(LEFT_OUT in key for key, count in rig.session.counts.items() if count)
     assert "not used" not in rig.said(3.0) and "do not fit" not in rig.said(4.0)
 
 
@@ -145,7 +145,7 @@ def test_cameras_that_contradict_each_other_do_not_need_a_search_in_each_frame(m
     searches, search = [], Tracker._first_fit
     monkeypatch.setattr(Tracker, "_first_fit", lambda *args: (searches.append(1), search(*args))[1])
     rig = Rig(LEFT, RIGHT, poses={"right": inverse(RIGHT)}).send(0.0, 2.0)
-    rejected = sum(count for key, count in rig.pipeline.counts.items() if key.startswith("rejected: "))
+    rejected = sum(count for key, count in rig.session.counts.items() if key.startswith("rejected: "))
     assert rejected > 30 and len(searches) < 0.4 * rejected
 
 
@@ -179,16 +179,16 @@ def test_poses_that_are_known_to_be_wrong_are_not_saved(fault, tmp_path):
     rig, path = Rig(*eyes, poses=poses).send(0.0, 3.0, **how), tmp_path / "cameras.sh"
     path.write_text("the last good one")
     with pytest.raises(CamerasFileError, match=f"nothing is written, because .*{words}.* Correct that"):
-        save_cameras(rig.pipeline, path)
+        save_cameras(rig.session, path)
     assert path.read_text() == "the last good one"
 
 
 def test_poses_are_saved_when_the_fault_is_mended(tmp_path):
     rig = Rig(LEFT, RIGHT, BACK).send(0.0, 2.5, instead={"right": "back"})
     with pytest.raises(CamerasFileError, match="camera 'right' is not used"):
-        save_cameras(rig.pipeline, tmp_path / "cameras.sh")
+        save_cameras(rig.session, tmp_path / "cameras.sh")
     rig.send(2.5, 6.0)
-    assert len(save_cameras(rig.pipeline, tmp_path / "cameras.sh").read_text().splitlines()) == 3
+    assert len(save_cameras(rig.session, tmp_path / "cameras.sh").read_text().splitlines()) == 3
 
 
 def test_cameras_that_alternate_are_no_turn_of_the_person():
@@ -199,7 +199,7 @@ def test_cameras_that_alternate_are_no_turn_of_the_person():
         now, name = index / 60, ("left", "far")[index % 2]
         seen = pixels(rig.eyes[name], now, truth_at([now]).landmarks[0], rig.random, 2.0)
         stamp_ns = START_NS + round(1e9 * now)
-        frames = rig.pipeline.frames(cloud(BACKEND, stamp_ns, seen, frame_id=rig.eyes[name].frame), stamp_ns, name)
+        frames = rig.session.frames(cloud(BACKEND, stamp_ns, seen, frame_id=rig.eyes[name].frame), stamp_ns, name)
         rig.keep(frames, now)
         assert not any(frame.doubt.has_sign or frame.doubt.reversed for frame in frames)
     assert len(rig.errors) > 55
@@ -209,14 +209,14 @@ def test_a_camera_whose_place_nobody_knows_is_not_left_out():
     """Its place is found from the person; TF has those of the others."""
     rig = Rig(LEFT, RIGHT, BACK)
     config = TrackerConfig(extrinsics="learn")
-    rig.pipeline = Pipeline(config, NodeSettings(cameras=tuple(rig.eyes), fixed_frame=MAP))
+    rig.session = Session(config, NodeSettings(cameras=tuple(rig.eyes), fixed_frame=MAP))
     for name, one in rig.eyes.items():
-        rig.pipeline.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
+        rig.session.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
         if name != "back":
-            rig.pipeline.transforms.add(tf_of(BACKEND, one, START_NS, 0.0), static=True)
+            rig.session.transforms.add(tf_of(BACKEND, one, START_NS, 0.0), static=True)
     rig.send(0.0, 2.0)
     assert not rig.left_out and rig.errors
-    message = CameraMarkers(BACKEND, rig.pipeline).build(START_NS, 0.0)
+    message = CameraMarkers(BACKEND, rig.session).build(START_NS, 0.0)
     assert {one.text for one in message.markers if one.text} == {"left", "right"}
 
 
@@ -249,6 +249,6 @@ def test_memory_is_constant_while_cameras_come_and_go():
         rig.said(begin + 9.0)
         rig.errors.clear()
         if cycle in (19, 49):  # all windows are full, and the last cycles were alike
-            counts.append(reachable([rig.pipeline, rig.diagnostics]))
-    assert rig.pipeline.counts[f"right: {LEFT_OUT}"] > 0 and counts[0]["ndarray"] > 100
+            counts.append(reachable([rig.session, rig.diagnostics]))
+    assert rig.session.counts[f"right: {LEFT_OUT}"] > 0 and counts[0]["ndarray"] > 100
     assert not {name: (n, counts[1][name]) for name, n in counts[0].items() if counts[1][name] > 1.05 * n + 20}

@@ -14,7 +14,7 @@ from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = backend()
@@ -68,14 +68,14 @@ DETECTORS = {ZED: (zed, "zed38"), YOLO: (yolo, "coco17"), "sensor_msgs/msg/Point
 
 
 def run(kind, camera, distance, aside=0.0):
-    """Return the pipeline and the results of the messages."""
+    """Return the session and the results of the messages."""
     make, layout = DETECTORS[kind]
     config = TrackerConfig(landmarks=layout, height=0.0 if kind == ZED else 1.75)
-    pipeline = Pipeline(config, NodeSettings(keypoints_type=kind, rectified=kind == ZED))
-    assert pipeline.set_camera(camera) is None
+    session = Session(config, NodeSettings(keypoints_type=kind, rectified=kind == ZED))
+    assert session.set_camera(camera) is None
     stamps = [int(1e9 * (5 + i / HZ)) for i in range(COUNT)]
     messages = (make(stamp_ns, points) for stamp_ns, points in zip(stamps, landmarks(layout, distance, aside)))
-    return pipeline, [pipeline.process(message, stamp_ns) for message, stamp_ns in zip(messages, stamps)]
+    return session, [session.process(message, stamp_ns) for message, stamp_ns in zip(messages, stamps)]
 
 
 def pelvis(result):
@@ -86,10 +86,10 @@ def pelvis(result):
 @pytest.mark.parametrize("factor", [0.5, 2 / 3, 1.0, 2.0])
 @pytest.mark.parametrize("kind", [ZED, YOLO])
 def test_the_detectors_3d_points_tell_the_size_of_its_image(kind, factor, distance):
-    pipeline, results = run(kind, info(factor), distance, aside=-0.4 if distance > 5 else 0.0)
+    session, results = run(kind, info(factor), distance, aside=-0.4 if distance > 5 else 0.0)
     assert all(result.accepted for result in results)
     assert pelvis(results[-1])[2] == pytest.approx(distance, rel=0.05)
-    words = pipeline.first.image_size.warning
+    words = session.first.image_size.warning
     if factor == 1.0:
         assert not words
     else:
@@ -115,36 +115,36 @@ def test_binning_that_camera_info_names_and_the_image_has_not(fields):
 
 
 def test_another_camera_info_is_compared_anew():
-    pipeline, _ = run(ZED, info(0.5), 3.76)
-    assert pipeline.set_camera(info(1.0)) is None
-    (result,) = [pipeline.process(zed(int(6e9), landmarks("zed38", 3.76)[-1]), int(6e9))]
+    session, _ = run(ZED, info(0.5), 3.76)
+    assert session.set_camera(info(1.0)) is None
+    (result,) = [session.process(zed(int(6e9), landmarks("zed38", 3.76)[-1]), int(6e9))]
     assert result.accepted and pelvis(result)[2] == pytest.approx(3.76, rel=0.05)
-    assert not pipeline.first.image_size.warning
+    assert not session.first.image_size.warning
 
 
 def test_a_single_message_with_other_3d_points_changes_nothing():
-    pipeline, _ = run(ZED, info(1.0), 3.76)
+    session, _ = run(ZED, info(1.0), 3.76)
     points = landmarks("zed38", 3.76)[-1]
     for i in range(8):
         message = zed(int(6e9 + i * 3e7), points)
         if i % 5 < 4:  # at most four in a row
             for body in message.objects[0].skeleton_3d.keypoints:
                 body.kp = body.kp * np.array([1, 2, 2], np.float32)
-        result = pipeline.process(message, int(6e9 + i * 3e7))
+        result = session.process(message, int(6e9 + i * 3e7))
         assert result.accepted and pelvis(result)[2] == pytest.approx(3.76, rel=0.05)
 
 
 def test_a_person_who_is_outside_of_the_image_is_refused():
-    pipeline, results = run("sensor_msgs/msg/PointCloud2", info(0.5), 3.76)  # the person is at 960 of 960 px
+    session, results = run("sensor_msgs/msg/PointCloud2", info(0.5), 3.76)  # the person is at 960 of 960 px
     refused = [result for result in results if not result.accepted]
     assert len(refused) > 10 and {result.rejection for result in refused} == {"other_size"}
     assert "are outside of camera_info's image of 960 x 540 px" in refused[0].detail
     assert "pub_resolution: NATIVE" in refused[0].detail
     inside = pixels_alone(int(6e9), landmarks("coco17", 6.96, -4.0)[0])
-    after = pipeline.process(inside, int(6e9))  # it is certain now, wherever people are
+    after = session.process(inside, int(6e9))  # it is certain now, wherever people are
     assert after.rejection == "other_size"
-    assert pipeline.set_camera(info(1.0)) is None
-    assert pipeline.process(inside, int(6.1e9)).accepted
+    assert session.set_camera(info(1.0)) is None
+    assert session.process(inside, int(6.1e9)).accepted
 
 
 def test_limbs_outside_of_the_image_are_those_of_the_same_image():

@@ -14,7 +14,7 @@ from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = rosbags_backend()
@@ -23,9 +23,9 @@ PIXELS = pixels_of_motion(COUNT, 30.0)
 
 
 def track(change=None, confidence=None, rows=(9, 10, 15)):
-    """Translations (COUNT, 3) and joints of frames in which `change` replaces the pixels of rows; and the pipeline."""
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    assert pipeline.set_camera(camera_info(BACKEND)) is None
+    """Translations (COUNT, 3) and joints of frames in which `change` replaces the pixels of rows; and the session."""
+    session = Session(TrackerConfig(), NodeSettings())
+    assert session.set_camera(camera_info(BACKEND)) is None
     places = []
     for i in range(COUNT):
         xy, scores = PIXELS[i].copy(), np.full(17, 0.9)
@@ -33,10 +33,10 @@ def track(change=None, confidence=None, rows=(9, 10, 15)):
             xy[list(rows)] = change(xy[list(rows)])
         if confidence is not None and i >= 10:
             scores[list(rows)] = confidence
-        frame = pipeline.process(cloud(BACKEND, 10**9 + i * 33_333_333, xy, scores), 0)
+        frame = session.process(cloud(BACKEND, 10**9 + i * 33_333_333, xy, scores), 0)
         assert frame.accepted, frame.detail
         places.append(frame.estimate.pose.positions)
-    return np.array(places), pipeline
+    return np.array(places), session
 
 
 MISSING, _ = track(confidence=0.0)
@@ -86,13 +86,13 @@ def test_joints_outside_of_the_image_are_as_uncertain_as_they_are_wrong():
     outside = pixels[..., 1] > size[1] - 1
     assert outside[:, 15:].all()
     clamped = np.clip(pixels, 0, size - 0.5)
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(), NodeSettings())
     K = [focal, 0, size[0] / 2, 0, focal, size[1] / 2, 0, 0, 1]
-    assert pipeline.set_camera(camera_info(BACKEND, width=1280, height=720, k=np.array(K), p=np.zeros(12))) is None
+    assert session.set_camera(camera_info(BACKEND, width=1280, height=720, k=np.array(K), p=np.zeros(12))) is None
     joints = [skeleton.index("left_ankle"), skeleton.index("right_ankle")]
     errors, deviations = [], []
     for i, (xy, out) in enumerate(zip(clamped, outside)):
-        frame = pipeline.process(cloud(BACKEND, 10**9 + i * 33_333_333, xy, np.where(out, 0.55, 0.9)), 0)
+        frame = session.process(cloud(BACKEND, 10**9 + i * 33_333_333, xy, np.where(out, 0.55, 0.9)), 0)
         found, true = frame.estimate.pose.positions, pose.positions[i]
         errors.append(np.linalg.norm((found - found[0] - true + true[0])[joints], axis=1))
         deviations.append(frame.uncertainty.deviation[joints])
@@ -102,25 +102,25 @@ def test_joints_outside_of_the_image_are_as_uncertain_as_they_are_wrong():
 
 @pytest.mark.parametrize("name", PLACES)
 def test_a_placeholder_is_a_missing_point(name):
-    places, pipeline = track(PLACES[name])
-    assert np.array_equal(places, MISSING) and pipeline.counts[PLACEHOLDERS] == COUNT - 10
+    places, session = track(PLACES[name])
+    assert np.array_equal(places, MISSING) and session.counts[PLACEHOLDERS] == COUNT - 10
 
 
 def test_ordinary_points_are_no_placeholders():
-    _, pipeline = track()
-    assert pipeline.counts[PLACEHOLDERS] == 0
+    _, session = track()
+    assert session.counts[PLACEHOLDERS] == 0
     apart = np.array([0.0, 0.3, 0.7])
     for change in (to_x(WIDTH + 7.5 + apart), to_x(7.5 + apart), to_y(HEIGHT - 6.0 - apart), lambda xy: xy[[0, 0, 2]]):
-        _, pipeline = track(change)
-        assert pipeline.counts[PLACEHOLDERS] == 0
+        _, session = track(change)
+        assert session.counts[PLACEHOLDERS] == 0
 
 
 def test_small_people_may_have_equal_rounded_points():
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    pipeline.set_camera(camera_info(BACKEND, focal=FOCAL))
+    session = Session(TrackerConfig(), NodeSettings())
+    session.set_camera(camera_info(BACKEND, focal=FOCAL))
     small = np.round((PIXELS[0] - [WIDTH / 2, HEIGHT / 2]) * 0.05) + [WIDTH / 2 + 20, HEIGHT / 2 + 20]
-    pipeline.process(cloud(BACKEND, 10**9, small), 0)
-    assert pipeline.counts[PLACEHOLDERS] == 0
+    session.process(cloud(BACKEND, 10**9, small), 0)
+    assert session.counts[PLACEHOLDERS] == 0
 
 
 @pytest.mark.parametrize("score", [2.5, 90.0, np.inf])
@@ -130,34 +130,34 @@ def test_a_single_invalid_score_removes_its_point_only(score):
 
 
 def test_scores_in_another_unit_are_refused_with_a_factor():
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    pipeline.set_camera(camera_info(BACKEND))
-    frame = pipeline.process(cloud(BACKEND, 10**9, PIXELS[0], np.linspace(4, 6, 17)), 0)
+    session = Session(TrackerConfig(), NodeSettings())
+    session.set_camera(camera_info(BACKEND))
+    frame = session.process(cloud(BACKEND, 10**9, PIXELS[0], np.linspace(4, 6, 17)), 0)
     assert frame.rejection == "confidence_range"
     assert "17 of 17" in frame.detail and "up to 6" in frame.detail and "divide percentages by 100" in frame.detail
 
 
 def test_fractions_of_the_image_are_refused_with_the_factors():
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    assert pipeline.set_camera(camera_info(BACKEND)) is None
-    frame = pipeline.process(cloud(BACKEND, 10**9, PIXELS[0] / [WIDTH, HEIGHT]), 0)
+    session = Session(TrackerConfig(), NodeSettings())
+    assert session.set_camera(camera_info(BACKEND)) is None
+    frame = session.process(cloud(BACKEND, 10**9, PIXELS[0] / [WIDTH, HEIGHT]), 0)
     assert (
         frame.rejection == "fractions" and f"width ({WIDTH})" in frame.detail and f"height ({HEIGHT})" in frame.detail
     )
-    assert not pipeline.nobody_in_view
+    assert not session.nobody_in_view
     below = PIXELS[0] / [WIDTH, HEIGHT] + [0.0, 0.4]  # the legs are below the image
-    assert below.max() > 1.1 and pipeline.process(cloud(BACKEND, 10**9, below), 0).rejection == "fractions"
+    assert below.max() > 1.1 and session.process(cloud(BACKEND, 10**9, below), 0).rejection == "fractions"
 
 
 def test_percent_of_the_image_are_refused_with_the_factors():
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    assert pipeline.set_camera(camera_info(BACKEND)) is None
+    session = Session(TrackerConfig(), NodeSettings())
+    assert session.set_camera(camera_info(BACKEND)) is None
     percent = PIXELS[0] / [WIDTH, HEIGHT] * 100
-    frame = pipeline.process(cloud(BACKEND, 10**9, percent), 0)
+    frame = session.process(cloud(BACKEND, 10**9, percent), 0)
     assert frame.rejection == "percent" and "multiply x by 6.4 and y by 4.8" in frame.detail
-    assert pipeline.process(cloud(BACKEND, 2 * 10**9, PIXELS[0]), 0).accepted
+    assert session.process(cloud(BACKEND, 2 * 10**9, PIXELS[0]), 0).accepted
     assert (
-        pipeline.process(cloud(BACKEND, 2 * 10**9 + 10**8, percent), 0).rejection != "percent"
+        session.process(cloud(BACKEND, 2 * 10**9 + 10**8, percent), 0).rejection != "percent"
     )  # somebody in a corner
 
 
@@ -167,6 +167,6 @@ def test_percent_of_the_image_are_refused_with_the_factors():
     ids=["centre", "zero", "nan", "twelve px", "negative"],
 )
 def test_placeholders_and_a_small_person_are_no_fractions(xy):
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    assert pipeline.set_camera(camera_info(BACKEND)) is None
-    assert pipeline.process(cloud(BACKEND, 10**9, xy), 0).rejection != "fractions"
+    session = Session(TrackerConfig(), NodeSettings())
+    assert session.set_camera(camera_info(BACKEND)) is None
+    assert session.process(cloud(BACKEND, 10**9, xy), 0).rejection != "fractions"

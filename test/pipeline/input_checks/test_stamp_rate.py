@@ -10,7 +10,7 @@ from messages import camera_info, cloud, pixels_of_motion, rosbags_backend  # no
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from msg_adapters.output_messages.builders import WARN  # noqa: E402
 
@@ -69,13 +69,13 @@ def test_stamps_that_stay_are_a_warning():
 def test_the_status_and_the_velocities_of_stamps_in_us():
     """Differences over steps of 33 us would be thousands of rad/s."""
     backend, pixels = rosbags_backend(), pixels_of_motion(60, 30.0)
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    pipeline.set_camera(camera_info(backend))
-    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    session = Session(TrackerConfig(), NodeSettings())
+    session.set_camera(camera_info(backend))
+    diagnostics = Diagnostics(session, "tracker", 0.0)
     fastest = 0.0
     for i, xy in enumerate(np.concatenate([pixels, pixels[::-1]])[: len(TIMES)]):
         arrival_ns = int(TIMES[i])
-        frames = pipeline.frames(cloud(backend, arrival_ns // 1000, xy), arrival_ns)
+        frames = session.frames(cloud(backend, arrival_ns // 1000, xy), arrival_ns)
         diagnostics.count_message(frames, arrival_ns, i / 30, 0.001)
         assert frames[0].accepted
         fastest = max(fastest, np.abs(frames[0].velocities).max(), np.abs(frames[0].joint_velocities).max())

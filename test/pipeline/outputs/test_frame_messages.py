@@ -1,4 +1,4 @@
-"""The pipeline without middleware, and its messages for rclpy and for rosbags."""
+"""The session without middleware, and its messages for rclpy and for rosbags."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import ROOT, NodeSettings
 from msg_adapters.backends import RclpyBackend, RosbagsBackend
 from msg_adapters.output_messages.builders import set_header
@@ -20,8 +20,8 @@ PIXELS = pixels_of_motion(30)
 
 
 @pytest.fixture
-def pipeline():
-    result = Pipeline(TrackerConfig(), NodeSettings())
+def session():
+    result = Session(TrackerConfig(), NodeSettings())
     result.set_camera(camera_info(BACKEND))
     return result
 
@@ -29,9 +29,9 @@ def pipeline():
 BACKEND = rosbags_backend()
 
 
-def frame(pipeline, index, stamp_ns=None, **options):
+def frame(session, index, stamp_ns=None, **options):
     stamp_ns = START_NS + index * PERIOD_NS if stamp_ns is None else stamp_ns
-    return pipeline.process(cloud(BACKEND, stamp_ns, PIXELS[index % 30], **options), 7)
+    return session.process(cloud(BACKEND, stamp_ns, PIXELS[index % 30], **options), 7)
 
 
 def as_plain(message):
@@ -50,10 +50,10 @@ def as_plain(message):
     )
 
 
-def test_both_backends_give_equal_messages(pipeline):
+def test_both_backends_give_equal_messages(session):
     pytest.importorskip("rclpy")
-    tracked = [frame(pipeline, i) for i in range(3)][-1]
-    skeleton = pipeline.tracker.skeleton
+    tracked = [frame(session, i) for i in range(3)][-1]
+    skeleton = session.tracker.skeleton
     ours, theirs = (dict(FrameMessages(b, skeleton).build(tracked)) for b in (RclpyBackend(), BACKEND))
     expected = [topic.name for topic in (*topics.FRAME_OUTPUTS, *topics.LIVE_OUTPUTS)]
     assert list(ours) == list(theirs) == expected
@@ -61,16 +61,16 @@ def test_both_backends_give_equal_messages(pipeline):
         assert as_plain(ours[name]) == as_plain(theirs[name]), name
 
 
-def test_only_requested_messages_are_made(pipeline):
-    tracked = frame(pipeline, 0)
-    messages = FrameMessages(BACKEND, pipeline.tracker.skeleton)
+def test_only_requested_messages_are_made(session):
+    tracked = frame(session, 0)
+    messages = FrameMessages(BACKEND, session.tracker.skeleton)
     assert [t for t, _ in messages.build(tracked, {topics.JOINTS})] == [topics.JOINTS]
-    assert list(messages.build(frame(pipeline, 0))) == []  # a repeated stamp: rejected
+    assert list(messages.build(frame(session, 0))) == []  # a repeated stamp: rejected
 
 
-def test_tf_gives_position_and_front_of_the_pelvis(pipeline):
-    tracked = frame(pipeline, 0)
-    messages = FrameMessages(BACKEND, pipeline.tracker.skeleton, config=NodeSettings(publish_tf=ROOT))
+def test_tf_gives_position_and_front_of_the_pelvis(session):
+    tracked = frame(session, 0)
+    messages = FrameMessages(BACKEND, session.tracker.skeleton, config=NodeSettings(publish_tf=ROOT))
     message = dict(messages.build(tracked))[topics.TF]
     (transform,) = message.transforms
     assert (transform.header.frame_id, transform.child_frame_id) == (FRAME, "tracker/body")
@@ -82,96 +82,96 @@ def test_tf_gives_position_and_front_of_the_pelvis(pipeline):
     assert np.allclose(left, tracked.estimate.pose.orientations[0][:, 0])
 
 
-def test_rep155s_body_is_midway_between_the_hips(pipeline):
-    tracked = frame(pipeline, 0)
+def test_rep155s_body_is_midway_between_the_hips(session):
+    tracked = frame(session, 0)
     config, backend = NodeSettings(publish_tf=ROOT, rep155=True), RosbagsBackend(detector_types())
-    messages = FrameMessages(backend, pipeline.tracker.skeleton, config=config)
+    messages = FrameMessages(backend, session.tracker.skeleton, config=config)
     place = dict(messages.build(tracked))[topics.TF].transforms[0].transform.translation
     hips = tracked.estimate.pose.positions[[1, 2]]
     assert np.allclose([place.x, place.y, place.z], hips.mean(axis=0))
     assert np.linalg.norm(hips.mean(axis=0) - tracked.positions[:3]) > 0.05
 
 
-def test_messages_have_the_stamp_and_frame_of_the_keypoints(pipeline):
-    first = frame(pipeline, 0)
+def test_messages_have_the_stamp_and_frame_of_the_keypoints(session):
+    first = frame(session, 0)
     assert (first.stamp_ns, first.frame_id, first.accepted) == (START_NS, FRAME, True)
-    assert frame(pipeline, 0).rejection == "old_stamp"
-    assert frame(pipeline, 0, stamp_ns=START_NS - 400_000_000).rejection == "old_stamp"
-    assert pipeline.counts["resets"] == 0
-    assert frame(pipeline, 0, stamp_ns=START_NS - 600_000_000).rejection == "stamp_jump"
-    again = frame(pipeline, 0, stamp_ns=START_NS - 590_000_000)
-    assert again.accepted and again.estimate.initialised and pipeline.counts["resets"] == 1
+    assert frame(session, 0).rejection == "old_stamp"
+    assert frame(session, 0, stamp_ns=START_NS - 400_000_000).rejection == "old_stamp"
+    assert session.counts["resets"] == 0
+    assert frame(session, 0, stamp_ns=START_NS - 600_000_000).rejection == "stamp_jump"
+    again = frame(session, 0, stamp_ns=START_NS - 590_000_000)
+    assert again.accepted and again.estimate.initialised and session.counts["resets"] == 1
 
 
-def test_a_stamp_of_zero_is_the_time_of_arrival(pipeline):
-    assert frame(pipeline, 0, stamp_ns=0).stamp_ns == 7
-    assert pipeline.counts["unstamped"] == 1
+def test_a_stamp_of_zero_is_the_time_of_arrival(session):
+    assert frame(session, 0, stamp_ns=0).stamp_ns == 7
+    assert session.counts["unstamped"] == 1
 
 
-def test_a_missing_frame_is_replaced_by_that_of_the_camera(pipeline):
-    assert frame(pipeline, 0, frame_id="").frame_id == FRAME
+def test_a_missing_frame_is_replaced_by_that_of_the_camera(session):
+    assert frame(session, 0, frame_id="").frame_id == FRAME
 
 
-def test_a_looped_bag_gives_the_same_bytes(pipeline):
-    rounds = [[frame(pipeline, i, START_NS + i * 33_333_333) for i in range(30)] for _ in range(3)]
+def test_a_looped_bag_gives_the_same_bytes(session):
+    rounds = [[frame(session, i, START_NS + i * 33_333_333) for i in range(30)] for _ in range(3)]
     for other in rounds[1:]:
         for once, again in zip(rounds[0], other):
             assert np.array_equal(once.positions, again.positions)
             assert np.array_equal(once.velocities, again.velocities)
 
 
-def test_messages_of_two_publishers_of_the_same_images_are_used_once(pipeline):
+def test_messages_of_two_publishers_of_the_same_images_are_used_once(session):
     for i in range(10):
-        assert frame(pipeline, i).accepted
-        assert frame(pipeline, i).rejection == "old_stamp"
-    assert pipeline.counts["resets"] == 0 and pipeline.counts["rejected: old_stamp"] == 10
+        assert frame(session, i).accepted
+        assert frame(session, i).rejection == "old_stamp"
+    assert session.counts["resets"] == 0 and session.counts["rejected: old_stamp"] == 10
 
 
-def test_a_new_camera_is_used_from_the_next_frame_on(pipeline):
-    near = frame(pipeline, 0).estimate.state.translation[2]
-    pipeline.reset()
-    assert pipeline.set_camera(camera_info(BACKEND, focal=1200.0)) is None
-    assert frame(pipeline, 1).estimate.state.translation[2] == pytest.approx(2 * near, rel=0.2)
+def test_a_new_camera_is_used_from_the_next_frame_on(session):
+    near = frame(session, 0).estimate.state.translation[2]
+    session.reset()
+    assert session.set_camera(camera_info(BACKEND, focal=1200.0)) is None
+    assert frame(session, 1).estimate.state.translation[2] == pytest.approx(2 * near, rel=0.2)
 
 
-def double(pipeline):
+def double(session):
     """Twice the resolution from image 10 on, with twice the noise in px, so that all else is equal."""
     info = camera_info(BACKEND, focal=2 * FOCAL, width=2 * WIDTH, height=2 * HEIGHT)
     info.k[2], info.k[5] = WIDTH, HEIGHT
     set_header(info.header, START_NS + 10 * PERIOD_NS, FRAME)
-    assert pipeline.set_camera(info) is None
+    assert session.set_camera(info) is None
 
 
-def send(pipeline, index, pixels):
-    return pipeline.process(cloud(BACKEND, START_NS + index * PERIOD_NS, pixels), 7)
+def send(session, index, pixels):
+    return session.process(cloud(BACKEND, START_NS + index * PERIOD_NS, pixels), 7)
 
 
-def test_another_resolution_does_not_move_the_person(pipeline):
-    other = Pipeline(TrackerConfig(), NodeSettings())
+def test_another_resolution_does_not_move_the_person(session):
+    other = Session(TrackerConfig(), NodeSettings())
     other.set_camera(camera_info(BACKEND))
     for i in range(20):
         if i == 10:
-            double(pipeline)
-            pipeline.tune(TrackerConfig(noise_px=2 * TrackerConfig().noise_px), NodeSettings())
-        a, b = send(pipeline, i, PIXELS[i] * (2 if i >= 10 else 1)), send(other, i, PIXELS[i])
+            double(session)
+            session.tune(TrackerConfig(noise_px=2 * TrackerConfig().noise_px), NodeSettings())
+        a, b = send(session, i, PIXELS[i] * (2 if i >= 10 else 1)), send(other, i, PIXELS[i])
         assert a.accepted and a.estimate.initialised is (i == 0)
         assert np.abs(a.positions - b.positions).max() < 1e-6, i
 
 
-def test_late_keypoints_are_read_with_their_own_camera(pipeline):
+def test_late_keypoints_are_read_with_their_own_camera(session):
     """The detector is three images late when the camera changes."""
-    plain = Pipeline(TrackerConfig(), NodeSettings())
+    plain = Session(TrackerConfig(), NodeSettings())
     plain.set_camera(camera_info(BACKEND))
     for i in range(20):
         if i == 7:
-            double(pipeline)
+            double(session)
         if i == 10:
-            pipeline.tune(TrackerConfig(noise_px=2 * TrackerConfig().noise_px), NodeSettings())
-        a, b = send(pipeline, i, PIXELS[i] * (2 if i >= 10 else 1)), send(plain, i, PIXELS[i])
+            session.tune(TrackerConfig(noise_px=2 * TrackerConfig().noise_px), NodeSettings())
+        a, b = send(session, i, PIXELS[i] * (2 if i >= 10 else 1)), send(plain, i, PIXELS[i])
         assert np.abs(a.positions - b.positions).max() < 1e-6, i
 
 
-def test_another_lens_is_used_from_its_first_image_on(pipeline):
+def test_another_lens_is_used_from_its_first_image_on(session):
     cv2 = pytest.importorskip("cv2")
     K, D = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), np.array([-0.02, 0.004, -0.003, 0.0])
     depths = []
@@ -181,37 +181,37 @@ def test_another_lens_is_used_from_its_first_image_on(pipeline):
             rays = (pixels - [WIDTH / 2, HEIGHT / 2]) / FOCAL
             pixels = cv2.fisheye.distortPoints(rays[:, None], K, D)[:, 0]
         if i == 10:
-            pipeline.set_camera(camera_info(BACKEND, distortion_model="equidistant", d=D))
-        depths.append(send(pipeline, i, pixels).positions[:3])
-    assert np.abs(np.diff(depths, axis=0)).max() < 0.1 and pipeline.counts["resets"] == 0
+            session.set_camera(camera_info(BACKEND, distortion_model="equidistant", d=D))
+        depths.append(send(session, i, pixels).positions[:3])
+    assert np.abs(np.diff(depths, axis=0)).max() < 0.1 and session.counts["resets"] == 0
 
 
-def test_the_info_of_another_camera_resets_the_state(pipeline):
-    assert frame(pipeline, 0).accepted
-    pipeline.set_camera(camera_info(BACKEND, frame_id="another_camera"))
-    assert frame(pipeline, 1, frame_id="").estimate.initialised and pipeline.counts["resets"] == 1
+def test_the_info_of_another_camera_resets_the_state(session):
+    assert frame(session, 0).accepted
+    session.set_camera(camera_info(BACKEND, frame_id="another_camera"))
+    assert frame(session, 1, frame_id="").estimate.initialised and session.counts["resets"] == 1
 
 
-def test_late_images_of_the_previous_camera_are_forgotten_too(pipeline):
+def test_late_images_of_the_previous_camera_are_forgotten_too(session):
     info = camera_info(BACKEND, frame_id="another_camera")
     set_header(info.header, START_NS + 3 * PERIOD_NS, "another_camera")
-    assert frame(pipeline, 0, frame_id="").accepted
-    pipeline.set_camera(info)
-    late = [frame(pipeline, i, frame_id="") for i in (1, 2)]
-    new = [frame(pipeline, i, frame_id="") for i in (3, 4)]
+    assert frame(session, 0, frame_id="").accepted
+    session.set_camera(info)
+    late = [frame(session, i, frame_id="") for i in (1, 2)]
+    new = [frame(session, i, frame_id="") for i in (3, 4)]
     assert [f.frame_id for f in (*late, *new)] == [FRAME, FRAME, "another_camera", "another_camera"]
     assert [f.estimate.initialised for f in (*late, *new)] == [True, False, True, False]
 
 
-def test_a_rejected_camera_is_counted_each_time_and_the_good_one_is_kept(pipeline):
+def test_a_rejected_camera_is_counted_each_time_and_the_good_one_is_kept(session):
     for _ in range(3):
-        assert pipeline.set_camera(camera_info(BACKEND, k=np.zeros(9))) == "camera_uncalibrated"
-    assert pipeline.counts["rejected: camera_uncalibrated"] == 3
-    assert frame(pipeline, 0).accepted
-    assert pipeline.set_camera(camera_info(BACKEND)) is None and pipeline.camera_fault == ""
+        assert session.set_camera(camera_info(BACKEND, k=np.zeros(9))) == "camera_uncalibrated"
+    assert session.counts["rejected: camera_uncalibrated"] == 3
+    assert frame(session, 0).accepted
+    assert session.set_camera(camera_info(BACKEND)) is None and session.camera_fault == ""
 
 
-def test_one_of_several_people_is_followed_until_lost(pipeline):
+def test_one_of_several_people_is_followed_until_lost(session):
     def two_people(index, first_confidence):
         from messages import CLOUD_DTYPE, CLOUD_FIELDS, raw_cloud
 
@@ -224,13 +224,13 @@ def test_one_of_several_people_is_followed_until_lost(pipeline):
         fields = (*CLOUD_FIELDS, ("person", 16, 5))
         return raw_cloud(BACKEND, START_NS + index * PERIOD_NS, points.tobytes(), fields, 20, 34)
 
-    x = [pipeline.process(two_people(i, c), 0).estimate.state.translation[0] for i, c in enumerate((0.5, 0.9, 0.9))]
+    x = [session.process(two_people(i, c), 0).estimate.state.translation[0] for i, c in enumerate((0.5, 0.9, 0.9))]
     assert min(x) > 0.5  # person 9 is to the right, and is kept when the other one has higher confidences
 
 
 def test_joint_states_may_be_read_from_any_frame_on():
     """Reading starts in the middle: the same angles and velocities as if all frames had been read."""
-    always, late = Pipeline(TrackerConfig(), NodeSettings()), Pipeline(TrackerConfig(), NodeSettings())
+    always, late = Session(TrackerConfig(), NodeSettings()), Session(TrackerConfig(), NodeSettings())
     for one in (always, late):
         one.set_camera(camera_info(BACKEND))
     for i in range(6):

@@ -9,7 +9,7 @@ from messages import FRAME, camera_info, crowd, pixels_of_motion, rosbags_backen
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.pipeline.outputs.outputs import LINK_AS_FRAME, Outputs  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = rosbags_backend()
@@ -39,21 +39,21 @@ class Shelf:
 
 def run(settings, frame_id=FRAME, count=3, persons=(4, 9)):
     """The outputs of people with lasting numbers side by side, in some images; then one without anybody."""
-    pipeline, sink = Pipeline(TrackerConfig(), settings), Shelf()
-    pipeline.set_camera(camera_info(BACKEND))
-    outputs = Outputs(pipeline, sink, BACKEND, "tracker")
+    session, sink = Session(TrackerConfig(), settings), Shelf()
+    session.set_camera(camera_info(BACKEND))
+    outputs = Outputs(session, sink, BACKEND, "tracker")
     outputs.start(START_NS)
     places = {4: -120.0, 9: 120.0}
     for index in range(count):
         stamp_ns = START_NS + index * PERIOD_NS
         people = [(PIXELS[index] + [places[p], 0.0], np.full(17, 0.9)) for p in persons]
-        for answer in pipeline.push(crowd(BACKEND, stamp_ns, people, persons, frame_id=frame_id), stamp_ns):
+        for answer in session.push(crowd(BACKEND, stamp_ns, people, persons, frame_id=frame_id), stamp_ns):
             outputs.publish(answer, stamp_ns)
-    return pipeline, sink, outputs
+    return session, sink, outputs
 
 
 def test_each_of_several_people_has_topics_until_they_leave():
-    pipeline, sink, outputs = run(NodeSettings(max_people=3))
+    session, sink, outputs = run(NodeSettings(max_people=3))
     of_p4 = {name for name in sink.open_topics if name.startswith("~/bodies/p4/")}
     assert sink.counts["~/bodies/p4/joints"] == sink.counts["~/bodies/p9/joints"] == 3
     assert sink.counts["~/people"] == sink.counts["~/skeletons"] == 3 and sink.counts["~/markers"] == 6
@@ -65,31 +65,31 @@ def test_each_of_several_people_has_topics_until_they_leave():
 
 
 def test_the_locked_one_of_several_people_has_the_topics_of_one_person_too():
-    pipeline, sink, outputs = run(NodeSettings(max_people=3, follow="p9", lock=True))
-    assert pipeline.locked == "p9"
+    session, sink, outputs = run(NodeSettings(max_people=3, follow="p9", lock=True))
+    assert session.locked == "p9"
     assert 0 < sink.counts["~/joints"] <= sink.counts["~/bodies/p9/joints"]
     assert sink.counts["~/markers"] == 6  # everybody's
 
 
 def test_a_frame_id_that_is_a_links_name_stops_nobody():
     told = []
-    pipeline, sink, outputs = run(NodeSettings(max_people=3), frame_id="tracker/p4/head", count=1)
-    assert pipeline.counts[LINK_AS_FRAME] == 1
+    session, sink, outputs = run(NodeSettings(max_people=3), frame_id="tracker/p4/head", count=1)
+    assert session.counts[LINK_AS_FRAME] == 1
     assert sink.counts["~/bodies/p4/joints"] == sink.counts["~/bodies/p9/joints"] == 1
     outputs.on_fault = told.append
     outputs._people["p4"]._description._base_frame = None
     message = crowd(BACKEND, START_NS + PERIOD_NS, [(PIXELS[1], np.full(17, 0.9))], (4,), frame_id="tracker/p4/head")
-    for answer in pipeline.push(message, START_NS + PERIOD_NS):
+    for answer in session.push(message, START_NS + PERIOD_NS):
         outputs.publish(answer, START_NS + PERIOD_NS)
     assert len(told) == 1 and "tracker/p4/head" in told[0]
 
 
 def test_one_person_has_topics_from_the_start_and_a_reset_is_no_news():
-    pipeline, sink, outputs = run(NodeSettings(), persons=(4,))
+    session, sink, outputs = run(NodeSettings(), persons=(4,))
     assert "~/joints" in sink.open_topics and "~/bodies/tracked" not in sink.counts
     assert sink.counts["~/joints"] == 3 and sink.counts["~/robot_description"] >= 1
     news = []
     outputs.on_state = news.append
-    pipeline.reset()
+    session.reset()
     outputs.forget(START_NS + 10**9)
     assert news == [] and outputs.state != "tracking"

@@ -16,7 +16,7 @@ from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names, urdf
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.outputs.rep155 import JOINTS, LINKS, MappedJoints
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RosbagsBackend
 
@@ -32,12 +32,12 @@ OF_REP155 = {"waist", "torso", "head", *(f"{side}_{name}" for side in "lr" for n
 @pytest.fixture(scope="module")
 def built():
     """A frame, and its messages by topic."""
-    pipeline = Pipeline(TrackerConfig(), CONFIG)
-    pipeline.set_camera(camera_info(BACKEND))
+    session = Session(TrackerConfig(), CONFIG)
+    session.set_camera(camera_info(BACKEND))
     for i in range(6):
         image = crowd(BACKEND, 1_000_000_000 + i * 33_000_000, [(PIXELS[i], np.full(17, 0.9))])
-        frames = pipeline.frames(image, 0)
-    messages = FrameMessages(BACKEND, pipeline.tracker.skeleton, "tracker", "abc", CONFIG)
+        frames = session.frames(image, 0)
+    messages = FrameMessages(BACKEND, session.tracker.skeleton, "tracker", "abc", CONFIG)
     return frames[0], dict(messages.build(frames[0]))
 
 

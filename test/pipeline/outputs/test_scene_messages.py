@@ -22,7 +22,7 @@ from lassokin_ros.pipeline.outputs.skeletons_message import SkeletonsMessage
 from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.playback import register_types
 from msg_adapters.backends import RosbagsBackend
@@ -40,9 +40,9 @@ for _type in BUILDERS:
 
 @pytest.fixture(scope="module")
 def frames():
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    pipeline.set_camera(camera_info(BACKEND))
-    return [pipeline.process(cloud(BACKEND, START_NS + i * 20_000_000, PIXELS[i]), 7) for i in range(8)]
+    session = Session(TrackerConfig(), NodeSettings())
+    session.set_camera(camera_info(BACKEND))
+    return [session.process(cloud(BACKEND, START_NS + i * 20_000_000, PIXELS[i]), 7) for i in range(8)]
 
 
 def people_at(frames, message_type, stamp_ns):
@@ -105,7 +105,7 @@ def test_a_person_is_uncertain_along_the_same_line_when_the_frame_has_jumped(fra
 
 def test_covariances_are_computed_only_for_a_message(frames):
     messages = PeopleMessages(BACKEND, CLOUD_TYPE)
-    fresh = Pipeline(TrackerConfig(), NodeSettings())
+    fresh = Session(TrackerConfig(), NodeSettings())
     fresh.set_camera(camera_info(BACKEND))
     frame = fresh.process(cloud(BACKEND, START_NS, PIXELS[0]), 7)
     messages.update([frame], None)

@@ -12,7 +12,7 @@ from lassokin_ros import joints
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.output_messages.skeleton_cloud import SKELETONS_POINT
@@ -39,13 +39,13 @@ def points_of(message):
 
 @pytest.fixture(scope="module")
 def tracked():
-    """A pipeline, and its frame after a part of the motion."""
+    """A session, and its frame after a part of the motion."""
     backend = rosbags_backend()
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    pipeline.set_camera(camera_info(backend))
+    session = Session(TrackerConfig(), NodeSettings())
+    session.set_camera(camera_info(backend))
     pixels = pixels_of_motion(10)
-    frames = [pipeline.process(cloud(backend, START_NS + i * 16_666_667, xy), 7) for i, xy in enumerate(pixels)]
-    return pipeline, frames[-1]
+    frames = [session.process(cloud(backend, START_NS + i * 16_666_667, xy), 7) for i, xy in enumerate(pixels)]
+    return session, frames[-1]
 
 
 BACKENDS = [rosbags_backend(), *([RclpyBackend()] if find_spec("rclpy") else [])]
@@ -53,8 +53,8 @@ BACKENDS = [rosbags_backend(), *([RclpyBackend()] if find_spec("rclpy") else [])
 
 @pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
 def test_the_cloud_contains_the_values_of_the_core(tracked, backend):
-    pipeline, frame = tracked
-    expected = pipeline.tracker.uncertainty(frame.estimate)
+    session, frame = tracked
+    expected = session.tracker.uncertainty(frame.estimate)
     (message,) = (m for t, m in FrameMessages(backend, frame.skeleton).build(frame) if t == topics.JOINT_UNCERTAINTY)
     assert [f.name for f in message.fields] == FIELDS and message.header.frame_id == FRAME
     points = points_of(message)
@@ -72,8 +72,8 @@ def test_the_cloud_contains_the_values_of_the_core(tracked, backend):
 
 @pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
 def test_the_skeleton_has_the_deviations_of_rotations_after_its_other_fields(tracked, backend):
-    pipeline, frame = tracked
-    expected = pipeline.tracker.uncertainty(frame.estimate).rotation_deviation
+    session, frame = tracked
+    expected = session.tracker.uncertainty(frame.estimate).rotation_deviation
     (message,) = (m for t, m in FrameMessages(backend, frame.skeleton).build(frame) if t == topics.SKELETON)
     offsets = {field.name: field.offset for field in message.fields}
     assert (offsets["zz"], offsets["index"], offsets["contact"], offsets["rotation_deviation"]) == (44, 48, 56, 60)
@@ -135,9 +135,9 @@ def test_limbs_are_relative_to_their_roots_in_axes_of_chest_and_pelvis(tracked, 
 
 
 def test_uncertainty_is_computed_once_and_only_on_request(tracked):
-    pipeline, _ = tracked
+    session, _ = tracked
     asked = []
-    frame = pipeline.process(cloud(rosbags_backend(), START_NS + 10**9, pixels_of_motion(1)[0]), 7)
+    frame = session.process(cloud(rosbags_backend(), START_NS + 10**9, pixels_of_motion(1)[0]), 7)
     measure = frame.measure
     object.__setattr__(frame, "measure", lambda estimate: asked.append(1) or measure(estimate))
     messages = FrameMessages(rosbags_backend(), frame.skeleton)
@@ -155,8 +155,8 @@ def test_uncertainty_is_computed_once_and_only_on_request(tracked):
 
 
 def test_a_rejected_frame_has_no_uncertainty(tracked):
-    pipeline, _ = tracked
-    frame = pipeline.process(cloud(rosbags_backend(), 0, np.full((17, 2), np.nan)), START_NS + 2 * 10**9)
+    session, _ = tracked
+    frame = session.process(cloud(rosbags_backend(), 0, np.full((17, 2), np.nan)), START_NS + 2 * 10**9)
     assert not frame.accepted
     with pytest.raises(ValueError, match="rejected"):
         frame.uncertainty

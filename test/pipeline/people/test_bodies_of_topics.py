@@ -9,7 +9,7 @@ from messages import rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
-from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
+from lassokin_ros.pipeline.people.per_body_session import PerBodySession
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.settings import NodeSettings
 
@@ -18,7 +18,7 @@ CONFIG = NodeSettings(rep155=True, max_people=2, keypoints_type="hri_msgs/msg/Sk
 
 @pytest.fixture
 def bodies():
-    return PerBodyPipeline(TrackerConfig(), CONFIG)
+    return PerBodySession(TrackerConfig(), CONFIG)
 
 
 def test_people_are_those_of_the_list(bodies):
@@ -72,7 +72,7 @@ def test_reset_and_settings_count_once_and_reach_all(bodies):
 
 
 def test_depth_images_stay_when_somebody_leaves():
-    bodies = PerBodyPipeline(TrackerConfig(), replace(CONFIG, depth="/depth"))
+    bodies = PerBodySession(TrackerConfig(), replace(CONFIG, depth="/depth"))
     bodies.keep(["a", "b"])
     bodies.depth.add(depth_message(rosbags_backend(), 5_000_000_000, np.full((4, 6), 2.0)), 5_000_000_000)
     bodies.keep(["b"])

@@ -11,7 +11,7 @@ from messages import camera_info, crowd, rosbags_backend  # noqa: E402
 from two_people import RATE, numbers_of, scene  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = rosbags_backend()
@@ -24,8 +24,8 @@ def follow(seed, person_ids, **settings):
     random = np.random.default_rng(1000 + seed)
     there = scene(seed)
     numbers = numbers_of(there.seen, random)
-    pipeline = Pipeline(TrackerConfig(), NodeSettings(person_ids=person_ids, **settings))
-    pipeline.set_camera(camera_info(BACKEND))
+    session = Session(TrackerConfig(), NodeSettings(person_ids=person_ids, **settings))
+    session.set_camera(camera_info(BACKEND))
     results = []
     for i in range(there.seen.shape[1]):
         shown = [int(who) for who in random.permutation(2) if there.seen[who, i]]
@@ -33,7 +33,7 @@ def follow(seed, person_ids, **settings):
         people = [(there.pixels[who, i], np.full(17, confidence[who])) for who in shown]
         stamp_ns = START_NS + round(i * 1e9 / RATE)
         message = crowd(BACKEND, stamp_ns, people, [numbers[who, i] for who in shown])
-        frames = [frame for frame in pipeline.frames(message, stamp_ns) if frame.accepted]
+        frames = [frame for frame in session.frames(message, stamp_ns) if frame.accepted]
         if not frames:
             results.append((None, None, False))
             continue

@@ -11,7 +11,7 @@ from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.doubt.doubt import Event  # noqa: E402
 from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from msg_adapters.output_messages.builders import OK, WARN  # noqa: E402
 
@@ -28,19 +28,19 @@ def swapped(pixels, begin=BEGIN, end=END):
 
 def tracked(pixels, lag=0.0):
     """The results, and the lines of the diagnostics at the end of each second."""
-    pipeline = Pipeline(TrackerConfig(smoothing_lag=lag), NodeSettings())
-    pipeline.set_camera(camera_info(BACKEND))
-    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    session = Session(TrackerConfig(smoothing_lag=lag), NodeSettings())
+    session.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(session, "tracker", 0.0)
     diagnostics.count_camera_info(0.0)
     frames, lines = [], []
     for index, xy in enumerate(pixels):
         stamp_ns, now = 10**12 + round(index * 1e9 / RATE), index / RATE
-        due = pipeline.frames(cloud(BACKEND, stamp_ns, xy), stamp_ns)
+        due = session.frames(cloud(BACKEND, stamp_ns, xy), stamp_ns)
         diagnostics.count_message(due, stamp_ns, now, 0.001)
         frames += due
         if (index + 1) % RATE == 0:
             lines.append(diagnostics.line(now))
-    return frames + frames_of(pipeline.finish()), lines
+    return frames + frames_of(session.finish()), lines
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.1])
@@ -74,12 +74,12 @@ def test_hidden_legs_are_said_without_a_warning():
 
 
 def test_a_reset_forgets_the_doubt():
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    pipeline.set_camera(camera_info(BACKEND))
+    session = Session(TrackerConfig(), NodeSettings())
+    session.set_camera(camera_info(BACKEND))
     pixels = swapped(pixels_of_motion(60, RATE))
     for index, xy in enumerate(pixels[: BEGIN + 1]):
-        (frame,) = pipeline.frames(cloud(BACKEND, 10**12 + round(index * 1e9 / RATE), xy), 0)
+        (frame,) = session.frames(cloud(BACKEND, 10**12 + round(index * 1e9 / RATE), xy), 0)
     assert frame.doubtful
-    pipeline.reset()
-    (frame,) = pipeline.frames(cloud(BACKEND, 2 * 10**12, pixels[BEGIN + 1]), 0)
+    session.reset()
+    (frame,) = session.frames(cloud(BACKEND, 2 * 10**12, pixels[BEGIN + 1]), 0)
     assert not frame.doubtful and np.isnan(frame.doubtful_s)

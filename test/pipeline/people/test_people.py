@@ -22,8 +22,8 @@ from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.outputs.people_messages import id_of  # noqa: E402
 from lassokin_ros.pipeline.people.people_tracker import MOST_REINITIALISED  # noqa: E402
 from lassokin_ros.pipeline.people.presence import Presence  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.seen import MOST_PEOPLE  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -49,15 +49,15 @@ def walk(frames, x, z, phase, seed):
 
 
 def pipeline_for(max_people=4, **settings):
-    pipeline = Pipeline(TrackerConfig(), NodeSettings(max_people=max_people, **settings))
-    assert pipeline.set_camera(camera_info(BACKEND)) is None
-    return pipeline
+    session = Session(TrackerConfig(), NodeSettings(max_people=max_people, **settings))
+    assert session.set_camera(camera_info(BACKEND)) is None
+    return session
 
 
-def feed(pipeline, index, people, persons=None):
+def feed(session, index, people, persons=None):
     """Process one message with the people's pixels; return person id -> frame."""
     pairs = [(xy, np.full(len(xy), 0.9)) for xy in people]
-    frames = pipeline.frames(crowd(BACKEND, stamp(index), pairs, persons), 0)
+    frames = session.frames(crowd(BACKEND, stamp(index), pairs, persons), 0)
     assert all(f.accepted for f in frames), [f.rejection for f in frames]
     return {f.person: f for f in frames}
 
@@ -74,9 +74,9 @@ def two_who_cross(frames=120):
 
 def run_single(pixels):
     """Joints (f, 24, 3) relative to the pelvis, of a person who is alone."""
-    pipeline = pipeline_for(max_people=1)
+    session = pipeline_for(max_people=1)
     poses = [
-        pipeline.process(crowd(BACKEND, stamp(i), [(xy, np.full(17, 0.9))]), 0).estimate.pose.positions
+        session.process(crowd(BACKEND, stamp(i), [(xy, np.full(17, 0.9))]), 0).estimate.pose.positions
         for i, xy in enumerate(pixels)
     ]
     return np.array([pose - pose[0] for pose in poses])
@@ -85,20 +85,20 @@ def run_single(pixels):
 @pytest.mark.parametrize("numbered", [True, False], ids=["message", "node"])
 def test_two_people_who_cross_keep_their_ids_and_skeletons(numbered):
     front, back, hidden = two_who_cross()
-    pipeline = pipeline_for(person_ids="message" if numbered else "node")
+    session = pipeline_for(person_ids="message" if numbered else "node")
     random = np.random.default_rng(3)
     ids, joints = defaultdict(set), ({}, {})
     for i in range(len(hidden)):
         order = random.permutation([0] if hidden[i] else [0, 1])
         numbers = [4 + int(k) for k in order] if numbered else None
-        got = feed(pipeline, i, [(front, back)[k][1][i] for k in order], numbers)
+        got = feed(session, i, [(front, back)[k][1][i] for k in order], numbers)
         for person, frame in got.items():
             who = min((0, 1), key=lambda k: abs(frame.positions[2] - (3.2, 4.4)[k]))
             ids[who].add(person)
             joints[who][i] = frame.estimate.pose.positions - frame.estimate.pose.positions[0]
     assert [len(ids[k]) for k in (0, 1)] == [1, 1] and ids[0] != ids[1], dict(ids)
     assert not numbered or (ids[0], ids[1]) == ({"p4"}, {"p5"})
-    assert (pipeline.counts["people come"], pipeline.counts["people left"]) == (2, 0)
+    assert (session.counts["people come"], session.counts["people left"]) == (2, 0)
     for who, missing in ((0, 0), (1, hidden.sum())):
         assert len(joints[who]) >= len(hidden) - missing - 3
         by_itself, true = run_single((front, back)[who][1]), (front, back)[who][0]
@@ -113,23 +113,23 @@ def test_two_people_who_cross_keep_their_ids_and_skeletons(numbered):
 
 def test_people_appear_are_absent_and_leave():
     pixels = walk(200, 0.8, 3.5, 0.0, 1)[1], walk(200, -0.8, 3.5, 3.0, 2)[1]
-    pipeline = pipeline_for(max_people=2, person_ids="node", forget_after=1.0)
-    seen = [feed(pipeline, i, [pixels[0][i]]) for i in range(10)]
+    session = pipeline_for(max_people=2, person_ids="node", forget_after=1.0)
+    seen = [feed(session, i, [pixels[0][i]]) for i in range(10)]
     assert [list(s) for s in seen] == [[], []] + [["p1"]] * 8  # confirmed with the third measurement
-    seen = [feed(pipeline, i, [pixels[1][i], pixels[0][i]]) for i in range(10, 20)]
+    seen = [feed(session, i, [pixels[1][i], pixels[0][i]]) for i in range(10, 20)]
     assert list(seen[0]) == ["p1"] and set(seen[-1]) == {"p1", "p2"}
     for i in range(20, 40):  # a short absence
-        assert list(feed(pipeline, i, [pixels[0][i]])) == ["p1"]
-    assert pipeline.people.ids == ["p1", "p2"]
-    back = feed(pipeline, 40, [pixels[1][40], pixels[0][40]])
+        assert list(feed(session, i, [pixels[0][i]])) == ["p1"]
+    assert session.people.ids == ["p1", "p2"]
+    back = feed(session, 40, [pixels[1][40], pixels[0][40]])
     assert set(back) == {"p1", "p2"} and not back["p2"].estimate.initialised
     for i in range(41, 75):  # longer than forget_after
-        feed(pipeline, i, [pixels[0][i]])
-    assert pipeline.people.ids == ["p1"] and pipeline.counts["people left"] == 1
+        feed(session, i, [pixels[0][i]])
+    assert session.people.ids == ["p1"] and session.counts["people left"] == 1
     for i in range(75, 80):
-        last = feed(pipeline, i, [pixels[0][i], pixels[1][i]])
+        last = feed(session, i, [pixels[0][i], pixels[1][i]])
     assert set(last) == {"p1", "p3"}  # an id is not used again
-    assert feed(pipeline, 80, []) == {} and pipeline.counts["accepted"] == pipeline.counts["received"]
+    assert feed(session, 80, []) == {} and session.counts["accepted"] == session.counts["received"]
 
 
 @pytest.mark.parametrize("people", [1, 3])
@@ -137,16 +137,16 @@ def test_silence_is_reported_and_does_not_reset_the_state(people):
     """By the clock of arrivals, at any distance from the stamps, and only while it advances."""
     pixels = walk(30, 0.8, 3.5, 0.0, 1)[1], walk(30, -0.8, 3.5, 3.0, 2)[1]
     config = TrackerConfig(lost_after=0.5), NodeSettings(max_people=people, person_ids="node", forget_after=1.0)
-    asked, left_alone = Pipeline(*config), Pipeline(*config)
+    asked, left_alone = Session(*config), Session(*config)
     answers = {asked: [], left_alone: []}
     assert asked.presence_at(10**18).status is Status.SEARCHING
-    for pipeline, positions in answers.items():
-        pipeline.set_camera(camera_info(BACKEND))
+    for session, positions in answers.items():
+        session.set_camera(camera_info(BACKEND))
         for i in range(30):
             message = crowd(BACKEND, stamp(i), [(of[i], np.full(17, 0.9)) for of in pixels[: 2 if i < 15 else 1]])
-            positions += [f.positions.tolist() for f in pipeline.frames(message, stamp(i) // 7)]
-            for silent_s in (0.0, 10.0) if pipeline is asked else ():
-                pipeline.presence_at(stamp(i) // 7 + round(silent_s * 1e9))
+            positions += [f.positions.tolist() for f in session.frames(message, stamp(i) // 7)]
+            for silent_s in (0.0, 10.0) if session is asked else ():
+                session.presence_at(stamp(i) // 7 + round(silent_s * 1e9))
     assert answers[asked] == answers[left_alone] and asked.counts == left_alone.counts
     arrival_ns = stamp(29) // 7
     said = [asked.presence_at(arrival_ns + round(silent_s * 1e9)) for silent_s in (-5.0, 0.4, 0.7, 1.2)]
@@ -160,37 +160,37 @@ def test_silence_is_reported_and_does_not_reset_the_state(people):
 
 
 def test_rejected_messages_do_not_change_the_list_of_people():
-    pixels, pipeline = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
+    pixels, session = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
     for i in range(5):
-        assert pipeline.process(crowd(BACKEND, stamp(i), [(pixels[i], np.full(17, 0.9))]), stamp(i)).accepted
-    refused = pipeline.process(crowd(BACKEND, stamp(4), [(pixels[4], np.full(17, 0.9))]), stamp(4) + 2 * 10**9)
+        assert session.process(crowd(BACKEND, stamp(i), [(pixels[i], np.full(17, 0.9))]), stamp(i)).accepted
+    refused = session.process(crowd(BACKEND, stamp(4), [(pixels[4], np.full(17, 0.9))]), stamp(4) + 2 * 10**9)
     assert refused.rejection == "old_stamp"
-    assert pipeline.presence_at(stamp(4) + 2 * 10**9).status is Status.LOST
+    assert session.presence_at(stamp(4) + 2 * 10**9).status is Status.LOST
 
 
 def test_messages_before_the_first_clock_have_no_age():
-    pixels, pipeline = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
-    assert pipeline.process(crowd(BACKEND, stamp(0), [(pixels[0], np.full(17, 0.9))]), 0).accepted
-    assert pipeline.presence_at(10**18).status is Status.TRACKING
+    pixels, session = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
+    assert session.process(crowd(BACKEND, stamp(0), [(pixels[0], np.full(17, 0.9))]), 0).accepted
+    assert session.presence_at(10**18).status is Status.TRACKING
 
 
 def test_new_people_start_with_the_learned_vertical():
     """That of present people; in an empty room that of the person tracked for the longest time; none after a reset."""
     pixels = walk(100, -0.8, 3.5, 0.0, 1)[1], walk(100, 0.8, 4.0, 1.0, 2)[1]
-    pipeline, started = pipeline_for(person_ids="message", forget_after=0.2), []
+    session, started = pipeline_for(person_ids="message", forget_after=0.2), []
     there = {1: range(30), 2: range(20, 25), 3: range(60, 80), 4: range(90, 100)}
     for i in range(100):
         if i == 85:
-            pipeline.reset()
+            session.reset()
         people = {number: pixels[number % 2][i] for number, frames in there.items() if i in frames}
-        feed(pipeline, i, list(people.values()), list(people))
+        feed(session, i, list(people.values()), list(people))
         for number in [number for number, frames in there.items() if i == frames[0]]:  # a first frame teaches nothing
-            vertical = pipeline.people.tracked[f"p{number}"].tracker.learned.vertical
+            vertical = session.people.tracked[f"p{number}"].tracker.learned.vertical
             started.append((vertical.learned_for, vertical.direction))
         if i == 29:
-            first = pipeline.people.tracked["p1"].tracker.learned.vertical
+            first = session.people.tracked["p1"].tracker.learned.vertical
             longest = first.learned_for, first.direction
-    assert pipeline.counts["people come"] == 4 and [seconds > 0 for seconds, _ in started] == [False, True, True, False]
+    assert session.counts["people come"] == 4 and [seconds > 0 for seconds, _ in started] == [False, True, True, False]
     assert longest[0] > started[1][0] and np.any(longest[1] != started[1][1])  # learned since the second person came
     assert started[2][0] == longest[0] and np.array_equal(started[2][1], longest[1])
     assert np.array_equal(started[3][1], started[0][1])
@@ -202,39 +202,39 @@ def test_several_people_have_the_answers_of_single_trackers():
     together, alone = pipeline_for(), [pipeline_for(max_people=1) for _ in pixels]
     for i in range(40):
         found = feed(together, i, [track[i] for track in pixels], [0, 1, 2])
-        for number, (pipeline, track) in enumerate(zip(alone, pixels)):
-            frame = pipeline.process(crowd(BACKEND, stamp(i), [(track[i], np.full(17, 0.9))]), 0)
+        for number, (session, track) in enumerate(zip(alone, pixels)):
+            frame = session.process(crowd(BACKEND, stamp(i), [(track[i], np.full(17, 0.9))]), 0)
             assert np.array_equal(frame.estimate.state.rotations, found[f"p{number}"].estimate.state.rotations), i
             assert np.array_equal(frame.positions, found[f"p{number}"].positions), i
 
 
 def test_a_duplicate_detection_is_no_second_person():
     pixels = walk(20, 0.0, 3.5, 0.0, 1)[1]
-    pipeline = pipeline_for(person_ids="node")
+    session = pipeline_for(person_ids="node")
     for i in range(20):
-        got = feed(pipeline, i, [pixels[i] + 3, pixels[i]])
-    assert list(got) == ["p1"] and pipeline.counts["people come"] == 1
+        got = feed(session, i, [pixels[i] + 3, pixels[i]])
+    assert list(got) == ["p1"] and session.counts["people come"] == 1
 
 
 def test_more_people_than_allowed_are_ignored():
     places = (-1.0, 0.0, 1.0)
     pixels = [walk(60, x, 4.0, x, 1)[1] for x in places]
-    pipeline = pipeline_for(max_people=2)
+    session = pipeline_for(max_people=2)
     for i in range(30):
-        assert set(feed(pipeline, i, [p[i] for p in pixels], [7, 8, 9])) == {"p7", "p8"}
-    assert pipeline.counts["people beyond max_people"] == 30
-    got = [set(feed(pipeline, i, [p[i] for p in pixels[1:]], [8, 9])) for i in range(30, 50)]
-    assert got[0] == {"p8"} and got[-1] == {"p8", "p9"} and pipeline.people.ids == ["p8", "p9"]
+        assert set(feed(session, i, [p[i] for p in pixels], [7, 8, 9])) == {"p7", "p8"}
+    assert session.counts["people beyond max_people"] == 30
+    got = [set(feed(session, i, [p[i] for p in pixels[1:]], [8, 9])) for i in range(30, 50)]
+    assert got[0] == {"p8"} and got[-1] == {"p8", "p9"} and session.people.ids == ["p8", "p9"]
 
 
 @pytest.mark.parametrize("lasting", [True, False], ids=["message", "node"])
 def test_lost_people_are_initialised_a_few_at_a_time(lasting):
     """Initialising all at once would take a slow machine so long that they are lost again before the next message."""
     pixels = [walk(12, x, 6.0, x, 1)[1] for x in np.linspace(-2.5, 2.5, 7)]
-    pipeline = pipeline_for(max_people=7, person_ids="message" if lasting else "node")
-    ids = {person for i in range(6) for person in feed(pipeline, i, [of[i] for of in pixels], range(7))}
+    session = pipeline_for(max_people=7, person_ids="message" if lasting else "node")
+    ids = {person for i in range(6) for person in feed(session, i, [of[i] for of in pixels], range(7))}
     assert len(ids) == 7
-    answers = [feed(pipeline, 50 + i, [of[6 + i] for of in pixels], range(7)) for i in range(3)]
+    answers = [feed(session, 50 + i, [of[6 + i] for of in pixels], range(7)) for i in range(3)]
     found = [[person for person, f in frames.items() if f.estimate.initialised] for frames in answers]
     assert [len(frames) for frames in answers] == [MOST_REINITIALISED, 7, 7]
     assert sorted(sum(found, [])) == sorted(ids) and not found[2]
@@ -242,11 +242,11 @@ def test_lost_people_are_initialised_a_few_at_a_time(lasting):
 
 def test_a_jump_back_in_time_forgets_all_people():
     pixels = walk(60, 0.0, 3.5, 0.0, 1)[1]
-    pipeline = pipeline_for(person_ids="node")
+    session = pipeline_for(person_ids="node")
     rounds = []
     for _ in range(3):
-        rounds.append([feed(pipeline, i, [pixels[i]]) for i in range(60)])
-    assert pipeline.counts["resets"] == 2
+        rounds.append([feed(session, i, [pixels[i]]) for i in range(60)])
+    assert session.counts["resets"] == 2
     for other in rounds[1:]:
         for mine, theirs in zip(rounds[0], other):
             assert [f.positions.tolist() for f in mine.values()] == [f.positions.tolist() for f in theirs.values()]
@@ -254,40 +254,41 @@ def test_a_jump_back_in_time_forgets_all_people():
 
 def test_an_unreadable_message_is_rejected_as_a_whole():
     pixels = walk(3, 0.0, 3.5, 0.0, 1)[1]
-    pipeline = pipeline_for()
+    session = pipeline_for()
     many = [pixels[0][:5]] * (MOST_PEOPLE + 1)
-    (frame,) = pipeline.frames(crowd(BACKEND, stamp(0), [(xy, np.ones(5)) for xy in many]), 0)
+    (frame,) = session.frames(crowd(BACKEND, stamp(0), [(xy, np.ones(5)) for xy in many]), 0)
     assert frame.rejection == "too_many_people"
-    (frame,) = pipeline.frames(crowd(BACKEND, stamp(1), [(pixels[0], np.full(17, 90.0))]), 0)
-    assert frame.rejection == "confidence_range" and pipeline.people.ids == []
+    (frame,) = session.frames(crowd(BACKEND, stamp(1), [(pixels[0], np.full(17, 90.0))]), 0)
+    assert frame.rejection == "confidence_range" and session.people.ids == []
 
 
 def test_a_rejected_frame_reports_its_content():
-    pipeline, xy = pipeline_for(max_people=1), walk(1, 0.0, 3.5, 0.0, 1)[1][0]
-    frame = pipeline.process(crowd(BACKEND, stamp(0), [(xy, np.where(np.arange(17) < 3, 0.9, 0.1))]), 0)
-    assert frame.detail == "3 landmarks at or above min_confidence 0.2; expected 4 or more (min_landmarks)"
+    session, xy = pipeline_for(max_people=1), walk(1, 0.0, 3.5, 0.0, 1)[1][0]
+    frame = session.process(crowd(BACKEND, stamp(0), [(xy, np.where(np.arange(17) < 3, 0.9, 0.1))]), 0)
+    words = "3 landmarks at or above min_confidence 0.2; expected 4 or more (min_landmarks): check that"
+    assert frame.detail.startswith(words)
 
 
 @pytest.mark.parametrize("missing", [0.0, np.nan], ids=["origin", "nan"])
 def test_missing_points_belong_to_nobody_with_any_confidence(missing):
     """No person is chosen because of them, and they alone do not make a person of the message."""
-    pipeline, here = pipeline_for(max_people=1), walk(2, 0.0, 3.5, 0.0, 1)[1]
+    session, here = pipeline_for(max_people=1), walk(2, 0.0, 3.5, 0.0, 1)[1]
     half, nothing = here[0] + 150.0, np.full((17, 2), missing)
     half[5:14] = missing
-    pipeline.process(crowd(BACKEND, stamp(0), [(here[0], np.full(17, 0.8)), (half, np.full(17, 0.99))], [1, 2]), 0)
-    assert abs(pipeline.tracker.state.translation[0]) < 0.3, "the whole person, in the middle"
+    session.process(crowd(BACKEND, stamp(0), [(here[0], np.full(17, 0.8)), (half, np.full(17, 0.99))], [1, 2]), 0)
+    assert abs(session.tracker.state.translation[0]) < 0.3, "the whole person, in the middle"
     for index, number in enumerate((1, 7), 1):
-        frame = pipeline.process(crowd(BACKEND, stamp(index), [(nothing, np.full(17, 0.9))], [number]), 0)
+        frame = session.process(crowd(BACKEND, stamp(index), [(nothing, np.full(17, 0.9))], [number]), 0)
         assert frame.rejection == "too_few_landmarks"
 
 
 def test_a_number_without_points_does_not_block_the_persons_new_number():
     here, confidence = walk(40, 0.0, 3.5, 0.0, 1)[1], np.full(17, 0.9)
-    pipeline = pipeline_for(max_people=1)
-    assert all(feed(pipeline, i, [here[i]], [1])[""].accepted for i in range(10))
+    session = pipeline_for(max_people=1)
+    assert all(feed(session, i, [here[i]], [1])[""].accepted for i in range(10))
     pairs = [(np.zeros((17, 2)), confidence), (here[10], confidence)]
-    assert pipeline.process(crowd(BACKEND, stamp(10), pairs, [1, 7]), 0).accepted
-    frames = [feed(pipeline, i, [here[i]], [7])[""] for i in range(11, 20)]
+    assert session.process(crowd(BACKEND, stamp(10), pairs, [1, 7]), 0).accepted
+    frames = [feed(session, i, [here[i]], [7])[""] for i in range(11, 20)]
     assert all(frame.accepted and not frame.estimate.initialised for frame in frames)
 
 
@@ -295,22 +296,22 @@ def test_a_number_without_points_does_not_block_the_persons_new_number():
 def test_a_message_with_other_people_only_is_rejected_as_person_absent(lasting):
     """Not as too few landmarks: there are enough, of others."""
     here, there = walk(2, -0.8, 3.5, 0.0, 1)[1], walk(2, 3.2, 6.0, 0.0, 2)[1]
-    pipeline = pipeline_for(max_people=1, person_ids="message" if lasting else "node")
-    assert feed(pipeline, 0, [here[0]], [4])
-    pairs = [(there[1], np.full(17, 0.9)), (here[1] + 900.0, np.full(17, 0.9))]
-    frame = pipeline.process(crowd(BACKEND, stamp(1), pairs, [7, 8]), 0)
-    assert frame.rejection == "person_absent" and pipeline.counts["rejected: person_absent"] == 1
+    session = pipeline_for(max_people=1, person_ids="message" if lasting else "node")
+    assert feed(session, 0, [here[0]], [4])
+    pairs = [(there[1], np.full(17, 0.9)), (here[1] + [250.0, 0.0], np.full(17, 0.9))]
+    frame = session.process(crowd(BACKEND, stamp(1), pairs, [7, 8]), 0)
+    assert frame.rejection == "person_absent" and session.counts["rejected: person_absent"] == 1
     assert "the 2 in the message" in frame.detail and ("person 4" in frame.detail) is lasting, frame.detail
     unseen = [(xy, np.full(17, 0.1)) for xy, _ in pairs]
-    frame = pipeline.process(crowd(BACKEND, stamp(2), unseen, [7, 8]), 0)
+    frame = session.process(crowd(BACKEND, stamp(2), unseen, [7, 8]), 0)
     assert frame.rejection == "too_few_landmarks"
 
 
 def test_the_tracked_person_is_kept_if_the_number_changes():
     """Some detectors number people anew in every image, others after they lost a person for a moment."""
     here = walk(20, -0.8, 3.5, 0.0, 1)[1]
-    pipeline = pipeline_for(max_people=1)
-    frames = [feed(pipeline, i, [here[i]], [100 + i])[""] for i in range(20)]
+    session = pipeline_for(max_people=1)
+    frames = [feed(session, i, [here[i]], [100 + i])[""] for i in range(20)]
     assert all(frame.accepted for frame in frames)
     assert [frame.estimate.initialised for frame in frames] == [True] + 19 * [False]
 
@@ -318,23 +319,23 @@ def test_the_tracked_person_is_kept_if_the_number_changes():
 def test_a_bystander_who_hides_the_tracked_person_does_not_replace_them():
     """The bystander is at the expected position, but both were seen side by side before."""
     here = walk(3, -0.8, 3.5, 0.0, 1)[1]
-    pipeline = pipeline_for(max_people=1)
-    assert feed(pipeline, 0, [here[0], here[0] + 60.0], [4, 5])[""].accepted
-    frame = pipeline.process(crowd(BACKEND, stamp(1), [(here[1], np.full(17, 0.9))], [5]), 0)
+    session = pipeline_for(max_people=1)
+    assert feed(session, 0, [here[0], here[0] + 60.0], [4, 5])[""].accepted
+    frame = session.process(crowd(BACKEND, stamp(1), [(here[1], np.full(17, 0.9))], [5]), 0)
     assert frame.rejection == "person_absent"
-    assert feed(pipeline, 2, [here[2]], [6])[""].accepted, "somebody whom nobody has seen beside them"
+    assert feed(session, 2, [here[2]], [6])[""].accepted, "somebody whom nobody has seen beside them"
 
 
 def test_the_tracked_person_is_kept_if_the_order_of_people_changes():
     front, back, hidden = two_who_cross()
-    pipeline = pipeline_for(max_people=1, person_ids="node")
+    session = pipeline_for(max_people=1, person_ids="node")
     random = np.random.default_rng(3)
     depths = []
     for i in range(len(hidden)):
         order = random.permutation([0] if hidden[i] else [0, 1])
         scores = {0: 0.9, 1: 0.8 if i < 5 else 1.0}
         people = [((front, back)[k][1][i], np.full(17, scores[k])) for k in order]
-        frame = pipeline.process(crowd(BACKEND, stamp(i), people), 0)
+        frame = session.process(crowd(BACKEND, stamp(i), people), 0)
         depths.append(frame.positions[2])
     assert np.abs(np.array(depths) - 3.2).max() < 0.6
 
@@ -343,21 +344,21 @@ def test_the_tracked_person_is_kept_if_the_order_of_people_changes():
 def test_after_a_silence_the_first_message_is_used_for_any_person(lasting):
     """A detector that restarts numbers people anew, and they have moved. The silence is longer than forget_after."""
     before, after = walk(10, -0.8, 3.5, 0.0, 1)[1], walk(10, 3.2, 6.0, 0.0, 2)[1]
-    pipeline = pipeline_for(max_people=1, person_ids="message" if lasting else "node", forget_after=1.2)
+    session = pipeline_for(max_people=1, person_ids="message" if lasting else "node", forget_after=1.2)
     for i in range(10):
-        assert feed(pipeline, i, [before[i]], [4])
+        assert feed(session, i, [before[i]], [4])
     for i in range(5):
-        (frame,) = feed(pipeline, 55 + i, [after[i]], [7]).values()
+        (frame,) = feed(session, 55 + i, [after[i]], [7]).values()
         assert frame.label == "p2" and frame.estimate.initialised is (i == 0) and abs(frame.positions[2] - 6.0) < 1.0
 
 
 def test_the_tracked_person_is_kept_over_a_silence():
     followed, other = walk(10, -0.8, 3.5, 0.0, 1)[1], walk(10, 0.8, 3.5, 0.0, 2)[1]
-    pipeline = pipeline_for(max_people=1)
+    session = pipeline_for(max_people=1)
     for i in range(10):
-        assert feed(pipeline, i, [followed[i]], [4])
+        assert feed(session, i, [followed[i]], [4])
     people = [(other[0], np.full(17, 1.0)), (followed[0], np.full(17, 0.5))]
-    frame = pipeline.process(crowd(BACKEND, stamp(55), people, [7, 4]), 0)
+    frame = session.process(crowd(BACKEND, stamp(55), people, [7, 4]), 0)
     assert frame.accepted and frame.positions[0] < -0.5
 
 
@@ -365,77 +366,77 @@ def test_the_tracked_person_is_kept_over_a_silence():
 def test_whoever_is_in_the_image_and_not_tracked_is_counted(max_people, few):
     """Beyond max_people, or so near that three keypoints are seen."""
     me, other = walk(40, -0.8, 6.0, 0.0, 1)[1], walk(40, 0.8, 2.5, 0.0, 2)[1]
-    pipeline = pipeline_for(max_people=max_people)
+    session = pipeline_for(max_people=max_people)
     seen = np.where(np.arange(17) < 3, 0.6, 0.0) if few else np.full(17, 0.6)
     for i in range(40):
         people = [(me[i], np.full(17, 0.9)), (other[i], seen)]
         here = people if i < 20 else people[:1]
-        frames = pipeline.frames(crowd(BACKEND, stamp(i), here, [4, 7][: len(here)]), stamp(i))
-        assert frames[-1].accepted and pipeline.untracked_at(stamp(i)) == len(here) - 1
-    assert pipeline.untracked_at(stamp(i) + 10**12) == 0
-    pipeline.frames(crowd(BACKEND, stamp(40), people, [4, 7]), stamp(40))
-    pipeline.reset()
-    assert pipeline.untracked_at(stamp(40)) == 0
+        frames = session.frames(crowd(BACKEND, stamp(i), here, [4, 7][: len(here)]), stamp(i))
+        assert frames[-1].accepted and session.untracked_at(stamp(i)) == len(here) - 1
+    assert session.untracked_at(stamp(i) + 10**12) == 0
+    session.frames(crowd(BACKEND, stamp(40), people, [4, 7]), stamp(40))
+    session.reset()
+    assert session.untracked_at(stamp(40)) == 0
 
 
 def test_whoever_is_not_tracked_is_counted_with_results_that_come_later():
     me, other = walk(20, -0.8, 6.0, 0.0, 1)[1], walk(20, 0.8, 2.5, 0.0, 2)[1]
-    pipeline = Pipeline(TrackerConfig(smoothing_lag=0.2), NodeSettings())
-    assert pipeline.set_camera(camera_info(BACKEND)) is None
+    session = Session(TrackerConfig(smoothing_lag=0.2), NodeSettings())
+    assert session.set_camera(camera_info(BACKEND)) is None
     for i in range(20):
         people = [(me[i], np.full(17, 0.9)), (other[i], np.full(17, 0.6))]
-        due = pipeline.frames(crowd(BACKEND, stamp(i), people, [4, 7]), stamp(i))
-    assert due[0].stamp_ns <= stamp(14) and pipeline.untracked_at(due[0].stamp_ns) == 1
+        due = session.frames(crowd(BACKEND, stamp(i), people, [4, 7]), stamp(i))
+    assert due[0].stamp_ns <= stamp(14) and session.untracked_at(due[0].stamp_ns) == 1
 
 
 @pytest.mark.parametrize("max_people", [1, 2])
 @pytest.mark.parametrize("persons", [[4, 7], [-1, -2]])
 def test_a_duplicate_or_a_part_of_a_tracked_person_is_nobody_else(max_people, persons):
-    me, pipeline = walk(40, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=max_people)
+    me, session = walk(40, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=max_people)
     whole, few = np.full(17, 0.9), np.where(np.arange(17) < 3, 0.9, 0.0)
     for i in range(40):
         people = [(me[i], few)] if i % 5 == 4 else [(me[i], whole), (me[i] + 2.0, whole)]
-        pipeline.frames(crowd(BACKEND, stamp(i), people, persons[: len(people)]), stamp(i))
-        assert i < 3 or pipeline.untracked_at(stamp(i)) == 0
-    lost = round((pipeline.reported_lost_after + 0.1) * RATE)
+        session.frames(crowd(BACKEND, stamp(i), people, persons[: len(people)]), stamp(i))
+        assert i < 3 or session.untracked_at(stamp(i)) == 0
+    lost = round((session.reported_lost_after + 0.1) * RATE)
     for i in range(40, 40 + lost):
-        pipeline.frames(crowd(BACKEND, stamp(i), [(me[39], few)], persons[:1]), stamp(i))
-    assert pipeline.untracked_at(stamp(i)) == 1
+        session.frames(crowd(BACKEND, stamp(i), [(me[39], few)], persons[:1]), stamp(i))
+    assert session.untracked_at(stamp(i)) == 1
 
 
 @pytest.mark.parametrize("hidden", ["no place", "low confidence"])
 def test_a_person_who_cannot_be_tracked_does_not_block_others(hidden):
     """Confidences are ignored if the points are missing, or if all confidences are too low."""
-    xy, pipeline = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
+    xy, session = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
     seen = np.arange(17) % 3 == 0
     for i in range(5):
         nobody = (xy[i] * np.nan, np.full(17, 0.9)) if hidden == "no place" else (xy[i], np.full(17, 0.19))
         people = [nobody, (xy[i], np.where(seen, 0.5, 0.0))]
-        frame = pipeline.process(crowd(BACKEND, stamp(i), people), 0)
+        frame = session.process(crowd(BACKEND, stamp(i), people), 0)
         assert frame.accepted, (frame.rejection, frame.detail)
 
 
 def test_numbers_of_ten_digits_are_those_of_people():
     """Some trackers count from the time of the day."""
     here, there = walk(2, -0.8, 3.5, 0.0, 1)[1], walk(2, 0.8, 3.5, 0.0, 2)[1]
-    pipeline = pipeline_for(max_people=2, follow="p1500000000", lock=True)
+    session = pipeline_for(max_people=2, follow="p1500000000", lock=True)
     for i in range(2):
-        found = feed(pipeline, i, [here[i], there[i]], [1_500_000_000, 4])
+        found = feed(session, i, [here[i], there[i]], [1_500_000_000, 4])
     assert {person: frame.detector_id for person, frame in found.items()} == {"p4": 4, "p1500000000": 1_500_000_000}
-    assert pipeline.locked == "p1500000000"
+    assert session.locked == "p1500000000"
 
 
 @pytest.mark.parametrize("max_people", [1, 3])
 def test_with_a_lag_each_result_is_published_with_the_identity_of_its_message(max_people):
     """Also those that wait when the person is forgotten in a pause, when a bag loops, and at the end."""
     xy, confidence = walk(10, 0.0, 3.5, 0.0, 1)[1], np.full(17, 0.9)
-    pipeline = Pipeline(TrackerConfig(smoothing_lag=0.1), NodeSettings(max_people=max_people, forget_after=0.3))
-    assert pipeline.set_camera(camera_info(BACKEND)) is None
+    session = Session(TrackerConfig(smoothing_lag=0.1), NodeSettings(max_people=max_people, forget_after=0.3))
+    assert session.set_camera(camera_info(BACKEND)) is None
     found = []
     for number, first in ((4, 100), (9, 150), (5, 105)):  # after a pause another person, then a loop
         for i in range(10):
-            found += pipeline.frames(crowd(BACKEND, stamp(first + i), [(xy[i], confidence)], [number]), 0)
-    found += frames_of(pipeline.finish())
+            found += session.frames(crowd(BACKEND, stamp(first + i), [(xy[i], confidence)], [number]), 0)
+    found += frames_of(session.finish())
     assert all(frame.accepted for frame in found) and len(found) == 30
     ids = ["p1", "p2", "p3"] if max_people == 1 else ["p4", "p9", "p10"]  # after a pause numbers may be anybody's
     for k, (number, first) in enumerate(((4, 100), (9, 150), (5, 105))):
@@ -451,19 +452,19 @@ def test_real_people_in_a_changing_order_keep_their_ids(camera):
     data = np.load(DETECTIONS / "openpose_balancing.npz")
     everybody = data["kp2d_all"][camera].astype(float)
     config = TrackerConfig(landmarks="body25b")
-    pipeline = Pipeline(config, NodeSettings(max_people=3, person_ids="node"))
+    session = Session(config, NodeSettings(max_people=3, person_ids="node"))
     width, height = (int(v) for v in data["image_size"][camera])
     info = camera_info(BACKEND, k=data["K"][camera].ravel(), width=width, height=height, distortion_model="plumb_bob")
     info.d = np.append(data["dist"][camera], 0.0)
-    assert pipeline.set_camera(info) is None
+    assert session.set_camera(info) is None
     of_the_known, others, random = [], [], np.random.default_rng(camera)
     for i, people in enumerate(everybody):
         people = random.permutation([p for p in people if (p[:, 2] > 0).any()])
-        frames = pipeline.frames(crowd(BACKEND, stamp(i), [(p[:, :2], p[:, 2]) for p in people]), 0)
+        frames = session.frames(crowd(BACKEND, stamp(i), [(p[:, :2], p[:, 2]) for p in people]), 0)
         true = data["kp2d"][camera][i]
         seen = true[:, 2] >= 0.2
         for frame in frames:
-            pixels = pipeline.camera.view.lens.distort(project(frame.estimate.pose.landmarks))
+            pixels = session.camera.view.lens.distort(project(frame.estimate.pose.landmarks))
             miss = np.median(np.linalg.norm(pixels[seen] - true[seen, :2], axis=1))
             (of_the_known if miss < 60 else others).append(frame.person)
     assert len(set(of_the_known)) == 1 and len(of_the_known) >= len(everybody) - 3

@@ -11,7 +11,7 @@ from messages import camera_info, crowd  # noqa: E402
 from test_people import BACKEND, stamp, walk  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 
@@ -19,8 +19,8 @@ from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 def test_an_error_in_one_persons_step_does_not_affect_later_messages(monkeypatch, lag):
     """The outputs of the others keep their own stamps."""
     tracks = [walk(40, x, 3.5, phase, seed)[1] for seed, (x, phase) in enumerate([(-1.2, 0.0), (0.0, 0.5), (1.2, 1.0)])]
-    pipeline = Pipeline(TrackerConfig(smoothing_lag=lag), NodeSettings(max_people=4, person_ids="message"))
-    assert pipeline.set_camera(camera_info(BACKEND)) is None
+    session = Session(TrackerConfig(smoothing_lag=lag), NodeSettings(max_people=4, person_ids="message"))
+    assert session.set_camera(camera_info(BACKEND)) is None
 
     def message(index):
         people = [(track[index], np.full(17, 0.9)) for track in tracks]
@@ -30,16 +30,16 @@ def test_an_error_in_one_persons_step_does_not_affect_later_messages(monkeypatch
     for index in range(40):
         with monkeypatch.context() as patch:
             if index == 20:
-                patch.setattr(pipeline.people.tracked["p1"].tracker, "_smooth", lambda *arguments: 1 / 0)
+                patch.setattr(session.people.tracked["p1"].tracker, "_smooth", lambda *arguments: 1 / 0)
                 with pytest.raises(ZeroDivisionError):
-                    pipeline.frames(message(index), 0)
+                    session.frames(message(index), 0)
                 for person in ("p0", "p2"):  # tracked before and after the one whose step fails
-                    assert pipeline.people.tracked[person].seen_ns == stamp(index)
+                    assert session.people.tracked[person].seen_ns == stamp(index)
                 continue
-            for frame in pipeline.frames(message(index), 0):
+            for frame in session.frames(message(index), 0):
                 assert frame.accepted
                 published[frame.person].append(frame)
-    for frame in pipeline.people.flush():
+    for frame in session.people.flush():
         published[frame.person].append(frame)
     for person in ("p0", "p2"):
         stamps = [frame.stamp_ns for frame in published[person]]

@@ -7,8 +7,8 @@ from messages import camera_info, crowd, rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.answers import frames_of
-from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.seen import MOST_PEOPLE
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
 pytest.importorskip("rosbags")
@@ -17,14 +17,14 @@ EYES = {"left": eye("left", 0), "right": eye("right", 90), "third": eye("third",
 
 
 class Rig:
-    """Sends images of cameras to a pipeline."""
+    """Sends images of cameras to a session."""
 
     def __init__(self, *names, **settings):
-        self.pipeline = Pipeline(TrackerConfig(), NodeSettings(cameras=names, fixed_frame=MAP, **settings))
+        self.session = Session(TrackerConfig(), NodeSettings(cameras=names, fixed_frame=MAP, **settings))
         self.random = np.random.default_rng(0)
         for name in names:
-            assert self.pipeline.set_camera(camera_info(BACKEND, frame_id=EYES[name].frame), name) is None
-            self.pipeline.transforms.add(tf_of(BACKEND, EYES[name], START_NS, 0.0), static=True)
+            assert self.session.set_camera(camera_info(BACKEND, frame_id=EYES[name].frame), name) is None
+            self.session.transforms.add(tf_of(BACKEND, EYES[name], START_NS, 0.0), static=True)
 
     def pixels(self, name, index, shift=(0.0, 0.0, 0.0)):
         """What a camera sees of the person, moved by (3,) m."""
@@ -35,7 +35,7 @@ class Rig:
         """Send an image with people, by number: pixels and confidences. Return the results."""
         stamp_ns = START_NS + index * PERIOD_NS + later_ns
         message = crowd(BACKEND, stamp_ns, list(people.values()), list(people), frame_id=EYES[name].frame)
-        return self.pipeline.frames(message, stamp_ns + late_ns, name)
+        return self.session.frames(message, stamp_ns + late_ns, name)
 
     def both(self, index, left, right):
         """Send an image of each camera; the person's number there, None: not in view. Return the results."""
@@ -82,10 +82,10 @@ def test_an_image_with_the_stamp_of_an_earlier_result_does_not_spoil_the_velocit
         if index == 8:
             rig.send("right", index, {1: (rig.pixels("right", index), faint)}, 1_000_000)
         late_ns = 30_000_000 if index == 8 else 0
-        rig.pipeline.due(START_NS + index * PERIOD_NS + wait_ns)
+        rig.session.due(START_NS + index * PERIOD_NS + wait_ns)
         later_ns = 1_000_000 if index == 8 else 0
         frames += rig.send("third", index, {1: (rig.pixels("third", index), whole)}, later_ns, late_ns)
-        frames += frames_of(rig.pipeline.due(START_NS + index * PERIOD_NS + 2 * wait_ns + late_ns))
+        frames += frames_of(rig.session.due(START_NS + index * PERIOD_NS + 2 * wait_ns + late_ns))
         assert all(np.isfinite(frame.velocity).all() for frame in frames if frame.accepted)
 
 
@@ -93,13 +93,13 @@ def test_stamps_do_not_go_back_with_images_of_a_slower_detector():
     rig, late, stamps, people = Rig("left", "right", max_people=3), 2, [], set()
     for index in range(12):
         frames = rig.send("left", index, {1: (rig.pixels("left", index), np.full(17, 0.9))})
-        stamps.append(rig.pipeline.image[0])
+        stamps.append(rig.session.image[0])
         if index >= late:
             other = {5: (rig.pixels("right", index - late, (0.0, 1.5, 0.0)), np.full(17, 0.9))}
             frames += rig.send("right", index - late, other, late_ns=late * PERIOD_NS)
-            stamps.append(rig.pipeline.image[0])
-            frames += frames_of(rig.pipeline.due(START_NS + (index + late) * PERIOD_NS))
-            stamps.append(rig.pipeline.image[0])
+            stamps.append(rig.session.image[0])
+            frames += frames_of(rig.session.due(START_NS + (index + late) * PERIOD_NS))
+            stamps.append(rig.session.image[0])
         people |= {(frame.person, frame.camera.name) for frame in frames if frame.accepted}
     assert people == {("p1", "left"), ("p2", "right")}
     assert stamps == sorted(stamps) and stamps[-1] == START_NS + 11 * PERIOD_NS
@@ -113,18 +113,18 @@ def test_a_person_can_be_locked_while_another_camera_sees_nobody(max_people, lat
     for index in range(6):
         rig.send("left", index, {7: (rig.pixels("left", index), np.full(17, 0.9))})
         rig.send("right", index, {}, later_ns)
-    rig.pipeline.due(START_NS + 10**9)
+    rig.session.due(START_NS + 10**9)
     if by_call:
-        assert rig.pipeline.locked is None
-        rig.pipeline.lock(START_NS + 6 * PERIOD_NS)
-    assert rig.pipeline.locked in rig.pipeline.people.ids if max_people > 1 else rig.pipeline.locked == "p1"
+        assert rig.session.locked is None
+        rig.session.lock(START_NS + 6 * PERIOD_NS)
+    assert rig.session.locked in rig.session.people.ids if max_people > 1 else rig.session.locked == "p1"
 
 
 @pytest.mark.parametrize("other", ["late", "few", "silent"])
 def test_who_is_before_another_camera_and_not_tracked_is_counted(other):
     """The tracked person is not, in an image that comes late or shows a hand. A silent camera may have anybody."""
     rig = Rig("left", "right")
-    stale_ns, late_ns = rig.pipeline.config.stale_after * 1e9, 120_000_000
+    stale_ns, late_ns = rig.session.config.stale_after * 1e9, 120_000_000
     seen = np.where(np.arange(17) == 9, 0.9, 0.0) if other == "few" else np.full(17, 0.9)
     for index in range(60):
         stamp_ns = START_NS + index * PERIOD_NS
@@ -133,14 +133,14 @@ def test_who_is_before_another_camera_and_not_tracked_is_counted(other):
             rig.send("right", index, {1: (rig.pixels("right", index), seen)})
         elif other == "late" and index >= 24:
             rig.send("right", index - 4, {1: (rig.pixels("right", index - 4), seen)}, late_ns=late_ns)
-        rig.pipeline.due(stamp_ns + 10**7)
+        rig.session.due(stamp_ns + 10**7)
         silent = other == "silent" and (index - 19) * PERIOD_NS > stale_ns
-        assert index < 2 or rig.pipeline.untracked_at(stamp_ns) == silent
+        assert index < 2 or rig.session.untracked_at(stamp_ns) == silent
     for index in range(60, 64):
         both = {1: (rig.pixels("right", index), seen), 2: (rig.pixels("right", index, (0.3, 1.2, 0.0)), seen)}
         rig.send("left", index, {1: (rig.pixels("left", index), np.full(17, 0.9))})
         rig.send("right", index, both)
-    assert rig.pipeline.untracked_at(START_NS + index * PERIOD_NS) == 1
+    assert rig.session.untracked_at(START_NS + index * PERIOD_NS) == 1
 
 
 @pytest.mark.parametrize("ahead_s", [20.0, 3600.0])
@@ -153,14 +153,14 @@ def test_a_stamp_of_an_empty_image_that_was_ahead_hides_nobody_who_comes(cameras
             people = {1: (rig.pixels(name, index), np.full(17, 0.9))} if index >= 10 else {}
             rig.send(name, index, people, later_ns=wrong_ns, late_ns=-wrong_ns)
     now_ns = START_NS + index * PERIOD_NS
-    assert rig.pipeline.presence_at(now_ns).status.value == "tracking"
-    assert rig.pipeline.image_at(now_ns)[0] == now_ns and rig.pipeline.lock(now_ns) == "p1"
+    assert rig.session.presence_at(now_ns).status.value == "tracking"
+    assert rig.session.image_at(now_ns)[0] == now_ns and rig.session.lock(now_ns) == "p1"
 
 
 @pytest.mark.parametrize("fault", ["refused", "silent"])
 def test_an_empty_image_of_one_camera_does_not_say_that_nobody_is_before_the_other(fault):
     rig = Rig("left", "right")
-    whole, stale_ns = np.full(17, 0.9), rig.pipeline.config.stale_after * 1e9
+    whole, stale_ns = np.full(17, 0.9), rig.session.config.stale_after * 1e9
     for index in range(60):
         rig.send("left", index, {})
         if fault == "refused":
@@ -170,11 +170,11 @@ def test_an_empty_image_of_one_camera_does_not_say_that_nobody_is_before_the_oth
         elif index < 3:
             rig.send("right", index, {})
         now_ns = START_NS + index * PERIOD_NS
-        rig.pipeline.due(now_ns + 10**8)
-        assert rig.pipeline.scene_known_empty(now_ns) == (fault == "silent" and (index - 2) * PERIOD_NS <= stale_ns)
+        rig.session.due(now_ns + 10**8)
+        assert rig.session.scene_known_empty(now_ns) == (fault == "silent" and (index - 2) * PERIOD_NS <= stale_ns)
     for index in range(60, 70):
         rig.both(index, None, None)
-    assert rig.pipeline.scene_known_empty(START_NS + index * PERIOD_NS)
+    assert rig.session.scene_known_empty(START_NS + index * PERIOD_NS)
 
 
 @pytest.mark.parametrize("lock", [True, False])
@@ -190,7 +190,7 @@ def test_a_stranger_before_another_camera_replaces_nobody_before_forget_after(lo
         if index == 60:
             assert last == 9
     assert last == (9 if lock else 99)
-    assert frames[-1].label == ("p1" if lock else "p2") and rig.pipeline.locked == ("p1" if lock else None)
+    assert frames[-1].label == ("p1" if lock else "p2") and rig.session.locked == ("p1" if lock else None)
 
 
 def test_too_many_people_in_one_image_are_refused_without_the_other_cameras():

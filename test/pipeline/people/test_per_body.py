@@ -23,7 +23,7 @@ from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.people_messages import id_of
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.people.choice import NoPersonError
-from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
+from lassokin_ros.pipeline.people.per_body_session import PerBodySession
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend, RosbagsBackend
@@ -59,8 +59,8 @@ def skeleton2d(backend, stamp_ns, index, aside=0.0, confidence=0.9):
 
 
 @pytest.fixture
-def pipeline():
-    result = PerBodyPipeline(TRACKER, CONFIG)
+def session():
+    result = PerBodySession(TRACKER, CONFIG)
     result.set_camera(camera_info(rosbags_backend()))
     return result
 
@@ -68,177 +68,177 @@ def pipeline():
 BACKEND = RosbagsBackend(detector_types())
 
 
-def feed(pipeline, person, index, aside=0.0):
-    return pipeline.frames_of(person, skeleton2d(BACKEND, START_NS + index * PERIOD_NS, index, aside), 7)
+def feed(session, person, index, aside=0.0):
+    return session.frames_of(person, skeleton2d(BACKEND, START_NS + index * PERIOD_NS, index, aside), 7)
 
 
-def test_each_body_is_tracked_separately_with_the_same_stamps(pipeline):
-    pipeline.keep(["abc", "xyz"])
+def test_each_body_is_tracked_separately_with_the_same_stamps(session):
+    session.keep(["abc", "xyz"])
     for i in range(20):
-        (left,), (right,) = feed(pipeline, "abc", i, -0.2), feed(pipeline, "xyz", i, 0.2)
+        (left,), (right,) = feed(session, "abc", i, -0.2), feed(session, "xyz", i, 0.2)
         assert left.accepted and right.accepted and (left.person, right.person) == ("abc", "xyz")
         assert left.positions[0] < -0.3 < 0.3 < right.positions[0]
         assert left.estimate.initialised is right.estimate.initialised is (i == 0)
-    assert pipeline.counts["received"] == pipeline.counts["accepted"] == 40 and pipeline.counts["resets"] == 0
-    assert set(pipeline.calibrations()) == {"abc", "xyz"} and pipeline.status.value == "tracking"
+    assert session.counts["received"] == session.counts["accepted"] == 40 and session.counts["resets"] == 0
+    assert set(session.calibrations()) == {"abc", "xyz"} and session.status.value == "tracking"
 
 
-def test_each_body_has_the_detectors_id_in_the_messages_about_all_people(pipeline):
-    pipeline.keep(["abc", "xyz"])
-    assert [id_of(feed(pipeline, person, 0)[0]) for person in ("abc", "xyz")] == ["abc", "xyz"]
+def test_each_body_has_the_detectors_id_in_the_messages_about_all_people(session):
+    session.keep(["abc", "xyz"])
+    assert [id_of(feed(session, person, 0)[0]) for person in ("abc", "xyz")] == ["abc", "xyz"]
 
 
 def test_bodies_of_a_camera_with_a_name():
-    pipeline = PerBodyPipeline(TRACKER, replace(CONFIG, cameras=("left",)))
-    pipeline.set_camera(camera_info(rosbags_backend()), "left")
-    pipeline.keep(["abc"])
-    assert feed(pipeline, "abc", 0)[0].accepted
+    session = PerBodySession(TRACKER, replace(CONFIG, cameras=("left",)))
+    session.set_camera(camera_info(rosbags_backend()), "left")
+    session.keep(["abc"])
+    assert feed(session, "abc", 0)[0].accepted
 
 
-def test_listed_bodies_appear_and_leave(pipeline):
-    assert pipeline.ids == [] and feed(pipeline, "abc", 0) == []
-    pipeline.keep(["abc", "xyz", "third"])
-    assert pipeline.ids == ["abc", "xyz"] and pipeline.counts["people beyond max_people"] == 1
-    feed(pipeline, "abc", 0)
-    assert not feed(pipeline, "abc", 1)[0].estimate.initialised
-    pipeline.keep(["third", "xyz"])
-    assert pipeline.ids == ["xyz", "third"] and feed(pipeline, "abc", 2) == []
-    assert feed(pipeline, "third", 2)[0].estimate.initialised  # no state of abc is left
-    counts = pipeline.counts
+def test_listed_bodies_appear_and_leave(session):
+    assert session.ids == [] and feed(session, "abc", 0) == []
+    session.keep(["abc", "xyz", "third"])
+    assert session.ids == ["abc", "xyz"] and session.counts["people beyond max_people"] == 1
+    feed(session, "abc", 0)
+    assert not feed(session, "abc", 1)[0].estimate.initialised
+    session.keep(["third", "xyz"])
+    assert session.ids == ["xyz", "third"] and feed(session, "abc", 2) == []
+    assert feed(session, "third", 2)[0].estimate.initialised  # no state of abc is left
+    counts = session.counts
     assert (counts["people come"], counts["people left"], counts["resets"]) == (3, 1, 0)
 
 
-def test_listed_bodies_that_were_never_tracked_are_counted(pipeline):
-    assert pipeline.untracked_at(START_NS) == 0
-    pipeline.keep(["abc", "xyz", "third"])
-    assert pipeline.untracked_at(START_NS) == 3
-    feed(pipeline, "abc", 0)
-    assert pipeline.untracked_at(START_NS) == 2
-    pipeline.keep(["abc"])
-    assert pipeline.untracked_at(START_NS) == 0
+def test_listed_bodies_that_were_never_tracked_are_counted(session):
+    assert session.untracked_at(START_NS) == 0
+    session.keep(["abc", "xyz", "third"])
+    assert session.untracked_at(START_NS) == 3
+    feed(session, "abc", 0)
+    assert session.untracked_at(START_NS) == 2
+    session.keep(["abc"])
+    assert session.untracked_at(START_NS) == 0
 
 
-def test_new_people_start_with_the_vertical_of_present_people(pipeline):
-    pipeline.keep(["abc"])
+def test_new_people_start_with_the_vertical_of_present_people(session):
+    session.keep(["abc"])
     for i in range(10):
-        feed(pipeline, "abc", i)
-    pipeline.keep(["abc", "xyz"])
-    one, two = (pipeline._present[person].tracker.learned.vertical for person in ("abc", "xyz"))
+        feed(session, "abc", i)
+    session.keep(["abc", "xyz"])
+    one, two = (session._present[person].tracker.learned.vertical for person in ("abc", "xyz"))
     assert two.learned_for == one.learned_for > 0 and np.array_equal(two.direction, one.direction)
-    pipeline.reset()
+    session.reset()
     assert two.learned_for == 0
 
 
-def test_nobody_is_locked_because_the_detector_says_who_is_who(pipeline):
+def test_nobody_is_locked_because_the_detector_says_who_is_who(session):
     with pytest.raises(NoPersonError, match="each person has a topic of keypoints"):
-        pipeline.lock(START_NS)
-    assert pipeline.locked is None
+        session.lock(START_NS)
+    assert session.locked is None
 
 
 @pytest.mark.parametrize("event", ["height", "jump back"])
 def test_the_parameter_lock_locks_nobody(event):
-    pipeline = PerBodyPipeline(TRACKER, replace(CONFIG, lock=True))
-    pipeline.set_camera(camera_info(rosbags_backend()))
-    pipeline.keep(["abc"])
-    assert all(feed(pipeline, "abc", index)[0].accepted for index in (0, 41, 42, 43))
+    session = PerBodySession(TRACKER, replace(CONFIG, lock=True))
+    session.set_camera(camera_info(rosbags_backend()))
+    session.keep(["abc"])
+    assert all(feed(session, "abc", index)[0].accepted for index in (0, 41, 42, 43))
     if event == "height":
-        pipeline.tune(replace(pipeline.tracker.config, height=1.9), pipeline.config)
+        session.tune(replace(session.tracker.config, height=1.9), session.config)
     first = 44 if event == "height" else 1
-    assert all(feed(pipeline, "abc", index + first)[0].accepted for index in range(5))
-    assert "lock is true, but nobody is locked" in status_of(pipeline).message
+    assert all(feed(session, "abc", index + first)[0].accepted for index in range(5))
+    assert "lock is true, but nobody is locked" in status_of(session).message
 
 
-def test_the_number_of_bodies_without_a_track_is_in_the_diagnostics(pipeline):
-    pipeline.keep(["abc", "xyz"])
-    feed(pipeline, "abc", 0)
-    line = Diagnostics(pipeline, "tracker", 0.0).line(1.0, pipeline.presence_at(START_NS), "")
+def test_the_number_of_bodies_without_a_track_is_in_the_diagnostics(session):
+    session.keep(["abc", "xyz"])
+    feed(session, "abc", 0)
+    line = Diagnostics(session, "tracker", 0.0).line(1.0, session.presence_at(START_NS), "")
     assert line.values["people in view, not tracked"] == "1"
 
 
-def status_of(pipeline, jump_after=100):
+def status_of(session, jump_after=100):
     """The status after 60 messages of the body abc; after `jump_after` of them, TF moves the camera by 3 m."""
-    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    diagnostics = Diagnostics(session, "tracker", 0.0)
     diagnostics.count_camera_info(0.0)
-    pipeline.keep(["abc"])
+    session.keep(["abc"])
     for i in range(60):
-        if pipeline.transforms is not None:
+        if session.transforms is not None:
             place = "map", FRAME, OPTICAL, (3.0 * (i > jump_after), 0.0, 1.0)
-            pipeline.transforms.add(tf_message(BACKEND, START_NS + i * PERIOD_NS, place), static=False)
-        diagnostics.count_message(feed(pipeline, "abc", i), START_NS + i * PERIOD_NS, i / 30, 0.001)
+            session.transforms.add(tf_message(BACKEND, START_NS + i * PERIOD_NS, place), static=False)
+        diagnostics.count_message(feed(session, "abc", i), START_NS + i * PERIOD_NS, i / 30, 0.001)
     return diagnostics.line(2.0)
 
 
 def test_a_jump_moves_people_once_also_if_it_is_seen_later_with_another_person():
     """People without an image since then are moved with the frame; see PeopleMessages.update."""
-    pipeline = PerBodyPipeline(TRACKER, replace(CONFIG, fixed_frame="map"))
-    pipeline.set_camera(camera_info(BACKEND))
-    pipeline.keep(["abc", "xyz"])
+    session = PerBodySession(TRACKER, replace(CONFIG, fixed_frame="map"))
+    session.set_camera(camera_info(BACKEND))
+    session.keep(["abc", "xyz"])
     for i in range(30):
         place = "map", FRAME, OPTICAL, (4.0 * (i >= 20), 0.0, 1.0)
-        pipeline.transforms.add(tf_message(BACKEND, START_NS + i * PERIOD_NS, place), static=False)
-        assert feed(pipeline, "abc", i, -0.2)[0].accepted
+        session.transforms.add(tf_message(BACKEND, START_NS + i * PERIOD_NS, place), static=False)
+        assert feed(session, "abc", i, -0.2)[0].accepted
         if not 18 < i < 22:
-            assert feed(pipeline, "xyz", i, 0.2)[0].accepted
-        assert i < 20 or pipeline.placement.jumps.newest[0] == START_NS + 20 * PERIOD_NS
-    assert "4.0 m and 0 degrees" in pipeline.placement.jumps.words
+            assert feed(session, "xyz", i, 0.2)[0].accepted
+        assert i < 20 or session.placement.jumps.newest[0] == START_NS + 20 * PERIOD_NS
+    assert "4.0 m and 0 degrees" in session.placement.jumps.words
 
 
 def test_a_jump_of_the_fixed_frame_is_named_with_its_distance():
-    pipeline = PerBodyPipeline(TRACKER, replace(CONFIG, fixed_frame="map"))
-    pipeline.set_camera(camera_info(rosbags_backend()))
-    assert "in fixed_frame 'map' by 3.0 m and 0 degrees from" in status_of(pipeline, jump_after=40).message
+    session = PerBodySession(TRACKER, replace(CONFIG, fixed_frame="map"))
+    session.set_camera(camera_info(rosbags_backend()))
+    assert "in fixed_frame 'map' by 3.0 m and 0 degrees from" in status_of(session, jump_after=40).message
 
 
 def test_camera_info_of_another_camera_is_a_warning():
-    pipeline = PerBodyPipeline(TRACKER, CONFIG)
-    pipeline.set_camera(camera_info(rosbags_backend(), frame_id="another"))
-    status = status_of(pipeline)
+    session = PerBodySession(TRACKER, CONFIG)
+    session.set_camera(camera_info(rosbags_backend(), frame_id="another"))
+    status = status_of(session)
     assert status.level == WARN and "camera_info is of another camera: its frame_id is 'another'" in status.message
 
 
-def test_an_empty_message_is_no_problem_to_report(pipeline):
-    pipeline.keep(["abc"])
+def test_an_empty_message_is_no_problem_to_report(session):
+    session.keep(["abc"])
     message = skeleton2d(BACKEND, START_NS, 0)
     for point in message.skeleton:
         point.c = 0.0
-    (frame,) = pipeline.frames_of("abc", message, 7)
-    assert frame.rejection == "too_few_landmarks" and pipeline.nobody_in_view
-    feed(pipeline, "abc", 1)
-    assert not pipeline.nobody_in_view
+    (frame,) = session.frames_of("abc", message, 7)
+    assert frame.rejection == "too_few_landmarks" and session.nobody_in_view
+    feed(session, "abc", 1)
+    assert not session.nobody_in_view
 
 
-def test_listed_bodies_are_lost_in_silence_but_stay(pipeline):
-    pipeline.keep(["abc", "xyz"])
-    feed(pipeline, "abc", 0), feed(pipeline, "xyz", 0)
-    assert pipeline.presence_at(7) == Presence(Status.TRACKING, ["abc", "xyz"])
-    assert pipeline.presence_at(60 * 10**9) == Presence(Status.LOST, ["abc", "xyz"])
-    assert not feed(pipeline, "abc", 1)[0].estimate.initialised
+def test_listed_bodies_are_lost_in_silence_but_stay(session):
+    session.keep(["abc", "xyz"])
+    feed(session, "abc", 0), feed(session, "xyz", 0)
+    assert session.presence_at(7) == Presence(Status.TRACKING, ["abc", "xyz"])
+    assert session.presence_at(60 * 10**9) == Presence(Status.LOST, ["abc", "xyz"])
+    assert not feed(session, "abc", 1)[0].estimate.initialised
 
 
-def test_messages_keep_their_ages_when_the_clock_is_set_back(pipeline):
-    pipeline.keep(["abc"])
-    pipeline.frames_of("abc", skeleton2d(BACKEND, START_NS, 0), 60 * 10**9)
-    pipeline.set_clock_back(50 * 10**9)
-    assert [pipeline.presence_at(at * 10**9).status for at in (10, 11)] == [Status.TRACKING, Status.LOST]
-    pipeline.frames_of("abc", skeleton2d(BACKEND, START_NS + PERIOD_NS, 1, confidence=0.0), 20 * 10**9)
-    pipeline.set_clock_back(10 * 10**9)
-    assert pipeline.scene_known_empty(10 * 10**9) and not pipeline.scene_known_empty(11 * 10**9)
+def test_messages_keep_their_ages_when_the_clock_is_set_back(session):
+    session.keep(["abc"])
+    session.frames_of("abc", skeleton2d(BACKEND, START_NS, 0), 60 * 10**9)
+    session.set_clock_back(50 * 10**9)
+    assert [session.presence_at(at * 10**9).status for at in (10, 11)] == [Status.TRACKING, Status.LOST]
+    session.frames_of("abc", skeleton2d(BACKEND, START_NS + PERIOD_NS, 1, confidence=0.0), 20 * 10**9)
+    session.set_clock_back(10 * 10**9)
+    assert session.scene_known_empty(10 * 10**9) and not session.scene_known_empty(11 * 10**9)
 
 
-def test_settings_camera_and_reset_apply_to_all_people(pipeline):
-    pipeline.keep(["abc", "xyz"])
-    feed(pipeline, "abc", 0), feed(pipeline, "xyz", 0)
-    pipeline.reset()
-    assert pipeline.ids == ["abc", "xyz"] and pipeline.counts["resets"] == 1
-    assert all(feed(pipeline, person, 1)[0].estimate.initialised for person in pipeline.ids)
-    pipeline.tune(TrackerConfig(landmarks="hri18", min_confidence=0.95), CONFIG)
-    assert {feed(pipeline, person, 2)[0].rejection for person in pipeline.ids} == {"too_few_landmarks"}
-    assert pipeline.set_camera(camera_info(rosbags_backend(), k=np.zeros(9))) == "camera_uncalibrated"
-    assert pipeline.counts["rejected: camera_uncalibrated"] == 1 and pipeline.camera_fault
-    pipeline.set_camera(camera_info(rosbags_backend(), frame_id="another"))
-    assert pipeline.counts["resets"] == 1, "keypoints have the frame_id of the first camera"
-    pipeline.enabled = False
-    assert feed(pipeline, "abc", 3) == [] and pipeline.counts["ignored while disabled"] == 1
+def test_settings_camera_and_reset_apply_to_all_people(session):
+    session.keep(["abc", "xyz"])
+    feed(session, "abc", 0), feed(session, "xyz", 0)
+    session.reset()
+    assert session.ids == ["abc", "xyz"] and session.counts["resets"] == 1
+    assert all(feed(session, person, 1)[0].estimate.initialised for person in session.ids)
+    session.tune(TrackerConfig(landmarks="hri18", min_confidence=0.95), CONFIG)
+    assert {feed(session, person, 2)[0].rejection for person in session.ids} == {"too_few_landmarks"}
+    assert session.set_camera(camera_info(rosbags_backend(), k=np.zeros(9))) == "camera_uncalibrated"
+    assert session.counts["rejected: camera_uncalibrated"] == 1 and session.camera_fault
+    session.set_camera(camera_info(rosbags_backend(), frame_id="another"))
+    assert session.counts["resets"] == 1, "keypoints have the frame_id of the first camera"
+    session.enabled = False
+    assert feed(session, "abc", 3) == [] and session.counts["ignored while disabled"] == 1
 
 
 def test_only_skeletons_have_a_topic_for_each_body():

@@ -1,6 +1,6 @@
-"""A pipeline that processes good messages, with bad ones in between.
+"""A session that processes good messages, with bad ones in between.
 
-The frames of an undisturbed pipeline are known. Therefore each good frame after a bad message can be compared with
+The frames of an undisturbed session are known. Therefore each good frame after a bad message can be compared with
 them, byte by byte.
 """
 
@@ -18,7 +18,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.demo.synthetic import motion
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
 CLOUD, POLYGON, ARRAY = (
@@ -94,7 +94,7 @@ def fingerprint(frame, person):
 
 
 class Course:
-    """One type of message, one person or two, and the position of the pipeline in the course."""
+    """One type of message, one person or two, and the position of the session in the course."""
 
     backend = BACKEND
 
@@ -117,15 +117,15 @@ class Course:
         self.restart()
 
     def start_anew(self):
-        """Start with a new pipeline."""
-        self.pipeline = Pipeline(*self.settings)
-        assert self.pipeline.set_camera(self.camera) is None
+        """Start with a new session."""
+        self.session = Session(*self.settings)
+        assert self.session.set_camera(self.camera) is None
         self.index = 0
 
     def restart(self):
         """Start from the first frame, without known people."""
-        self.pipeline.reset()
-        assert self.pipeline.set_camera(self.camera) is None
+        self.session.reset()
+        assert self.session.set_camera(self.camera) is None
         self.index = 0
 
     def good(self, index):
@@ -137,7 +137,7 @@ class Course:
     def send_good(self):
         """The frames of the next good message."""
         index, self.index = self.index, self.index + 1
-        return self.pipeline.frames(self.good(index), stamp_of(index))
+        return self.session.frames(self.good(index), stamp_of(index))
 
     def lead_in(self, frames):
         """Continue until `frames` good messages have been accepted."""
@@ -147,7 +147,7 @@ class Course:
             self.same_as_ever()
 
     def same_as_ever(self):
-        """Check that the next good message gives the bytes of the undisturbed pipeline."""
+        """Check that the next good message gives the bytes of the undisturbed session."""
         index = self.index
         assert self._fingerprints(self.send_good()) == self.expected[index], f"frame {index} differs"
 

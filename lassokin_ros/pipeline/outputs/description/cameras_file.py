@@ -10,7 +10,7 @@ from lassokin_ros.core.errors import LassokinError, SkeletonError
 from lassokin_ros.pipeline.concerns.cameras import wrong_cameras
 from lassokin_ros.pipeline.concerns.catalogue import words_of
 from lassokin_ros.pipeline.outputs.description.skeleton_file import write_text
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 
 COMMAND = "ros2 run tf2_ros static_transform_publisher"
 
@@ -19,21 +19,21 @@ class CamerasFileError(LassokinError):
     """The poses of the cameras cannot be written."""
 
 
-def camera_commands(pipeline: Pipeline) -> list[str]:
+def camera_commands(session: Session) -> list[str]:
     """Return one command for each camera whose pose was learned.
 
     Raises CamerasFileError if none was, or if the keypoints show that a camera is wrong.
     """
-    places, extrinsics = pipeline.places, pipeline.extrinsics
-    if places is None or not pipeline.config.several_cameras:
+    places, extrinsics = session.places, session.extrinsics
+    if places is None or not session.config.several_cameras:
         raise CamerasFileError("there is one camera, or none with a pose; expected several (parameter cameras)")
-    if wrong := words_of(wrong_cameras(pipeline, learned=False)):
+    if wrong := words_of(wrong_cameras(session, learned=False)):
         raise CamerasFileError(
             f"nothing is written, because {'; '.join(wrong)}. Correct that, reset the tracker, and save when a person "
             "has been seen for some seconds"
         )
     commands = []
-    for name, camera in pipeline.cameras.items():
+    for name, camera in session.cameras.items():
         given = places.newest.get(name)
         if extrinsics is None or given is None:
             continue
@@ -54,9 +54,9 @@ def camera_commands(pipeline: Pipeline) -> list[str]:
     return commands
 
 
-def save_cameras(pipeline: Pipeline, path: Path) -> Path:
+def save_cameras(session: Session, path: Path) -> Path:
     """Write the commands, one in a line; run the file with bash. Raises CamerasFileError."""
-    commands = camera_commands(pipeline)
+    commands = camera_commands(session)
     try:
         return write_text(path, "".join(f"{command} &\n" for command in commands) + "wait\n")
     except SkeletonError as error:

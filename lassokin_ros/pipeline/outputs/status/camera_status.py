@@ -10,7 +10,7 @@ import numpy as np
 
 from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 
 OF_DEPTH = RECEIVED, MATCHED, UNMATCHED
 """Counts of depth images that are shown of each camera."""
@@ -19,8 +19,8 @@ OF_DEPTH = RECEIVED, MATCHED, UNMATCHED
 class CameraStatus:
     """Follows which cameras send keypoints. Times are s of a steady clock."""
 
-    def __init__(self, pipeline: Pipeline) -> None:
-        self._pipeline = pipeline
+    def __init__(self, session: Session) -> None:
+        self._session = session
         self._received: Counter[str] = Counter()
         self._changed: dict[str, float] = {}  # when the number of messages was last seen to change
         self._since: float | None = None  # the first call
@@ -33,12 +33,12 @@ class CameraStatus:
 
     def update(self, now: float, period: float) -> dict[str, str]:
         """Return the figures by name. period: s since the last call."""
-        if self._pipeline.places is None:
+        if self._session.places is None:
             return {}
         figures: dict[str, str] = {}
         self.sending = []
         self._since = now if self._since is None else self._since
-        for name, camera in self._pipeline.cameras.items():
+        for name, camera in self._session.cameras.items():
             recent = camera.received - self._received[name]
             self._received[name] = camera.received
             if recent:
@@ -49,7 +49,7 @@ class CameraStatus:
         return figures
 
     def _figures(self, name: str, now: float, rate: float) -> Iterator[tuple[str, str]]:
-        counts, camera = self._pipeline.counts, self._pipeline.cameras[name]
+        counts, camera = self._session.counts, self._session.cameras[name]
         if name:
             yield "input rate [Hz]", f"{rate:.2f}"
             yield "keypoints age [s]", f"{now - self._changed.get(name, -math.inf):.1f}"
@@ -60,7 +60,7 @@ class CameraStatus:
         if name and camera.depth is not None:
             for key in OF_DEPTH:
                 yield f"{key} [messages]", str(counts[camera.key(key)])
-        extrinsics = self._pipeline.extrinsics
+        extrinsics = self._session.extrinsics
         solution = None if extrinsics is None else extrinsics.solution(name)
         if extrinsics is not None and name in extrinsics.found:
             yield "pose", "found from the person"

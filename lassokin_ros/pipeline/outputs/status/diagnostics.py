@@ -19,7 +19,7 @@ from lassokin_ros.pipeline.outputs.status.camera_status import CameraStatus
 from lassokin_ros.pipeline.outputs.status.figures import figures
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.tracked_person import FROZEN
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from msg_adapters.output_messages.builders import ERROR, OK, WARN, StatusLine
 
 NEAR_LIMIT = 0.5
@@ -32,14 +32,14 @@ WARNINGS = catalogue.PROBLEM, catalogue.DOUBT
 class Diagnostics:
     """Collects figures over one period and makes its status. Times are s of a steady clock."""
 
-    def __init__(self, pipeline: Pipeline, name: str, now: float) -> None:
+    def __init__(self, session: Session, name: str, now: float) -> None:
         """name: name of the node."""
-        self._pipeline, self._name = pipeline, name
-        self._period = Period(pipeline, now)
+        self._session, self._name = session, name
+        self._period = Period(session, now)
         self._camera_at: float | None = None
         self._nobody = False
         self._direction = BodyDirection()
-        self._cameras = CameraStatus(pipeline)
+        self._cameras = CameraStatus(session)
         self.concerns: list[Raised] = []
         """The warnings of the last period that a recording's summary lists."""
         self.inputs: list[str] = []
@@ -81,18 +81,18 @@ class Diagnostics:
         warning, empty if there is none. state: that of ~/state, for the time when nobody is tracked. as_of_ns: ns of
         the clock of arrivals, up to which no further message has arrived; 0 for that of the last message.
         """
-        pipeline, period = self._pipeline, self._period
-        presence = presence or Presence(pipeline.status, pipeline.ids)
+        session, period = self._session, self._period
+        presence = presence or Presence(session.status, session.ids)
         seconds = max(now - period.since, 1e-3)
         tracking = presence.status is Status.TRACKING
-        roll = None if pipeline.config.fixed_frame else pipeline.camera_angles[0]
+        roll = None if session.config.fixed_frame else session.camera_angles[0]
         self._direction.update(period.newest if tracking else (), roll, now)
         of_cameras = self._cameras.update(now, seconds)
         state = presence_state.TRACKING if tracking else state
         level, message = self._level_and_text(now, state, concern)
         ages = now, self._camera_at
         values = {**figures(period, seconds, ages, presence, state, as_of_ns), **of_cameras}
-        self._period = Period(pipeline, now, period)
+        self._period = Period(session, now, period)
         return StatusLine(level, f"{self._name}: person", message, period.frame_id or "none", values)
 
     def _level_and_text(self, now: float, state: str, concern: str) -> tuple[int, str]:
@@ -115,15 +115,15 @@ class Diagnostics:
 
     def _blocked(self, now: float, state: str) -> Iterator[Raised]:
         """Yield why nothing can be tracked, the most important reason first."""
-        pipeline, period = self._pipeline, self._period
-        if not pipeline.enabled:
+        session, period = self._session, self._period
+        if not session.enabled:
             yield say("disabled")
-        if refused := list(live.camera_refused(pipeline)):
+        if refused := list(live.camera_refused(session)):
             yield refused[0]._replace(text="; ".join(raised.text for raised in refused))
-        yield from no_usable_image(pipeline, self._cameras.sending)
-        if not pipeline.has_camera:
+        yield from no_usable_image(session, self._cameras.sending)
+        if not session.has_camera:
             yield say("no_camera_info")
-        elif not (pipeline.config.silent_when_empty and pipeline.detector_connected):
+        elif not (session.config.silent_when_empty and session.detector_connected):
             if period.keypoints_at is None:
                 yield say("no_keypoints")
             elif now - period.keypoints_at > SILENCE_S:
@@ -144,12 +144,12 @@ class Diagnostics:
         if not tracking and not unused:
             yield from live.untrackable(period)
         cameras = self._cameras
-        yield from camera_concerns(self._pipeline, cameras.sending, partial(cameras.silent_s, now))
+        yield from camera_concerns(self._session, cameras.sending, partial(cameras.silent_s, now))
         yield from live.likely_wrong(period)
         if tracking:
             yield from live.unseen(period)
 
     def _nobody_text(self) -> str:
         """Return that nobody is in view, with advice if the confidences of the period nearly reached the limit."""
-        limit = NEAR_LIMIT * self._pipeline.tracker.config.min_confidence
+        limit = NEAR_LIMIT * self._session.tracker.config.min_confidence
         return f"{NOBODY}; {NEAR_LIMIT_ADVICE}" if self._period.unused_confidence >= limit else NOBODY

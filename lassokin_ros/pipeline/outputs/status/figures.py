@@ -31,7 +31,7 @@ def figures(
     """Return the figures. seconds: length of the period. ages: now and the arrival of camera_info, s; see also
     `Diagnostics.line`.
     """
-    pipeline, counts, recent = period.pipeline, period.pipeline.counts, period.recent
+    session, counts, recent = period.session, period.session.counts, period.recent
     now, camera_at = ages
     values = {
         "state": state,
@@ -45,22 +45,22 @@ def figures(
         **_of_pose(period, presence),
         **{f"{key} [messages]": str(counts[key]) for key in ALWAYS},
         "resets": str(counts["resets"]),
-        "locked": pipeline.locked or "nobody",
+        "locked": session.locked or "nobody",
     }
-    newest = (0, "") if pipeline.config.topic_per_body else pipeline.image  # each body has its own
+    newest = (0, "") if session.config.topic_per_body else session.image  # each body has its own
     if newest is not None:
-        stamp_ns = pipeline.image_at(as_of_ns)[0] if as_of_ns else newest[0]
-        values["people in view, not tracked"] = str(pipeline.untracked_at(stamp_ns))
+        stamp_ns = session.image_at(as_of_ns)[0] if as_of_ns else newest[0]
+        values["people in view, not tracked"] = str(session.untracked_at(stamp_ns))
     if presence.ids is not None:
         values["people"] = ", ".join(presence.ids) or "nobody"
-        gone = len(set(pipeline.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
+        gone = len(set(session.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
         values["people come"], values["people left"] = str(counts["people come"]), str(counts["people left"] + gone)
         values["people beyond max_people"] = str(counts["people beyond max_people"])
-    if pipeline.mount is not None and (angles := pipeline.mount.angles) is not None:
+    if session.mount is not None and (angles := session.mount.angles) is not None:
         values["camera roll, pitch from TF [rad]"] = "{:.3f}, {:.3f}".format(*angles)
-    if (above := pipeline.camera_height) is not None:
+    if (above := session.camera_height) is not None:
         values["camera height above the floor [m]"] = f"{above:.3f}"
-    if pipeline.depth is not None:
+    if session.depth is not None:
         values |= {f"{key} [messages]": str(counts[key]) for key in DEPTH_COUNTS}
     for key in sorted(key for key in counts if key.startswith("rejected: ") or key in IF_COUNTED):
         values[f"{key} [messages]"] = str(counts[key])
@@ -79,7 +79,7 @@ def _of_pose(period: Period, presence: Presence) -> dict[str, str]:
 
 def _of_bodies(period: Period, presence: Presence) -> dict[str, str]:
     """The figures of what is learned about the people who are present, and of the skeleton."""
-    pipeline, tracker = period.pipeline, period.pipeline.tracker
+    session, tracker = period.session, period.session.tracker
     values = {}
 
     def is_present(person: str) -> bool:
@@ -87,16 +87,16 @@ def _of_bodies(period: Period, presence: Presence) -> dict[str, str]:
 
     if tracker.averaged:
         values["skeleton: left/right difference, averaged [%]"] = f"{100 * tracker.averaged:.1f}"
-    for person, calibration in pipeline.calibrations().items():
+    for person, calibration in session.calibrations().items():
         if is_present(person):
             values |= calibration_figures(calibration, tracker.config.calibrate, person)
     if tracker.limitations:
         values["limitations"] = tracker.limitations
-    values |= {f"evidence '{name}'": fault for name, fault in pipeline.evidence_faults.items()}
-    for person, one in pipeline.trackers.items():
+    values |= {f"evidence '{name}'": fault for name, fault in session.evidence_faults.items()}
+    for person, one in session.trackers.items():
         if (ratio := one.learned.size_check.ratio) != 1.0 and is_present(person):
             values[f"{person} measured size / given size".strip()] = f"{ratio:.2f}"
-    for person, height in pipeline.heights().items():
+    for person, height in session.heights().items():
         if is_present(person):
             values |= height_figures(height, person)
     return values

@@ -26,7 +26,7 @@ class PresenceState:
     ) -> bool:
         """Return True if the state has changed. now_ns: ns of the clock of arrivals; lost_after, forget_after: s.
 
-        informed: see `Pipeline.scene_known_empty`.
+        informed: see `Session.scene_known_empty`.
         """
         before, state = self.value, self._state(presence, now_ns, forget_after - lost_after)
         self.value = LOST if state == NOBODY and not informed else state

@@ -10,7 +10,7 @@ from messages import FRAME, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion 
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from msg_adapters.output_messages.builders import OK, WARN  # noqa: E402
 
@@ -21,12 +21,12 @@ START_NS, PERIOD_NS = 10**12, 33_333_333
 
 def status_of(message, keypoints_type="sensor_msgs/msg/PointCloud2", camera=None, **config):
     """The status after a second; message(stamp in ns, pixels) makes each message. And the last frame."""
-    pipeline = Pipeline(TrackerConfig(**config), NodeSettings(keypoints_type=keypoints_type))
-    assert pipeline.set_camera(camera or camera_info(BACKEND)) is None
-    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    session = Session(TrackerConfig(**config), NodeSettings(keypoints_type=keypoints_type))
+    assert session.set_camera(camera or camera_info(BACKEND)) is None
+    diagnostics = Diagnostics(session, "tracker", 0.0)
     for i, xy in enumerate(PIXELS):
         stamp_ns = START_NS + i * PERIOD_NS
-        frames = pipeline.frames(message(stamp_ns, xy), stamp_ns)
+        frames = session.frames(message(stamp_ns, xy), stamp_ns)
         diagnostics.count_message(frames, stamp_ns, i / 30, 0.001)
     return diagnostics.line(1.0), frames[0]
 
@@ -102,13 +102,13 @@ def turned(pixels, quarters, size=(WIDTH, HEIGHT)):
 
 def status_after(seconds, pixels, camera_roll=0.0):
     """The last status of a person for whole seconds, at 15 Hz."""
-    pipeline = Pipeline(TrackerConfig(camera_roll=camera_roll), NodeSettings())
-    assert pipeline.set_camera(camera_info(BACKEND)) is None
-    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    session = Session(TrackerConfig(camera_roll=camera_roll), NodeSettings())
+    assert session.set_camera(camera_info(BACKEND)) is None
+    diagnostics = Diagnostics(session, "tracker", 0.0)
     for second in range(seconds):
         for i in range(15):
             stamp_ns = START_NS + second * 10**9 + i * 66_666_666
-            frames = pipeline.frames(cloud(BACKEND, stamp_ns, pixels[(15 * second + i) % len(pixels)]), stamp_ns)
+            frames = session.frames(cloud(BACKEND, stamp_ns, pixels[(15 * second + i) % len(pixels)]), stamp_ns)
             diagnostics.count_message(frames, stamp_ns, second + i / 15, 0.001)
         status = diagnostics.line(second + 1.0)
     return status
@@ -139,19 +139,19 @@ def test_an_upright_person_and_a_camera_with_a_known_roll_are_not_turned():
 def test_ids_that_begin_at_1_are_named():
     """The last landmark is never shown, so that no id is outside of the layout."""
     shown = np.arange(16)
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    pipeline.set_camera(camera_info(BACKEND))
+    session = Session(TrackerConfig(), NodeSettings())
+    session.set_camera(camera_info(BACKEND))
     for i in range(120):
         stamp_ns = START_NS + i * PERIOD_NS
-        pipeline.frames(cloud(BACKEND, stamp_ns, LONG[i][shown], ids=shown + 1), stamp_ns)
-    assert "landmark 0 (nose) was in no message, all others were" in pipeline.first.landmark_ids.warning
+        session.frames(cloud(BACKEND, stamp_ns, LONG[i][shown], ids=shown + 1), stamp_ns)
+    assert "landmark 0 (nose) was in no message, all others were" in session.first.landmark_ids.warning
 
 
 def test_a_person_seen_from_behind_has_no_face():
     shown = np.arange(3, 17)
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    pipeline.set_camera(camera_info(BACKEND))
+    session = Session(TrackerConfig(), NodeSettings())
+    session.set_camera(camera_info(BACKEND))
     for i in range(120):
         stamp_ns = START_NS + i * PERIOD_NS
-        pipeline.frames(cloud(BACKEND, stamp_ns, LONG[i][shown], ids=shown), stamp_ns)
-    assert pipeline.first.landmark_ids.warning == ""
+        session.frames(cloud(BACKEND, stamp_ns, LONG[i][shown], ids=shown), stamp_ns)
+    assert session.first.landmark_ids.warning == ""

@@ -1,4 +1,4 @@
-"""Every sentence and figure of the status, from a pipeline that stands still: each threshold by itself."""
+"""Every sentence and figure of the status, from a session that stands still: each threshold by itself."""
 
 from collections import Counter
 from dataclasses import replace
@@ -28,8 +28,8 @@ SILENT = say("silent", limit=2.0).text
 
 
 @pytest.fixture
-def pipeline():
-    """What Diagnostics reads of a pipeline that tracks one person well."""
+def session():
+    """What Diagnostics reads of a session that tracks one person well."""
     view = SimpleNamespace(size=(640, 480))
     tracker = SimpleNamespace(
         config=TrackerConfig(),
@@ -81,8 +81,8 @@ def pipeline():
 
 
 @pytest.fixture
-def diagnostics(pipeline):
-    result = Diagnostics(pipeline, "tracker", 10.0)
+def diagnostics(session):
+    result = Diagnostics(session, "tracker", 10.0)
     result.count_camera_info(10.0)
     result.count_message([], SECOND, 10.0, 0.001)
     return result
@@ -104,10 +104,10 @@ def frame(stamp_ns=SECOND, reprojection_px=2.0, depth=3.5, repeated=0.0, deviati
     )
 
 
-def give_depth(pipeline, **settings):
+def give_depth(session, **settings):
     """Depth images of the only camera."""
-    pipeline.depth, pipeline.config = SimpleNamespace(fault="", frozen=False, received=0), NodeSettings(**settings)
-    pipeline.first.depth = pipeline.depth
+    session.depth, session.config = SimpleNamespace(fault="", frozen=False, received=0), NodeSettings(**settings)
+    session.first.depth = session.depth
 
 
 def said(diagnostics, now=11.0, **more):
@@ -119,23 +119,23 @@ def test_the_line_of_a_person_who_is_tracked(diagnostics):
     diagnostics.count_message([frame()], SECOND, 10.5, 0.001)
     line = diagnostics.line(11.0)
     assert (line.level, line.name, line.message, line.hardware_id) == (OK, "tracker: person", "tracking", "optical")
-    assert Diagnostics(diagnostics._pipeline, "other", 0.0).line(1.0).hardware_id == "none"
+    assert Diagnostics(diagnostics._session, "other", 0.0).line(1.0).hardware_id == "none"
 
 
-def test_what_prevents_tracking_comes_first(pipeline, diagnostics):
+def test_what_prevents_tracking_comes_first(session, diagnostics):
     assert said(diagnostics, 12.1) == (WARN, SILENT)
     assert said(diagnostics, 12.1, concern="and more") == (WARN, f"{SILENT}; and more")
     assert said(diagnostics, 12.0) == (OK, "tracking")
-    pipeline.camera.fault = "K is wrong"
+    session.camera.fault = "K is wrong"
     assert said(diagnostics) == (ERROR, "camera_info refused: K is wrong; the last good one is used")
-    pipeline.has_camera, pipeline.camera.view = False, None
+    session.has_camera, session.camera.view = False, None
     assert said(diagnostics) == (ERROR, "camera_info refused: K is wrong")
-    pipeline.camera.fault = ""
+    session.camera.fault = ""
     assert said(diagnostics) == (WARN, "waiting for camera_info")
     assert said(diagnostics, concern="and more") == (WARN, "waiting for camera_info; and more")
-    pipeline.enabled = False
+    session.enabled = False
     assert said(diagnostics) == (OK, "disabled by ~/set_enabled")
-    fresh = Diagnostics(SimpleNamespace(**{**vars(pipeline), "enabled": True, "has_camera": True}), "tracker", 0.0)
+    fresh = Diagnostics(SimpleNamespace(**{**vars(session), "enabled": True, "has_camera": True}), "tracker", 0.0)
     assert said(fresh) == (WARN, "waiting for keypoints")
     assert not fresh.camera_received and not fresh.keypoints_received
     assert diagnostics.camera_received and diagnostics.keypoints_received
@@ -149,82 +149,82 @@ def test_frozen_keypoints(diagnostics, seconds, level):
     assert said(diagnostics) == (OK, "tracking")
 
 
-def test_the_status_of_a_person(pipeline, diagnostics):
+def test_the_status_of_a_person(session, diagnostics):
     for status in (Status.LOST, Status.SEARCHING):
-        pipeline.status = status
+        session.status = status
         assert said(diagnostics) == (WARN, "lost")
         assert said(diagnostics, state="nobody") == (OK, NOBODY)
     assert said(diagnostics, presence=Presence(Status.TRACKING), state="nobody") == (OK, "tracking")
 
 
-def test_a_silent_detector_of_an_empty_room(pipeline, diagnostics):
-    pipeline.status, pipeline.config = Status.LOST, NodeSettings(silent_when_empty=True)
+def test_a_silent_detector_of_an_empty_room(session, diagnostics):
+    session.status, session.config = Status.LOST, NodeSettings(silent_when_empty=True)
     assert said(diagnostics, 12.1) == (WARN, "lost")
     line = diagnostics.line(13.1, state="nobody")
     assert (line.level, line.message, line.values["state"]) == (OK, NOBODY, "nobody")
-    pipeline.detector_connected = False
+    session.detector_connected = False
     assert said(diagnostics, 14.1) == (WARN, SILENT)
-    fresh = Diagnostics(pipeline, "tracker", 0.0)
+    fresh = Diagnostics(session, "tracker", 0.0)
     assert said(fresh) == (WARN, "waiting for keypoints")
-    pipeline.detector_connected = True
+    session.detector_connected = True
     assert said(fresh, state="nobody") == (OK, NOBODY)
 
 
-def test_a_lock_is_the_reason_why_nobody_is_followed(pipeline, diagnostics):
-    pipeline.locked = "p2"
+def test_a_lock_is_the_reason_why_nobody_is_followed(session, diagnostics):
+    session.locked = "p2"
     assert said(diagnostics) == (OK, "tracking")
-    pipeline.status = Status.LOST
+    session.status = Status.LOST
     words = "p2 is locked and not seen: nobody else is followed until ~/lock is called with false"
     assert said(diagnostics) == (WARN, f"lost; {words}")
-    pipeline.locked = GONE
+    session.locked = GONE
     words = "the locked person was forgotten: nobody is followed until ~/lock is called"
     assert said(diagnostics) == (WARN, f"lost; {words}")
 
 
-def test_nobody_in_view(pipeline, diagnostics):
-    pipeline.status = Status.LOST
-    pipeline.counts.update({"received": 10, NOBODY: 9})
+def test_nobody_in_view(session, diagnostics):
+    session.status = Status.LOST
+    session.counts.update({"received": 10, NOBODY: 9})
     assert said(diagnostics) == (WARN, "lost")
-    pipeline.counts.update({"received": 10, NOBODY: 10})
+    session.counts.update({"received": 10, NOBODY: 10})
     assert said(diagnostics) == (OK, NOBODY)
     assert said(diagnostics) == (OK, NOBODY)  # without a message in the period, as before
-    pipeline.status = Status.TRACKING
+    session.status = Status.TRACKING
     assert said(diagnostics) == (OK, "tracking")
 
 
-def test_concerns_of_the_camera_and_of_others_stand_after_the_state(pipeline, diagnostics):
-    pipeline.camera.warning = "K hardly fits"
+def test_concerns_of_the_camera_and_of_others_stand_after_the_state(session, diagnostics):
+    session.camera.warning = "K hardly fits"
     assert said(diagnostics, concern="busy") == (WARN, "tracking; K hardly fits; busy")
-    pipeline.camera.view = None
+    session.camera.view = None
     assert said(diagnostics) == (OK, "tracking")
 
 
 @pytest.mark.parametrize(("outside", "level"), [(5, OK), (6, WARN)])
-def test_keypoints_outside_of_the_image(pipeline, diagnostics, outside, level):
-    pipeline.counts.update({"received": 10, OUTSIDE_IMAGE: outside})
+def test_keypoints_outside_of_the_image(session, diagnostics, outside, level):
+    session.counts.update({"received": 10, OUTSIDE_IMAGE: outside})
     found = said(diagnostics)
     assert found[0] == level and ("outside the image of 640 x 480 px" in found[1]) == (level == WARN)
-    pipeline.counts.update({"received": 10, OUTSIDE_IMAGE: 10})
-    pipeline.camera.view = None
+    session.counts.update({"received": 10, OUTSIDE_IMAGE: 10})
+    session.camera.view = None
     assert said(diagnostics) == (OK, "tracking")
 
 
 @pytest.mark.parametrize(("messages", "level"), [(2, OK), (3, WARN)])
 @pytest.mark.parametrize("key", [OVERTAKEN, LOST])
-def test_unused_messages(pipeline, diagnostics, key, messages, level):
-    pipeline.counts.update({"received": 100, key: messages})
+def test_unused_messages(session, diagnostics, key, messages, level):
+    session.counts.update({"received": 100, key: messages})
     found, message = said(diagnostics)
     assert found == level and message.startswith("tracking" if level == OK else f"tracking; messages {key}: ")
 
 
-def test_rejected_messages_are_named_once_with_advice_and_without_numbers(pipeline, diagnostics):
-    pipeline.counts.update({"received": 10, "rejected: too_small": 2, "rejected: old_stamp": 1})
+def test_rejected_messages_are_named_once_with_advice_and_without_numbers(session, diagnostics):
+    session.counts.update({"received": 10, "rejected: too_small": 2, "rejected: old_stamp": 1})
     reasons = [f"keypoints rejected ({reason}): {advice_for(reason)}" for reason in ("old_stamp", "too_small")]
     assert said(diagnostics) == (WARN, "; ".join(["tracking", *reasons]))
     assert said(diagnostics) == (OK, "tracking")  # of the last period
-    pipeline.counts.update({"received": 10, "rejected: too_few_landmarks": 3, NOBODY: 3})
+    session.counts.update({"received": 10, "rejected: too_few_landmarks": 3, NOBODY: 3})
     assert said(diagnostics) == (OK, "tracking")  # nobody was there
-    pipeline.counts.update({"received": 10, "rejected: too_few_landmarks": 4, NOBODY: 3, OVERTAKEN: 1})
+    session.counts.update({"received": 10, "rejected: too_few_landmarks": 4, NOBODY: 3, OVERTAKEN: 1})
     message = said(diagnostics)[1]
     assert message.startswith("tracking; keypoints rejected (too_few_landmarks): check") and OVERTAKEN in message
 
@@ -250,8 +250,8 @@ def test_keypoints_that_are_no_bodys(diagnostics, pixels, level):
         ({"people come": 3, "people left": 3, "resets": 1}, OK),
     ],
 )
-def test_people_who_come_and_leave(pipeline, diagnostics, changes, level):
-    pipeline.counts.update(changes)
+def test_people_who_come_and_leave(session, diagnostics, changes, level):
+    session.counts.update(changes)
     found = said(diagnostics)
     assert found[0] == level and ("set person_ids to node" in found[1]) == (level == WARN)
 
@@ -259,46 +259,46 @@ def test_people_who_come_and_leave(pipeline, diagnostics, changes, level):
 @pytest.mark.parametrize(
     "settings", [{"person_ids": "node"}, {"rep155": True, "keypoints_type": "hri_msgs/msg/Skeleton2D"}]
 )
-def test_people_may_come_and_leave_where_no_number_of_a_message_counts(pipeline, diagnostics, settings):
-    pipeline.config = NodeSettings(**settings)
-    pipeline.counts.update({"people come": 3, "people left": 3})
+def test_people_may_come_and_leave_where_no_number_of_a_message_counts(session, diagnostics, settings):
+    session.config = NodeSettings(**settings)
+    session.counts.update({"people come": 3, "people left": 3})
     assert said(diagnostics) == (OK, "tracking")
 
 
-def test_depth(pipeline, diagnostics):
-    give_depth(pipeline, depth="/depth")
+def test_depth(session, diagnostics):
+    give_depth(session, depth="/depth")
     assert "tracking; no depth images on /depth: tracking without measured depth: check" in said(diagnostics)[1]
-    pipeline.depth.received += 1
-    pipeline.counts.update({MATCHED: 5, UNMATCHED: 5})
+    session.depth.received += 1
+    session.counts.update({MATCHED: 5, UNMATCHED: 5})
     assert said(diagnostics) == (OK, "tracking")
-    pipeline.depth.received += 1
-    pipeline.counts.update({MATCHED: 5, UNMATCHED: 6})
+    session.depth.received += 1
+    session.counts.update({MATCHED: 5, UNMATCHED: 6})
     assert "most keypoint messages had no depth image of their time" in said(diagnostics)[1]
-    pipeline.depth.received += 1
-    pipeline.counts.update({MATCHED: 5, UNMATCHED: 6})
-    pipeline.depth.fault = "depth is damaged"
+    session.depth.received += 1
+    session.counts.update({MATCHED: 5, UNMATCHED: 6})
+    session.depth.fault = "depth is damaged"
     assert said(diagnostics) == (WARN, "tracking; depth is damaged")
 
 
 @pytest.mark.parametrize("used", [0, 1, 2, 10])
-def test_depth_images_without_depth_at_the_person(pipeline, diagnostics, used):
-    give_depth(pipeline)
+def test_depth_images_without_depth_at_the_person(session, diagnostics, used):
+    give_depth(session)
     for i in range(10):
         diagnostics.count_message([frame(measured=i < used)], SECOND, 10.5, 0.001)
-    pipeline.depth.received += 10
-    pipeline.counts.update({MATCHED: 10})
+    session.depth.received += 10
+    session.counts.update({MATCHED: 10})
     level, message = said(diagnostics)
     assert (level, "no depth near the person" in message) == ((WARN, True) if used < 2 else (OK, False))
-    pipeline.depth.received += 10
+    session.depth.received += 10
     assert said(diagnostics) == (OK, "tracking")  # the next period starts anew
 
 
-def test_the_measured_height_of_people_who_are_there(pipeline, diagnostics):
+def test_the_measured_height_of_people_who_are_there(session, diagnostics):
     height = SimpleNamespace(height=1.6789, deviation=0.0512)
-    pipeline.heights = lambda: {"": height}
+    session.heights = lambda: {"": height}
     values = diagnostics.line(11.0).values
     assert (values["height [m]"], values["height: deviation [m]"]) == ("1.679", "0.051")
-    pipeline.ids, pipeline.heights = ["p1"], lambda: {"p1": height, "p2": height}
+    session.ids, session.heights = ["p1"], lambda: {"p1": height, "p2": height}
     figures = {key: value for key, value in diagnostics.line(12.0).values.items() if "height" in key}
     assert figures == {"p1 height [m]": "1.679", "p1 height: deviation [m]": "0.051"}
 
@@ -311,15 +311,15 @@ def test_stamps_of_another_clock(diagnostics, behind_s, level):
     assert said(diagnostics)[0] == level
 
 
-def test_figures_of_a_period(pipeline, diagnostics):
+def test_figures_of_a_period(session, diagnostics):
     diagnostics.line(10.0)
     for i, took_s in enumerate((0.001, 0.002, 0.009)):
         stamp_ns = SECOND - i * 10**8
         frames = [frame(stamp_ns, 2.0 + i, deviation=0.05 + 0.01 * i, held_s=0.1), frame(SECOND, 1.0)]
         diagnostics.count_message(frames, SECOND + 3 * 10**8, 10.5 + i, took_s)
-    pipeline.counts.update({"received": 10, "accepted": 6, "duplicated": 2, "unstamped": 3, "resets": 4})
-    pipeline.counts.update({"ignored while disabled": 5, OVERTAKEN: 7, LOST: 8, PLACEHOLDERS: 9, "rejected: x": 1})
-    pipeline.tracker.averaged = 0.0951
+    session.counts.update({"received": 10, "accepted": 6, "duplicated": 2, "unstamped": 3, "resets": 4})
+    session.counts.update({"ignored while disabled": 5, OVERTAKEN: 7, LOST: 8, PLACEHOLDERS: 9, "rejected: x": 1})
+    session.tracker.averaged = 0.0951
     values = diagnostics.line(14.0).values
     assert values == {
         "state": "tracking",
@@ -350,13 +350,13 @@ def test_figures_of_a_period(pipeline, diagnostics):
     assert later["reprojection error [px]"] == "4.00"
     lost = diagnostics.line(16.0, Presence(Status.LOST)).values
     assert lost["reprojection error [px]"] == lost["largest joint deviation [m]"] == "nan" and lost["state"] == "lost"
-    assert Diagnostics(pipeline, "tracker", 0.0).line(1.0).values["keypoints age [s]"] == "never"
+    assert Diagnostics(session, "tracker", 0.0).line(1.0).values["keypoints age [s]"] == "never"
 
 
-def test_figures_of_several_people(pipeline, diagnostics):
-    pipeline.ids = ["p1", "p2", "p3"]
-    pipeline.counts.update({"people come": 3, "people left": 1, "people beyond max_people": 2})
-    pipeline.depth = SimpleNamespace(fault="", frozen=False)
+def test_figures_of_several_people(session, diagnostics):
+    session.ids = ["p1", "p2", "p3"]
+    session.counts.update({"people come": 3, "people left": 1, "people beyond max_people": 2})
+    session.depth = SimpleNamespace(fault="", frozen=False)
     values = diagnostics.line(11.0, Presence(Status.TRACKING, ["p1"])).values
     assert (values["people"], values["people come"], values["people left"]) == ("p1", "3", "3")
     assert values["people beyond max_people"] == "2" and values[f"{RECEIVED} [messages]"] == "0"
@@ -364,13 +364,13 @@ def test_figures_of_several_people(pipeline, diagnostics):
     assert diagnostics.line(13.0).values["people"] == "p1, p2, p3"
 
 
-def test_calibration_of_people_who_are_there(pipeline, diagnostics):
+def test_calibration_of_people_who_are_there(session, diagnostics):
     def known(kept_motion):
         proportions = SimpleNamespace(names=("thigh", "neck"))
         known_now = {"lengths": np.log([1.1, 0.9]), "deviation": np.array([0.02, 0.05]), "kept_motion": kept_motion}
         return SimpleNamespace(frozen=False, proportions=proportions, **known_now)
 
-    pipeline.ids, pipeline.calibrations = ["p1", "p2"], lambda: {"p1": known(2.5), "p2": known(0.0), "p3": known(1.0)}
+    session.ids, session.calibrations = ["p1", "p2"], lambda: {"p1": known(2.5), "p2": known(0.0), "p3": known(1.0)}
     values = diagnostics.line(11.0).values
     figures = {key: value for key, value in values.items() if "calibration" in key}
     state = "learning" if TrackerConfig().calibrate else "off"
@@ -384,7 +384,7 @@ def test_calibration_of_people_who_are_there(pipeline, diagnostics):
     }
 
 
-def test_a_period_above_stale_after_is_a_warning(diagnostics, pipeline):
+def test_a_period_above_stale_after_is_a_warning(diagnostics, session):
     for i in range(1, 7):
         diagnostics.count_message([frame()], SECOND, 10.0 + 0.5 * i, 0.001)
     level, message = said(diagnostics, 13.1)
@@ -395,8 +395,8 @@ def test_a_period_above_stale_after_is_a_warning(diagnostics, pipeline):
 
 
 @pytest.mark.parametrize("stale_after", [0.4, 3.0])
-def test_a_period_above_lost_after_is_a_warning_about_it(diagnostics, pipeline, stale_after):
-    pipeline.config = replace(pipeline.config, stale_after=stale_after)
+def test_a_period_above_lost_after_is_a_warning_about_it(diagnostics, session, stale_after):
+    session.config = replace(session.config, stale_after=stale_after)
     for i in range(1, 7):
         diagnostics.count_message([frame()], SECOND, 10.0 + 1.25 * i, 0.001)
     stale, remedy = ("stale_after is 0.4 s and ", "both") if stale_after == 0.4 else ("", "it")
@@ -404,7 +404,7 @@ def test_a_period_above_lost_after_is_a_warning_about_it(diagnostics, pipeline, 
     assert f"{expected}{remedy} to two or three periods" in said(diagnostics, 17.6)[1]
 
 
-def test_a_guessed_identity_is_a_warning(diagnostics, pipeline):
+def test_a_guessed_identity_is_a_warning(diagnostics, session):
     diagnostics.count_message([replace(frame(), guessed=True)], SECOND, 10.5, 0.001)
     level, message = said(diagnostics)
     assert level == WARN and "re-identified by position only" in message
@@ -414,7 +414,7 @@ def test_a_guessed_identity_is_a_warning(diagnostics, pipeline):
     ("fact", "words"),
     [({"jumped_number": 7}, "number 7 has moved to another person"), ({"numbers_may_be_indices": True}, "0, 1, ...")],
 )
-def test_person_numbers_that_are_not_used_are_a_warning(diagnostics, pipeline, fact, words):
-    vars(pipeline.people).update(fact)
+def test_person_numbers_that_are_not_used_are_a_warning(diagnostics, session, fact, words):
+    vars(session.people).update(fact)
     level, message = said(diagnostics)
     assert level == WARN and words in message and "set person_ids to " in message

@@ -9,7 +9,7 @@ from messages import camera_info, cloud, crowd, rosbags_backend
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.builders import ERROR, OK, WARN
 
@@ -24,12 +24,12 @@ class Scene:
 
     def __init__(self, eyes=EYES, old_s=0.0, **settings):
         self.eyes, self.old_ns = eyes, round(1e9 * old_s)
-        self.pipeline = Pipeline(TrackerConfig(), NodeSettings(cameras=tuple(eyes), fixed_frame=MAP, **settings))
+        self.session = Session(TrackerConfig(), NodeSettings(cameras=tuple(eyes), fixed_frame=MAP, **settings))
         for name, one in eyes.items():
-            assert self.pipeline.set_camera(camera_info(BACKEND, frame_id=one.frame), name) is None
-            self.pipeline.transforms.add(tf_of(BACKEND, one, START_NS, 0.0), static=True)
+            assert self.session.set_camera(camera_info(BACKEND, frame_id=one.frame), name) is None
+            self.session.transforms.add(tf_of(BACKEND, one, START_NS, 0.0), static=True)
         self.diagnostics, self.random, self.index = (
-            Diagnostics(self.pipeline, "tracker", 0.0),
+            Diagnostics(self.session, "tracker", 0.0),
             np.random.default_rng(0),
             0,
         )
@@ -47,7 +47,7 @@ class Scene:
                         points = one.pose_at(0).into_camera(landmarks)
                         pixels = 600 * points[:, :2] / points[:, 2:] + [320, 240] + shift(name)
                         message = cloud(BACKEND, stamp_ns, pixels, frame_id=one.frame)
-                    frames = self.pipeline.frames(message, stamp_ns + self.old_ns, name)
+                    frames = self.session.frames(message, stamp_ns + self.old_ns, name)
                     self.diagnostics.count_message(frames, stamp_ns + self.old_ns, now, 0.001)
             self.index += 1
         return self.diagnostics.line(self.index / HZ)
@@ -64,50 +64,50 @@ def test_a_camera_that_sends_nothing_while_nobody_is_in_view_is_no_warning():
     scene = Scene(silent_when_empty=True)
     lines = [scene.second(sends=lambda name, _: name == "left") for _ in range(4)]
     assert [line.level for line in lines] == [OK] * 4
-    scene.pipeline.detector_connected = False
+    scene.session.detector_connected = False
     assert "no keypoints of camera 'right'" in scene.second(sends=lambda name, _: name == "left").message
 
 
 def test_nobody_is_in_view_of_the_cameras_that_send():
-    pipeline = Scene().pipeline
-    assert not pipeline.nobody_in_view
-    pipeline.frames(crowd(BACKEND, START_NS, [], [], frame_id="left_optical"), START_NS, "left")
-    assert pipeline.nobody_in_view
-    pipeline.frames(
+    session = Scene().session
+    assert not session.nobody_in_view
+    session.frames(crowd(BACKEND, START_NS, [], [], frame_id="left_optical"), START_NS, "left")
+    assert session.nobody_in_view
+    session.frames(
         keypoints(BACKEND, EYES["right"], START_NS, 0, TRUTH.landmarks[0], np.random.default_rng(0)), START_NS, "right"
     )
-    assert not pipeline.nobody_in_view
+    assert not session.nobody_in_view
     for later_ns, right_is_silent in ((399_000_000, False), (401_000_000, True)):  # stale_after is 0.4 s
         later_ns += START_NS
-        pipeline.frames(crowd(BACKEND, later_ns, [], [], frame_id="left_optical"), later_ns, "left")
-        assert pipeline.nobody_in_view is right_is_silent
+        session.frames(crowd(BACKEND, later_ns, [], [], frame_id="left_optical"), later_ns, "left")
+        assert session.nobody_in_view is right_is_silent
 
 
 def test_nobody_is_in_view_of_the_camera_that_still_sends_after_simulated_time_jumped_back():
     scene = Scene()
     scene.second()
-    assert not scene.pipeline.nobody_in_view
-    scene.pipeline.reset()
+    assert not scene.session.nobody_in_view
+    scene.session.reset()
     early_ns = START_NS - 90 * 10**9
-    scene.pipeline.frames(crowd(BACKEND, early_ns, [], [], frame_id="left_optical"), early_ns, "left")
-    assert scene.pipeline.nobody_in_view
+    scene.session.frames(crowd(BACKEND, early_ns, [], [], frame_id="left_optical"), early_ns, "left")
+    assert scene.session.nobody_in_view
 
 
 def test_an_old_recording_of_cameras_with_different_rates_has_one_clock():
     scene = Scene(old_s=30 * 86400.0)
     lines = [scene.second(sends=lambda name, index: name == "left" or index % 2 == 0) for _ in range(3)]
     assert not any("arrive" in line.message for line in lines)
-    jumped = [scene.pipeline.cameras[name].delay_s for name in EYES]
+    jumped = [scene.session.cameras[name].delay_s for name in EYES]
     assert jumped == pytest.approx([30 * 86400.0] * 2)
-    scene.pipeline.reset()
-    assert [scene.pipeline.cameras[name].delay_s for name in EYES] == [None, None]
+    scene.session.reset()
+    assert [scene.session.cameras[name].delay_s for name in EYES] == [None, None]
 
 
 @pytest.mark.parametrize("name", EYES)
 def test_an_odd_camera_info_is_that_of_its_camera(name):
     scene = Scene()
     odd = np.array([600.0, 0, 330, 0, 480, 250, 0, 0, 1])
-    assert scene.pipeline.set_camera(camera_info(BACKEND, frame_id=EYES[name].frame, k=odd), name) is None
+    assert scene.session.set_camera(camera_info(BACKEND, frame_id=EYES[name].frame, k=odd), name) is None
     line = scene.second()
     assert line.level == WARN and f"camera '{name}': camera_info has fx = 600, fy = 480" in line.message
 
@@ -120,7 +120,7 @@ def test_a_camera_without_depth_images_is_named(name):
         if sender != name:
             noise = 0.01 * scene.random.normal(size=(48, 64))
             message = depth_message(BACKEND, stamp_ns, 3.2 + noise, frame_id=EYES[sender].frame)
-            scene.pipeline.cameras[sender].depth.add(message, stamp_ns)
+            scene.session.cameras[sender].depth.add(message, stamp_ns)
 
     line = scene.second(work=work)
     assert f"camera '{name}': no depth images on {name}/depth" in line.message and line.message.count("no depth") == 1
@@ -131,7 +131,7 @@ def test_keypoints_outside_the_image_are_those_of_their_camera(name):
     """Half of all messages: those of one camera."""
     scene = Scene()
     info = camera_info(BACKEND, frame_id=EYES[name].frame, width=800, height=600)
-    scene.pipeline.set_camera(info, name)
+    scene.session.set_camera(info, name)
     line = scene.second(shift=lambda sender: 900.0 if sender == name else 0.0)
     assert f"camera '{name}': keypoints lie outside the image of 800 x 600 px" in line.message
     assert line.message.count("outside the image") == 1
@@ -141,23 +141,23 @@ def test_the_unit_of_the_stamps_and_first_ids_are_checked_for_each_camera():
     scene = Scene()
     for text in ("stamp_rate", "own_depth", "landmark_ids"):
         setattr(
-            scene.pipeline.cameras["right"], text, type("Odd", (), {"warning": f"odd {text}", "add": lambda *_: None})()
+            scene.session.cameras["right"], text, type("Odd", (), {"warning": f"odd {text}", "add": lambda *_: None})()
         )
-    scene.pipeline.cameras["right"].own_depth.checked = lambda keypoints, _: keypoints
+    scene.session.cameras["right"].own_depth.checked = lambda keypoints, _: keypoints
     message = scene.second().message
     assert all(f"camera 'right': odd {text}" in message for text in ("stamp_rate", "own_depth", "landmark_ids"))
 
 
 def test_a_refused_camera_info_is_named_and_the_last_good_one_only_if_there_is_one():
-    pipeline = Pipeline(TrackerConfig(), NodeSettings(cameras=("left", "right"), fixed_frame=MAP))
-    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
-    pipeline.set_camera(camera_info(BACKEND, frame_id="left_optical"), "left")
-    pipeline.set_camera(camera_info(BACKEND, frame_id="right_optical", k=np.zeros(9)), "right")
+    session = Session(TrackerConfig(), NodeSettings(cameras=("left", "right"), fixed_frame=MAP))
+    diagnostics = Diagnostics(session, "tracker", 0.0)
+    session.set_camera(camera_info(BACKEND, frame_id="left_optical"), "left")
+    session.set_camera(camera_info(BACKEND, frame_id="right_optical", k=np.zeros(9)), "right")
     line = diagnostics.line(1.0)
     assert line.level == ERROR and line.message.startswith("camera 'right': camera_info refused: ")
     assert "last good one" not in line.message
-    pipeline.set_camera(camera_info(BACKEND, frame_id="right_optical"), "right")
-    pipeline.set_camera(camera_info(BACKEND, frame_id="right_optical", k=np.zeros(9)), "right")
+    session.set_camera(camera_info(BACKEND, frame_id="right_optical"), "right")
+    session.set_camera(camera_info(BACKEND, frame_id="right_optical", k=np.zeros(9)), "right")
     assert diagnostics.line(2.0).message.endswith("; the last good one is used")
 
 
@@ -176,16 +176,16 @@ def test_a_camera_that_hangs_upside_down_in_a_fixed_frame_is_no_fault():
 def test_a_person_upside_down_in_a_fixed_frame_is_reported():
     scene = Scene({"": turned(EYES["left"], np.eye(3))})
     upside_down = tf_of(BACKEND, turned(EYES["left"], np.diag([-1.0, -1.0, 1.0])), START_NS, 0.0)
-    scene.pipeline.transforms.add(upside_down, static=True)
+    scene.session.transforms.add(upside_down, static=True)
     lines = [scene.second() for _ in range(13)]
     assert lines[-1].level == WARN and "pointed down for more than 10 s" in lines[-1].message
     assert "camera_roll" not in lines[-1].message
 
 
 def test_somebody_else_is_said_only_while_somebody_is_there():
-    pipeline = Pipeline(TrackerConfig(), NodeSettings())
-    pipeline.set_camera(camera_info(BACKEND))
-    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    session = Session(TrackerConfig(), NodeSettings())
+    session.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(session, "tracker", 0.0)
     points = EYES["left"].pose_at(0).into_camera(TRUTH.landmarks[0])
     pixels = 600 * points[:, :2] / points[:, 2:] + [320, 240]
 
@@ -193,7 +193,7 @@ def test_somebody_else_is_said_only_while_somebody_is_there():
         for index in range(first, last):
             stamp_ns = START_NS + round(1e9 * index / HZ)
             people = [(pixels + 0.01 * index, np.full(17, 0.9))] if seen else []
-            frames = pipeline.frames(crowd(BACKEND, stamp_ns, people, [-1] * len(people)), stamp_ns)
+            frames = session.frames(crowd(BACKEND, stamp_ns, people, [-1] * len(people)), stamp_ns)
             diagnostics.count_message(frames, stamp_ns, index / HZ, 0.001)
         return diagnostics.line(last / HZ)
 

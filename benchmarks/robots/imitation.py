@@ -1,6 +1,6 @@
 """A humanoid that imitates people of motion capture: errors, jerk, lag, feet, limits, time of a tick.
 
-python benchmarks/imitation.py --data DIR [--robots g1,h1] [--clips 02_01,49_18] [--free] [--seconds 12]
+python benchmarks/robots/imitation.py --data DIR [--robots g1,h1] [--clips 02_01,49_18] [--free] [--seconds 12]
 
 DIR has the folders mocap and robots (default: LASSOKIN_DATA). Each clip is seen by one simulated camera with a
 detector's errors at 30 Hz, tracked live with the height alone given, and imitated at 100 Hz.
@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np  # noqa: E402
 
@@ -159,7 +159,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seconds", type=float, default=12.0, help="of each clip (12)")
     options = parser.parse_args(arguments)
     if options.data is None or not (Path(options.data) / "robots").is_dir():
-        sys.exit("benchmarks/imitation.py: expected --data DIR, or LASSOKIN_DATA, with the folders mocap and robots")
+        sys.exit("imitation.py: expected --data DIR, or LASSOKIN_DATA, with the folders mocap and robots")
     folder, names = Path(options.data), options.robots.split(",")
     models = {
         name: RobotModel((folder / "robots" / URDFS[name]).read_text(), load_robot(name), options.free)

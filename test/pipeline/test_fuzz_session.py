@@ -1,4 +1,4 @@
-"""Bad messages among good ones, through the whole pipeline: tracking continues with the next good frame.
+"""Bad messages among good ones, through the whole session: tracking continues with the next good frame.
 
 After a rejected message the next good frame is bitwise the same. An accepted message (random data may look like a
 person) has an effect; after it the person is still tracked, certified and near the truth.
@@ -31,7 +31,7 @@ from faults.fuzzing import count, fuzz  # noqa: E402
 from messages import camera_info  # noqa: E402
 
 from lassokin_ros.pipeline.outputs.outputs import LINK_AS_FRAME  # noqa: E402
-from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.replay.playback import NodeMessages, Playback  # noqa: E402
 
 INFO = "sensor_msgs/msg/CameraInfo"
@@ -102,7 +102,7 @@ def test_no_message_prevents_tracking_of_the_next_good_frame(name):
             message = spoil(message_type, course.good(course.index), ways, seed, now_ns)
             if "stamp" not in ways and message_type != ARRAY:
                 message.header.stamp.sec, message.header.stamp.nanosec = divmod(now_ns, 10**9)
-            frames = course.pipeline.frames(over_the_wire(message_type, message), now_ns)
+            frames = course.session.frames(over_the_wire(message_type, message), now_ns)
             after(name, course, frames)
         except BaseException:
             course.start_anew()  # results of a failure are not used for the next case
@@ -115,7 +115,7 @@ def test_no_message_prevents_tracking_of_the_next_good_frame(name):
 @pytest.mark.parametrize("rectified", [False, True], ids=["raw", "rectified"])
 def test_no_camera_info_prevents_tracking_of_the_next_good_frame(rectified):
     course = Course(CLOUD, rectified=rectified)
-    name = "camera_info in the pipeline" + ", rectified" * rectified
+    name = "camera_info in the session" + ", rectified" * rectified
 
     @fuzz(0.03)
     @given(faults(INFO))
@@ -124,11 +124,11 @@ def test_no_camera_info_prevents_tracking_of_the_next_good_frame(rectified):
         try:
             prepared(course, before)
             message = over_the_wire(INFO, spoil(INFO, camera_info(course.backend), ways, seed, stamp_of(course.index)))
-            reason = course.pipeline.set_camera(message)
+            reason = course.session.set_camera(message)
             if reason is not None:
                 course.same_as_ever()
             else:  # another, valid camera; with the right one again everything is as before
-                course.pipeline.frames(course.good(course.index), stamp_of(course.index))
+                course.session.frames(course.good(course.index), stamp_of(course.index))
                 course.restart()
                 course.same_as_ever()
             count(name, reason or "taken")
@@ -146,8 +146,8 @@ def played(course):
     def write(topic, kind, time_ns, message, latched):
         written[topic] = message if isinstance(message, bytes) else TYPES.serialize_cdr(message, kind)
 
-    pipeline = Pipeline(*course.settings)
-    return Playback(pipeline, NodeMessages(pipeline, TYPES, write)), written
+    session = Session(*course.settings)
+    return Playback(session, NodeMessages(session, TYPES, write)), written
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
@@ -198,13 +198,13 @@ def test_a_frame_id_that_is_a_links_name_stops_no_output(name):
     assert set(written) == usual - {"/tracker/robot_description", "/tracker/state"}  # both as before
     joints = TYPES.deserialize_cdr(written["/tracker/joints"], "geometry_msgs/msg/PoseArray")
     assert joints.header.frame_id == name
-    assert tracker.pipeline.counts[LINK_AS_FRAME] == 1
+    assert tracker.session.counts[LINK_AS_FRAME] == 1
 
 
 def test_the_comparison_of_bytes_detects_a_small_change():
     """The comparison detects a frame that is changed a little."""
     course = Course(CLOUD)
     course.lead_in(5)
-    course.send_good = functools.partial(course.pipeline.frames, course.good(6), stamp_of(5))
+    course.send_good = functools.partial(course.session.frames, course.good(6), stamp_of(5))
     with pytest.raises(AssertionError, match="frame 5 differs"):
         course.same_as_ever()

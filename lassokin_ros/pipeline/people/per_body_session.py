@@ -1,9 +1,9 @@
-"""Several people with one keypoint topic each (REP-155): one pipeline per person, with the ids of the detector.
+"""Several people with one keypoint topic each (REP-155): one session per person, with the ids of the detector.
 
 config = NodeSettings(rep155=True, max_people=4, keypoints_type="hri_msgs/Skeleton2D")
-pipeline = PerBodyPipeline(TrackerConfig(), config)
-pipeline.keep(["abcde"])                                     # ids of the people present
-frames = pipeline.frames_of("abcde", skeleton2d, arrival_ns)
+session = PerBodySession(TrackerConfig(), config)
+session.keep(["abcde"])                                     # ids of the people present
+frames = session.frames_of("abcde", skeleton2d, arrival_ns)
 """
 
 from __future__ import annotations
@@ -23,34 +23,34 @@ from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.presence import Presence, best
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
 
-class PerBodyPipeline(Pipeline):
-    """One single-person pipeline per person. They are created at the start, reused, and share camera and counts.
+class PerBodySession(Session):
+    """One single-person session per person. They are created at the start, reused, and share camera and counts.
 
-    Each person has a separate topic, so that each pipeline checks its own order of stamps.
+    Each person has a separate topic, so that each session checks its own order of stamps.
     """
 
     def __init__(
         self, tracker_config: TrackerConfig, node_config: NodeSettings, evidence: Sequence[Evidence] = ()
     ) -> None:
-        """evidence: see `Pipeline`. Raises a LassokinError if the configuration is unusable."""
+        """evidence: see `Session`. Raises a LassokinError if the configuration is unusable."""
         super().__init__(tracker_config, _for_one(node_config), evidence)
-        self._idle = [Pipeline(tracker_config, self.config, evidence) for _ in range(node_config.max_people)]
-        for pipeline in self._idle:
-            mine, shared = pipeline.first, self.first
-            pipeline.counts = mine.counts = self.counts
+        self._idle = [Session(tracker_config, self.config, evidence) for _ in range(node_config.max_people)]
+        for session in self._idle:
+            mine, shared = session.first, self.first
+            session.counts = mine.counts = self.counts
             mine.camera, mine.depth, mine.depth_check, mine.mount = (
                 shared.camera,
                 shared.depth,
                 shared.depth_check,
                 shared.mount,
             )
-            pipeline.placement.places = self.places
+            session.placement.places = self.places
         self._all = tuple(self._idle)
-        self._present: dict[str, Pipeline] = {}
+        self._present: dict[str, Session] = {}
         self._beyond = 0  # bodies of the list that have no tracker
         self.config = node_config.checked()
 
@@ -62,10 +62,10 @@ class PerBodyPipeline(Pipeline):
     @property
     def status(self) -> Status:
         """The best status among the people."""
-        return best(pipeline.status for pipeline in self._present.values())
+        return best(session.status for session in self._present.values())
 
     def presence_at(self, now_ns: int) -> Presence:
-        """As Pipeline.presence_at. The detector's list alone decides who is present."""
+        """As Session.presence_at. The detector's list alone decides who is present."""
         return Presence(best(p.presence_at(now_ns).status for p in self._present.values()), self.ids)
 
     @property
@@ -78,42 +78,42 @@ class PerBodyPipeline(Pipeline):
         raise NoPersonError("lock failed: each person has a topic of keypoints, and the detector says who is who")
 
     def scene_known_empty(self, now_ns: int) -> bool:
-        """As Pipeline.scene_known_empty. The detector's list says who is there; each listed body needs keypoints."""
+        """As Session.scene_known_empty. The detector's list says who is there; each listed body needs keypoints."""
         if not (self.enabled and self.has_camera and self.detector_connected):
             return False
-        return all(pipeline.scene_known_empty(now_ns) for pipeline in self._present.values())
+        return all(session.scene_known_empty(now_ns) for session in self._present.values())
 
     def set_clock_back(self, step_ns: int) -> None:
-        """See Pipeline.set_clock_back."""
-        for pipeline in self._all:
-            pipeline.set_clock_back(step_ns)
+        """See Session.set_clock_back."""
+        for session in self._all:
+            session.set_clock_back(step_ns)
 
     def untracked_at(self, stamp_ns: int) -> int:
-        """As Pipeline.untracked_at: the bodies of the detector's list that were never tracked."""
-        return self._beyond + sum(pipeline.status is Status.SEARCHING for pipeline in self._present.values())
+        """As Session.untracked_at: the bodies of the detector's list that were never tracked."""
+        return self._beyond + sum(session.status is Status.SEARCHING for session in self._present.values())
 
     def image_at(self, now_ns: int) -> tuple[int, str]:
-        """As Pipeline.image_at, of the newest message of all bodies."""
-        images = [pipeline.image_at(now_ns) for pipeline in self._present.values() if pipeline.image is not None]
+        """As Session.image_at, of the newest message of all bodies."""
+        images = [session.image_at(now_ns) for session in self._present.values() if session.image is not None]
         return max(images, default=super().image_at(now_ns))
 
     @property
     def trackers(self) -> dict[str, Tracker]:
         """The tracker of each person by id."""
-        return {person: pipeline.tracker for person, pipeline in self._present.items()}
+        return {person: session.tracker for person, session in self._present.items()}
 
     @property
     def evidence_faults(self) -> dict[str, str]:
-        """See Pipeline.evidence_faults."""
+        """See Session.evidence_faults."""
         return {name: fault for one in self._all for name, fault in one.evidence_faults.items()}
 
     def keep(self, ids: Sequence[str]) -> None:
         """Set the ids of the people present. The others are forgotten. Of too many people the first ones are kept."""
         for person in [person for person in self._present if person not in ids]:
-            pipeline = self._present.pop(person)
+            session = self._present.pop(person)
             with self._uncounted_resets():
-                pipeline.forget_people()  # the depth images are also those of the others
-            self._idle.append(pipeline)
+                session.forget_people()  # the depth images are also those of the others
+            self._idle.append(session)
             self.counts["people left"] += 1
         self._beyond = 0
         for person in [person for person in dict.fromkeys(ids) if person not in self._present]:
@@ -131,17 +131,17 @@ class PerBodyPipeline(Pipeline):
         return frames_of(self.push_of(person, message, arrival_ns))
 
     def push_of(self, person: str, message: Any, arrival_ns: int) -> list[Answer]:
-        """Track one person's message, see `Pipeline.push`. Return no answer if the person is not present."""
-        pipeline = self._present.get(person)
-        if pipeline is None:
+        """Track one person's message, see `Session.push`. Return no answer if the person is not present."""
+        session = self._present.get(person)
+        if session is None:
             return []
-        pipeline.enabled, jumps, before = self.enabled, self.counts[JUMPS], pipeline.image
-        answers = pipeline.push(message, arrival_ns, self.first.name)
+        session.enabled, jumps, before = self.enabled, self.counts[JUMPS], session.image
+        answers = session.push(message, arrival_ns, self.first.name)
         if self.counts[JUMPS] > jumps:
-            self._note_jump(pipeline.placement.jumps, None if before is None else before[0])
-        self.answered = self.answered or pipeline.answered
-        mine, theirs = self.first, pipeline.first
-        self.image, mine.frame_id = pipeline.image, theirs.frame_id
+            self._note_jump(session.placement.jumps, None if before is None else before[0])
+        self.answered = self.answered or session.answered
+        mine, theirs = self.first, session.first
+        self.image, mine.frame_id = session.image, theirs.frame_id
         mine.nobody_in_view, mine.unused_confidence = theirs.nobody_in_view, theirs.unused_confidence
         mine.stamp_rate, mine.own_depth, mine.landmark_ids = theirs.stamp_rate, theirs.own_depth, theirs.landmark_ids
         return [
@@ -162,17 +162,17 @@ class PerBodyPipeline(Pipeline):
     def reset(self, unlock: bool = True) -> None:
         """Forget the state of all people. The list of people, the camera and the counts stay."""
         with self._uncounted_resets():
-            for pipeline in self._all:
-                pipeline.reset(unlock)
+            for session in self._all:
+                session.reset(unlock)
         self.image = None
         self.placement.jumps.reset()
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
-        """Apply settings that can change while running, see Pipeline.tune."""
+        """Apply settings that can change while running, see Session.tune."""
         with self._uncounted_resets():
-            for pipeline in self._all:
-                pipeline.tune(tracker_config, _for_one(node_config))
+            for session in self._all:
+                session.tune(tracker_config, _for_one(node_config))
         super().tune(tracker_config, node_config)
 
     @contextmanager

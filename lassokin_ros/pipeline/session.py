@@ -1,11 +1,11 @@
 """The engine: messages or arrays in, answers out. Node, replay, `track` and notebooks drive the same one.
 
-pipeline = Pipeline(TrackerConfig(), NodeSettings())
-pipeline.set_camera(camera_info)                     # a message, or Intrinsics
-answers = pipeline.push(keypoints, arrival_ns)       # a message, or Keypoints; one Answer per instant
-answers += pipeline.due(now_ns)                      # what has waited long enough, see `due_at_ns`
-answers += pipeline.finish()                         # what still waits at the end
-result = pipeline.process(keypoints, arrival_ns)     # FrameResult of one person: accepted, or rejected with a reason
+session = Session(TrackerConfig(), NodeSettings())
+session.set_camera(camera_info)                     # a message, or Intrinsics
+answers = session.push(keypoints, arrival_ns)       # a message, or Keypoints; one Answer per instant
+answers += session.due(now_ns)                      # what has waited long enough, see `due_at_ns`
+answers += session.finish()                         # what still waits at the end
+result = session.process(keypoints, arrival_ns)     # FrameResult of one person: accepted, or rejected with a reason
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ from msg_adapters.errors import AdapterError
 TF_POLL_S = 0.005
 """s between two looks whether TF has come that keypoints wait for."""
 
-class Pipeline:
+class Session:
     """Decodes messages, removes the distortion, tracks people. No message content raises an error."""
 
     def __init__(
