@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lassokin_ros.core.answer import Answer
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
@@ -21,6 +21,9 @@ from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import has_passed, is_longer
 from lassokin_ros.core.record import record
+
+if TYPE_CHECKING:
+    from lassokin_ros.core.answer import Answer
 
 STUCK_AFTER = 3
 """Consecutive frames without a usable answer (no certificate, behind the camera, too small) after which the tracker

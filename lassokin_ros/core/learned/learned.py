@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from functools import reduce
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lassokin_ros.core.answer import Answer
 from lassokin_ros.core.body.roles import ANKLES
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
@@ -22,6 +22,9 @@ from lassokin_ros.core.learned.model_error import ModelError
 from lassokin_ros.core.learned.size_check import SizeCheck
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import CameraPose
+
+if TYPE_CHECKING:
+    from lassokin_ros.core.answer import Answer
 
 
 class Learned:

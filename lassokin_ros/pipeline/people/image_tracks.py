@@ -45,6 +45,8 @@ VELOCITY_MEMORY_S = 0.2
 """s: averaging time of a track's velocity."""
 LARGEST = 100.0
 """Larger than the cost of any pair."""
+ESTABLISHED = 3
+"""Detections from which on a track's place counts against its number: the first ones may have been damaged."""
 MOST_MISSED = 1
 """Images in a row that may miss a person, for ImageTrack.run."""
 
@@ -198,9 +200,12 @@ class ImageTracks:
         sure = same if self.numbers.proven else np.zeros_like(same)
         used = np.where((unseen > forget_after)[:, None], same, sure)
         used[[track in placed for track in tracks]] = False
+        young = np.array([track.run < ESTABLISHED for track in tracks])[:, None] & same
+        used |= young
         costs = np.where(used & np.isinf(costs), NUMBER_NEAR, costs)  # too few points for a place
         by_number = np.maximum(np.array([_number_radius(s) for s in unseen]), reach)
         limits = np.where(used, by_number[:, None], reach[:, None])
+        limits[young] = LARGEST
         weighed = np.where(costs <= limits, costs + np.where(used, 0.0, OTHER_NUMBER), np.inf)
         pairs = dict(assign(weighed, np.full(len(tracks), LARGEST)))
         for row in [i for i, track in enumerate(tracks) if track in guarded and i in pairs and not sure[i, pairs[i]]]:

@@ -197,7 +197,8 @@ def cloud_types(message, random, now_ns):
 def rescaled(xy, random, size=(640, 480)):
     """Pixels (k, 2) as those of an image of another size, as percent or as fractions of it."""
     factors = [[0.5, 0.5], [2, 2], [1.37, 1.37], 100 / np.array(size), 1 / np.array(size), [1, -1]]
-    return xy * factors[random.integers(len(factors))]
+    with np.errstate(over="ignore", invalid="ignore"):  # other damage may have made the numbers huge
+        return xy * factors[random.integers(len(factors))]
 
 
 def cloud_scale(message, random, now_ns):
