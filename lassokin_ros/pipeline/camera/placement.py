@@ -37,7 +37,7 @@ class Placement:
         poses: Mapping[str, CameraPose] | None,
     ) -> None:
         """people: all who can be tracked. poses: given ones, in place of those from TF."""
-        self._people, self._counts, self._several_people = people, counts, config.several_people
+        self._people, self.counts, self._several_people = people, counts, config.several_people
         self._names, self._several = config.camera_names, config.several_cameras
         placed = bool(config.fixed_frame) or config.several_cameras
         self.places = CameraPlaces(config.fixed_frame, self._names, poses) if placed else None
@@ -79,7 +79,7 @@ class Placement:
             if moved is not None:
                 tracked.move_frame(moved, stamp_ns)
         if moved is not None:
-            self._counts[JUMPS] += 1
+            self.counts[JUMPS] += 1
         return self._with_found(placed, missing), self.places.base
 
     def _with_found(self, placed: Sequence[Image], missing: Sequence[tuple[Image, AdapterError]]) -> list[Image]:
@@ -95,7 +95,7 @@ class Placement:
             if finds:
                 found.append(replace(image, camera=self.places.adopt(name, self._found_pose(name))))
             else:
-                self._counts[f"no transform of {name}" if name else "no transform"] += 1
+                self.counts[f"no transform of {name}" if name else "no transform"] += 1
         if not found:
             raise missing[0][1]
         return sorted(found, key=lambda image: (not image.camera.known, order.index(image.camera.name)))
@@ -120,5 +120,5 @@ class Placement:
                 sights.append(Sight(image.stamp_ns, people[0], image.lens, pose))
         self.agreement.update(sights, learned.size_check)
         for image in images:
-            self._counts[f"{image.camera.name}: {LEFT_OUT}"] += image.camera.name in self.agreement.left_out
+            self.counts[f"{image.camera.name}: {LEFT_OUT}"] += image.camera.name in self.agreement.left_out
         return [image for image in images if image.camera.name not in self.agreement.left_out]

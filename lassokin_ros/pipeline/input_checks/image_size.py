@@ -26,7 +26,8 @@ they are those of the same points."""
 FEWEST, SMALLEST_PX = 6, 30.0
 """Keypoints with a 3D point, and their spread in px, from which on there is a factor."""
 IN_A_ROW = 5
-"""Messages with another factor than that in use after which it is used."""
+"""Messages with another factor than that in use after which it is used, and after which messages without 3D points have
+it, too."""
 MOST = 0.5
 """Share of a person's keypoints; if more are outside of the image, the person is."""
 OUTSIDE_MESSAGES, FAR_OUTSIDE = 10, 1.25
@@ -75,7 +76,10 @@ class ImageSize:
         """
         if self._info is None or view.intrinsics is not self._info.intrinsics:
             self._use_camera(view)
-        self._use(_factor(keypoints, view))
+        told = _factor(keypoints, view)
+        self._use(told)
+        if told is None and self._agreeing < IN_A_ROW:
+            return view  # few messages have told, which may have been damaged
         if self._factor == UNCERTAIN:
             raise AdapterError(
                 "other_size",

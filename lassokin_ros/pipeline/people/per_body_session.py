@@ -48,7 +48,7 @@ class PerBodySession(Session):
                 shared.depth_check,
                 shared.mount,
             )
-            session.placement.places = self.places
+            session.placement.places, session.placement.counts = self.places, self.counts
         self._all = tuple(self._idle)
         self._present: dict[str, Session] = {}
         self._beyond = 0  # bodies of the list that have no tracker

@@ -197,14 +197,14 @@ def cloud_types(message, random, now_ns):
 def rescaled(xy, random, size=(640, 480)):
     """Pixels (k, 2) as those of an image of another size, as percent or as fractions of it."""
     factors = [[0.5, 0.5], [2, 2], [1.37, 1.37], 100 / np.array(size), 1 / np.array(size), [1, -1]]
-    with np.errstate(over="ignore", invalid="ignore"):  # other damage may have made the numbers huge
-        return xy * factors[random.integers(len(factors))]
+    return xy * factors[random.integers(len(factors))]
 
 
 def cloud_scale(message, random, now_ns):
     points = cloud_array(message)
     if len(points):
-        points["x"], points["y"] = rescaled(np.column_stack([points["x"], points["y"]]), random).T
+        with np.errstate(over="ignore", invalid="ignore"):  # other damage may have made the numbers huge
+            points["x"], points["y"] = rescaled(np.column_stack([points["x"], points["y"]]), random).T
         store(message, points)
 
 
