@@ -19,15 +19,21 @@ if TYPE_CHECKING:
     from lassokin_ros.core.tracker import Tracker
     from lassokin_ros.pipeline.camera.lens import Lens
     from lassokin_ros.pipeline.from_pixels import observation_from_pixels
+    from lassokin_ros.pipeline.session import Session
+    from lassokin_ros.pipeline.settings import NodeSettings
+    from msg_adapters.keypoints import Keypoints
 
 __all__ = [
     "CameraPose",
     "Estimate",
     "Evidence",
+    "Keypoints",
     "LassokinError",
     "Lens",
+    "NodeSettings",
     "Observation",
     "Rejection",
+    "Session",
     "Status",
     "Tracker",
     "TrackerConfig",
@@ -38,10 +44,13 @@ _MODULES = {
     "Estimate": "lassokin_ros.core.estimate",
     "CameraPose": "lassokin_ros.core.observation",
     "Evidence": "lassokin_ros.core.evidence.evidence",
+    "Keypoints": "msg_adapters.keypoints",
     "LassokinError": "lassokin_ros.core.errors",
     "Lens": "lassokin_ros.pipeline.camera.lens",
+    "NodeSettings": "lassokin_ros.pipeline.settings",
     "Observation": "lassokin_ros.core.observation",
     "Rejection": "lassokin_ros.core.observation",
+    "Session": "lassokin_ros.pipeline.session",
     "Status": "lassokin_ros.core.observation",
     "Tracker": "lassokin_ros.core.tracker",
     "TrackerConfig": "lassokin_ros.core.config",

@@ -77,3 +77,10 @@ def test_the_example_runs():
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=300)
     lines = [line for line in done.stdout.splitlines() if re.match(r"\d\.\d\d s \[", line)]
     assert done.returncode == 0 and len(lines) > 90, done.stderr[-300:]
+
+
+def test_the_session_of_the_page_tells_people_apart(capsys):
+    (code,) = [block for block in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL) if "Session(" in block]
+    exec(compile(code, "docs/python.md", "exec"), {})
+    said = capsys.readouterr().out.splitlines()
+    assert {line.split()[0] for line in said} == {"p1", "p2"} and len(said) > 50
