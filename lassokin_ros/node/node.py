@@ -182,6 +182,7 @@ class TrackerNode(Node):
     def _on_wait_end(self) -> None:
         """Process images that have waited in vain. Simulated time may stand still."""
         self._wait.cancel()
+        self._inputs.poll()  # TF, which may have come
         now_ns = self._followed_clock_ns()
         self._answer("images that waited", partial(self._session.due, now_ns), now_ns)
 

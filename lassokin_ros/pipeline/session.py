@@ -52,6 +52,7 @@ from msg_adapters.errors import AdapterError
 TF_POLL_S = 0.005
 """s between two looks whether TF has come that keypoints wait for."""
 
+
 class Session:
     """Decodes messages, removes the distortion, tracks people. No message content raises an error."""
 
