@@ -189,6 +189,7 @@ def saved(path, *people, tilt=0.0):
                 for _, one in people
             ]
         ),
+        "joint_contacts": np.concatenate([np.zeros(one.positions.shape[:2], dtype=bool) for _, one in people]),
         "start_ns": np.array(10**9),
     }
     np.savez(path, **arrays)

@@ -83,7 +83,7 @@ def test_an_output_path_that_collides_is_refused(folder, capsys, case, more):
 @pytest.mark.skipif(not Path("/sys").is_dir(), reason="nobody, not even root, can create a file in /sys of Linux")
 @pytest.mark.parametrize("option", ["--export /sys/x.csv", "--report /sys/x.html"])
 def test_a_place_without_room_for_a_file_is_refused_before_the_first_pass(folder, option, monkeypatch, capsys):
-    monkeypatch.setattr("lassokin_ros.replay.replay.learn_person", None)
+    monkeypatch.setattr("lassokin_ros.replay.replay.learn", None)
     entries = sorted(folder.rglob("*"))
     assert main(["in", "--two-pass", "-p", "calibrate:=true", *option.split()]) == 2
     assert capsys.readouterr().err.startswith(f"lassokin replay: '{option.split()[1]}' cannot be written: ")

@@ -23,9 +23,11 @@ def wrong_cameras(session: Session, learned: bool = True) -> Iterator[Raised]:
     poses = []
     if extrinsics is not None:
         poses = [extrinsics.in_words(name) if learned else extrinsics.wrong.get(name, "") for name in session.cameras]
-    words += filter(None, poses)
-    if not any(poses):
-        words += session.placement.agreement.undecided()
+    agreement = session.placement.agreement
+    if agreement.shows_mirrored or not any(poses):  # a mirrored person makes the poses seem to be off
+        words += agreement.undecided()
+    else:
+        words += filter(None, poses)
     return (say("camera_wrong", fault=fault) for fault in words)
 
 

@@ -154,6 +154,11 @@ class CameraAgreement:
             f"fit each other; {hint}"
         )
 
+    @property
+    def shows_mirrored(self) -> bool:
+        """Whether two cameras that fit each other show a mirrored person: their images are exchanged."""
+        return any(pair.is_mirrored and not pair.is_wrong for pair in self._pairs.values())
+
     def undecided(self) -> Iterator[str]:
         """Yield which cameras contradict each other if it cannot be told which one is wrong, in words."""
         for names, pair in self._pairs.items():

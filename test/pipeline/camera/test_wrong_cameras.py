@@ -10,8 +10,8 @@ from camera_rig import MAP, eye, pixels, tf_of, truth_at
 from messages import camera_info, cloud, rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.hypotheses.start import Starts
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.outputs.camera_markers import CameraMarkers
 from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, save_cameras
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
@@ -142,8 +142,8 @@ def test_of_two_cameras_both_are_named_and_used_because_it_cannot_be_told_which_
 
 def test_cameras_that_contradict_each_other_do_not_need_a_search_in_each_frame(monkeypatch):
     """It takes a hundred times as long as a frame, and its answer is rejected again."""
-    searches, search = [], Tracker._first_fit
-    monkeypatch.setattr(Tracker, "_first_fit", lambda *args: (searches.append(1), search(*args))[1])
+    searches, search = [], Starts._first_fit
+    monkeypatch.setattr(Starts, "_first_fit", lambda *args: (searches.append(1), search(*args))[1])
     rig = Rig(LEFT, RIGHT, poses={"right": inverse(RIGHT)}).send(0.0, 2.0)
     rejected = sum(count for key, count in rig.session.counts.items() if key.startswith("rejected: "))
     assert rejected > 30 and len(searches) < 0.4 * rejected
