@@ -104,10 +104,11 @@ def _run(arguments, folder, environment, stdout, stderr):
     os.environ.clear()
     os.environ.update(environment)
     os.chdir(folder)
+    paths = list(filter(None, environment.get("PYTHONPATH", "").split(os.pathsep)))
     first, *rest = arguments
     if first == "-m":
-        sys.argv, sys.path[:0] = rest, [folder]
+        sys.argv, sys.path[:0] = rest, [folder, *paths]
         runpy.run_module(rest[0], run_name="__main__", alter_sys=True)
     else:
-        sys.argv, sys.path[:0] = arguments, [str(Path(first).parent)]
+        sys.argv, sys.path[:0] = arguments, [str(Path(first).parent), *paths]
         runpy.run_path(first, run_name="__main__")
