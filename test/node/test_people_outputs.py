@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+import time
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ class PeerOfTwo:
     """The messages on the topics of p4 and p9, and on those of everybody."""
 
     def __init__(self, peer):
-        self.peer, self.sent = peer, 0
+        self.peer, self.sent, self.sent_at = peer, 0, 0.0
         self.got = {}
         for person in ("p4", "p9"):
             for topic in topics.PERSON_OUTPUTS:
@@ -68,9 +69,10 @@ class PeerOfTwo:
         """step: periods from one message's stamp to the next one's."""
 
         def met():
-            self.peer.send_camera()
-            self.peer.keypoints.publish(two(BACKEND, self.peer.start_ns, self.sent, persons))
-            self.sent += step
+            if time.monotonic() - self.sent_at > PERIOD_NS * 1e-9:  # faster ones would be overtaken: a silence
+                self.peer.send_camera()
+                self.peer.keypoints.publish(two(BACKEND, self.peer.start_ns, self.sent, persons))
+                self.sent, self.sent_at = self.sent + step, time.monotonic()
             return condition()
 
         self.peer.spin_until(met, what=what)
@@ -105,10 +107,11 @@ def test_each_of_several_people_has_a_set_of_topics():
         peer.spin_until(lambda: not peer.node.get_publishers_info_by_topic(gone), what="the end of p4's topics")
         peer.call(Trigger, "reset", Trigger.Request())
         peer.spin_until(lambda: them.lists()[-1] == "", what="the empty list")
-        them.send_until(lambda: them.lists()[-1] == "p4,p9", "both again")
+        # After the silence, the detector's numbers may be those of others: the ids are new.
+        them.send_until(lambda: them.lists()[-1].count(",") == 1, "both again")
         with Peer(namespace, outputs=False) as late:
             again = PeerOfTwo(late)
-            late.spin_until(lambda: again.lists() == ["p4,p9"], what="the latched list")
+            late.spin_until(lambda: again.lists() == them.lists()[-1:], what="the latched list")
     assert "Traceback" not in node.said
 
 

@@ -235,14 +235,17 @@ def test_people_lists_several_people_and_then_nobody():
         with Peer(namespace, outputs=False) as peer:
             people, states = listen(peer)
 
-            def send(i, persons):
-                shifts = {4: -120.0, 9: 120.0}
-                xy = [(PIXELS[i % 40] + [shifts[p], 0.0], np.full(17, 0.9)) for p in persons]
+            def send(_, persons):
                 nonlocal stamp
-                stamp += 100_000_000
+                now_ns = peer.start_ns + round(1e9 * (time.monotonic() - began))
+                if now_ns - stamp < 33_333_333:  # faster ones would be overtaken: a silence
+                    return
+                shifts, stamp = {4: -120.0, 9: 120.0}, now_ns
+                body = PIXELS[(now_ns - peer.start_ns) // 33_333_333 % 40]
+                xy = [(body + [shifts[p], 0.0], np.full(17, 0.9)) for p in persons]
                 peer.keypoints.publish(crowd(BACKEND, stamp, xy, persons))
 
-            stamp = peer.start_ns
+            stamp, began = 0, time.monotonic()
             both = partial(send, persons=(4, 9))
             found = []
 
