@@ -151,7 +151,8 @@ def node_with(listened_to: bool, focal: float) -> tuple[Any, list[float]]:
     info.p = [focal, 0.0, 640.0, 0.0, 0.0, focal, 360.0, 0.0, 0.0, 0.0, 1.0, 0.0]
     inputs = getattr(node, "_inputs", None)  # earlier revisions have the subscription in the node
     (node._camera_info if inputs is None else inputs.camera_info).take(info)
-    return node, timed_steps(node._pipeline.tracker)
+    session = node._session if hasattr(node, "_session") else node._pipeline  # its name in earlier revisions
+    return node, timed_steps(session.tracker)
 
 
 def timed_steps(tracker: Any) -> list[float]:

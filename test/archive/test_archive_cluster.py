@@ -80,7 +80,9 @@ def test_an_archive_is_completed_if_one_of_two_workers_is_killed(tmp_path, capsy
         said, complained = running.communicate(timeout=120)
         results = outcomes(said)
         assert running.returncode == 2, complained
-        assert results.pop("torn").startswith("failed: ") and set(results.values()) == {"tracked"}
+        assert results.pop("torn").startswith("failed: ") and results["z_long0"] == "tracked"
+        # A recording that the killed worker finished, but could not report, is found done by the other.
+        assert set(results.values()) <= {"tracked", "done before"}
         assert len(results) == 4 and list(output.rglob(".*")) == []
         assert main([*map(str, arguments)]) == 2
         again = outcomes(capsys.readouterr().out)

@@ -251,7 +251,7 @@ def test_bars_show_the_error_of_each_landmark(chromium, tmp_path):
     row = len(colours) / len(errors)
     most = page.value("document.getElementById('landmarks')._fullLayout.xaxis.range")[1]
     for i, error in enumerate(errors):
-        line = colours[round((i + 0.2) * row)]  # above the text
+        line = colours[round((i + 0.25) * row)]  # below the edge of the bar, above the text
         long = max(len(where(line[None], colour)) for colour in (LEFT, RIGHT, (0x4D,) * 3))
         assert abs(long - (error or 0) / most * colours.shape[1]) < 4, i
     box = page.page.locator("#landmarks .nsewdrag").bounding_box()
