@@ -156,9 +156,7 @@ def test_percent_of_the_image_are_refused_with_the_factors():
     frame = session.process(cloud(BACKEND, 10**9, percent), 0)
     assert frame.rejection == "percent" and "multiply x by 6.4 and y by 4.8" in frame.detail
     assert session.process(cloud(BACKEND, 2 * 10**9, PIXELS[0]), 0).accepted
-    assert (
-        session.process(cloud(BACKEND, 2 * 10**9 + 10**8, percent), 0).rejection != "percent"
-    )  # somebody in a corner
+    assert session.process(cloud(BACKEND, 2 * 10**9 + 10**8, percent), 0).rejection != "percent"  # somebody in a corner
 
 
 @pytest.mark.parametrize(
