@@ -143,7 +143,13 @@ class TrackedPerson:
         self._update_motion(stamp_ns, estimate, height)
         self.seen_by = {sight.camera.name: sight.stamp_ns for sight in sights}
         tracker, velocity = self.tracker, self._velocity.copy()
-        made = partial(frame, velocity=velocity, measure=tracker.uncertainty, observe=tracker.observed)
+        made = partial(
+            frame,
+            velocity=velocity,
+            measure=tracker.uncertainty,
+            observe=tracker.observed,
+            doubts=tracker.learned.doubts,
+        )
         points, confident = first.seen.points, first.seen.confidence >= tracker.config.min_confidence
         signs = partial(
             signs_of,

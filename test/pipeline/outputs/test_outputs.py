@@ -39,7 +39,7 @@ class Shelf:
 
 def run(settings, frame_id=FRAME, count=3, persons=(4, 9)):
     """The outputs of people with lasting numbers side by side, in some images; then one without anybody."""
-    session, sink = Session(TrackerConfig(), settings), Shelf()
+    session, sink = Session(TrackerConfig(height=1.75), settings), Shelf()
     session.set_camera(camera_info(BACKEND))
     outputs = Outputs(session, sink, BACKEND, "tracker")
     outputs.start(START_NS)
