@@ -111,9 +111,8 @@ class Kinematics:
     @cached_property
     def _two_axes(self) -> tuple[np.ndarray, np.ndarray]:
         """(k,) the joints with one locked axis, and (k, 3) 1 for the free axes, 0 for the locked one."""
-        free = np.ones(3 * self.joint_count)
-        free[list(self.skeleton.locked)] = 0.0
-        free = free.reshape(-1, 3)
+        free = np.ones((self.joint_count, 3))
+        free.reshape(-1)[list(self.skeleton.locked)] = 0.0
         joints = np.flatnonzero(free.sum(axis=1) == 2)
         return joints, free[joints]
 
