@@ -40,8 +40,9 @@ from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sid
 from lassokin_ros.pipeline.outputs.status.diagnostics import NEAR_LIMIT, NEAR_LIMIT_ADVICE, Diagnostics
 from lassokin_ros.pipeline.outputs.status.presence_state import LOST, NOBODY, TRACKING
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
-from lassokin_ros.pipeline.people.people_tracker import FORGOTTEN, GONE
+from lassokin_ros.pipeline.people.people_tracker import FORGOTTEN
 from lassokin_ros.pipeline.people.per_body_session import PerBodySession
+from lassokin_ros.pipeline.people.roster import GONE
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import RclpyBackend

@@ -18,7 +18,7 @@ from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.input_checks.hands import EXCHANGED, FAR, ORDER, SAME
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
-from lassokin_ros.pipeline.people.people_tracker import GONE
+from lassokin_ros.pipeline.people.roster import GONE
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import MESSAGE
 

@@ -454,7 +454,7 @@ def test_the_next_person_has_the_poses_learned_from_the_last_one():
     poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
     play = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics="learn"), poses=poses).run(6.0)
     before = play.error(5.0)
-    play.session.people._people[0].body.reset(same_camera=True)
+    play.session.people.tracked[""].reset(same_camera=True)
     for index in range(15):
         for number in range(2):
             play.image(number, 6.0 + index / 30)
