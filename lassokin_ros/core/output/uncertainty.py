@@ -19,6 +19,7 @@ The marginal of a joint's own part of the increment is the uncertainty of its ro
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -49,6 +50,8 @@ FACTOR_WITH_DEPTH = 0.8
 FACTOR_OF_SEVERAL = 1.0
 """The same, for several cameras, which observe the lengths: their deviation does not count. Errors within one and two
 deviations: 65 and 96 % with two cameras at 30 degrees, 79 and 99 % at 90 degrees."""
+HAND_FACTOR = 1.0
+"""The same, for a hand alone and for fingers relative to their wrist."""
 FACTOR_BELOW_LAST_KEYPOINT = 1.5
 """Further factor for positions and rotations of joints beyond the last visible keypoint of a limb."""
 USUAL_DISAGREEMENT = 0.06
@@ -57,8 +60,8 @@ RANGE = 0.05, 5.0
 """Limits of the disagreement, in units of the usual one."""
 POWER = 0.25
 """Power of the disagreement in the factor."""
-LENGTHS_FACTOR = 3.0
-"""Factor on the standard deviation of the log-lengths."""
+LENGTHS_FACTOR, HAND_LENGTH_FACTOR = 3.0, 1.0
+"""Factors on the standard deviation of the log-lengths: of a body, and of a hand's one length."""
 SMALLEST_BIAS = 0.01
 """As a fraction of the height: smallest constant error of a keypoint, in each direction. The constant error of real
 detectors is 11 to 17 mm. The pose follows the keypoints, so the residuals do not contain all of this error."""
@@ -131,6 +134,18 @@ class JointUncertainty:
         size[model.observed.beyond_last_keypoint(visible)] *= FACTOR_BELOW_LAST_KEYPOINT**2
         return np.maximum(np.sqrt(size / (1 + size / LARGEST_ROTATION**2)), model.least_rotation)
 
+    def relative_to(self, joint: int, joints: Sequence[int]) -> np.ndarray:
+        """(k, 3, 3) m^2: covariances of the positions of k joints of a hand relative to its wrist, `joint`.
+
+        In the frame of the skeleton.
+        """
+        own = self.posterior
+        assert own.estimate.pose is not None
+        apart = HAND_FACTOR * (own.live[joints] - own.live[joint])
+        stretch = own.model.by_lengths(own.estimate, own.estimate.pose, HAND_LENGTH_FACTOR)
+        stretch = stretch[joints] - stretch[joint]
+        return np.asarray(apart @ apart.swapaxes(-1, -2) + stretch @ stretch.swapaxes(-1, -2))
+
     @cached_property
     def absolute(self) -> AbsoluteUncertainty:
         """The uncertainty of positions in the frame of the skeleton.
@@ -180,6 +195,7 @@ class UncertaintyModel:
         self._proportions, self.observed, self._learned_depth = proportions, observed, frame_model.learned_depth
         self._pieces = frame_model.pieces
         names = kinematics.skeleton.joint_names
+        self._hand_alone = names[0] in sided("wrist")
         still = np.isin(names, [name for part in STILL for name in sided(part)])
         self.least_rotation = np.sqrt(3) * STILL_DEVIATION * still
         self._knees = [names.index(name) for name in sided("knee") if name in names]
@@ -207,7 +223,8 @@ class UncertaintyModel:
         hidden = self.observed.below_last_keypoint(estimate.visible)
         factor = self._factor(estimate, pose) * np.where(hidden, FACTOR_BELOW_LAST_KEYPOINT, 1.0)
         relative, least = spread @ np.swapaxes(spread, -1, -2), self._least(hidden)
-        added = self._by_lengths(estimate, pose)
+        stretch = self.by_lengths(estimate, pose, HAND_LENGTH_FACTOR if self._hand_alone else LENGTHS_FACTOR)
+        added = squared_norm(stretch.reshape(len(stretch), -1))
         return Posterior(self, estimate, problem, lower, live, relative, factor, added, least)
 
     def _problem(self, estimate: Estimate) -> Lasso:
@@ -229,6 +246,8 @@ class UncertaintyModel:
 
     def _factor(self, estimate: Estimate, pose: BodyPose) -> float:
         """Factor on the posterior's standard deviations."""
+        if self._hand_alone:
+            return HAND_FACTOR
         if estimate.depth_covers:
             return FACTOR_WITH_DEPTH
         if estimate.cameras > 1:
@@ -238,11 +257,11 @@ class UncertaintyModel:
         disagreement = self._learned_depth.disagreement(pose, estimate.joint_depths) / USUAL_DISAGREEMENT
         return float(FACTOR * min(max(disagreement, RANGE[0]), RANGE[1]) ** POWER)
 
-    def _by_lengths(self, estimate: Estimate, pose: BodyPose) -> np.ndarray:
-        """(n,) m^2: variance of each joint by that of the lengths. Several cameras observe the lengths."""
+    def by_lengths(self, estimate: Estimate, pose: BodyPose, factor: float) -> np.ndarray:
+        """(n, 3, p) m: motion of each joint by `factor` deviations of each length. Several cameras observe these."""
         by_length = self._proportions.motion(pose, np.zeros(self._proportions.count)).joints
-        by_length *= LENGTHS_FACTOR * (estimate.length_deviation if estimate.cameras == 1 else 0.0)
-        return squared_norm(by_length.reshape(len(by_length), -1))
+        by_length *= factor * (estimate.length_deviation if estimate.cameras == 1 else 0.0)
+        return by_length
 
     def _least(self, hidden: np.ndarray) -> np.ndarray:
         """(n,) m^2: least variance of each joint. hidden: (n,) bool, see `ObservedJoints.below_last_keypoint`."""
