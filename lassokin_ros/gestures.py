@@ -4,9 +4,9 @@
     watch = GestureWatch()
     name, confidence = watch.update(stamp, probabilities)  # "pointing", 0.93; "other" until a gesture is held
 
-Each finger is straight or bent by the angle from its first to its last bone; the thumb is stretched out or not by the
-distance of its tip from the little finger's knuckle. The probability of a gesture is the product of those of its fingers; what remains
-is "other". Numpy alone is needed, so the points may also be those of another tracker.
+Each finger is straight or bent, by the angles at its first two joints; the thumb is stretched out or not, by the
+distance of its tip from the little finger's knuckle. The probability of a gesture is the product of those of its
+fingers; what remains is "other". Numpy alone is needed, so the points may also be those of another tracker.
 """
 
 from __future__ import annotations

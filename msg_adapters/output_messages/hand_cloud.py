@@ -28,8 +28,8 @@ class HandReport:
     Attributes
     ----------
     side: 0 for the left hand, 1 for the right one. person: number of the person, see `people.number_of`.
-    points: (21, 3) m, and covariance: (21, 3, 3) m^2, from the wrist, in axes of the hand. observed: (21,) bool, whether
-    a keypoint of this image shows the point.
+    points: (21, 3) m, and covariance: (21, 3, 3) m^2, from the wrist, in axes of the hand.
+    observed: (21,) bool, whether a keypoint of this image shows the point.
     wrist: (3,) m; quaternion: (4,) x, y, z, w, the axes of the hand; ray: (3,) unit vector, where the hand would point
     from the tip of its index finger on; these three in the frame of the message. ray_deviation: rad.
     """

@@ -27,11 +27,12 @@ class Layout:
     """A detector's landmarks, tied to a skeleton.
 
     names: l landmark names. ids: (l,) the detector's id of each; it is the index here unless the layout skips points.
-    detector_count: number of the detector's points, with those that are skipped. joints: (l,) index of the joint that each landmark is
-    fixed to. offsets: (l, 3) m, q_i^0 of (1): position in that joint's frame (body axes at rest: x left, y up, z
-    front). noise: (l,) factor on the detector's noise, above 1 for an unsteady landmark or one off its joint's centre.
-    surface: (l,) m from the body's surface to the landmark, along the line of sight of a depth camera. By default it is
-    the body's `THICKNESS` for a landmark at a joint's centre, and 0 for one with an offset (nose, ear, toe).
+    detector_count: number of the detector's points, with those that are skipped. joints: (l,) index of the joint that
+    each landmark is fixed to. offsets: (l, 3) m, q_i^0 of (1): position in that joint's frame (body axes at rest: x
+    left, y up, z front). noise: (l,) factor on the detector's noise, above 1 for an unsteady landmark or one off its
+    joint's centre. surface: (l,) m from the body's surface to the landmark, along the line of sight of a depth camera.
+    By default it is the body's `THICKNESS` for a landmark at a joint's centre, and 0 for one with an offset (nose, ear,
+    toe).
     """
 
     name: str

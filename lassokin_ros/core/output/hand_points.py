@@ -23,12 +23,12 @@ from lassokin_ros.core.scipy_functions import lapack
 
 Levers = Callable[[np.ndarray, np.ndarray], np.ndarray]
 COUNT = 21
-"""Points of a hand: the wrist, then thumb, index, middle, ring and pinky finger, four each, from the root to the tip."""
+"""Points of a hand: the wrist, then thumb, index, middle, ring and pinky finger, each from the root to the tip."""
 WRIST, INDEX_KNUCKLE, INDEX_TIP, MIDDLE_KNUCKLE = 0, 5, 8, 9
 EYES = ("left_eye", "right_eye")
 SIZE_DEVIATION = 0.04
-"""Standard deviation of a hand's length, as a share of it, for a given height. Among adults the hand's length has 5 % in
-all (Gordon et al., 2012 anthropometric survey of US Army personnel), of which the height explains about a third."""
+"""Standard deviation of a hand's length, as a share of it, for a given height: adults' hands have 5 % in all (Gordon et
+al., 2012 anthropometric survey of U.S. Army personnel), of which the height explains about a third."""
 PLACE_DEVIATION = 0.003
 """m, per axis: standard deviation of the place at which a detector sees a point of the hand."""
 

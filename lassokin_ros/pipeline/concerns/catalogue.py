@@ -159,7 +159,8 @@ CONCERNS: dict[str, Concern] = {
     "hands_order": Concern(
         PROBLEM,
         LIVE,
-        "the hands' points are in another order (the thumb is not the first finger), and not used",
+        "the hands' points are in another order: the thumb is not the first finger; they are taken as index, middle, "
+        "ring, pinky and thumb, or not used if they do not fit this",
         "send the wrist, then thumb, index, middle, ring and pinky finger, each from its root to the tip",
     ),
     # Stamps and clocks.

@@ -11,6 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -36,12 +37,14 @@ LIMBS = {
     ("knee", "ankle"): 0.233,
 }
 """Lengths of the anthropometric skeleton, in heights. They give the size of the body in the image."""
+IN_ORDER, THUMB_LAST = np.arange(21), np.array([0, *range(17, 21), *range(1, 17)])
+"""The place of each point among those of a hand: as it should be, and if the thumb comes after the little finger."""
 WRIST, THUMB, PINKY, LAST = 0, 1, 17, 21
 """Places in a hand's points: the wrist, the roots of the first and of the last finger, and their number."""
 USUAL_RATIO = -0.3
 """Logarithm of the distance of the last finger's root from the wrist over that of the thumb's. It is 0.8 for a hand in
 the image plane, and -0.8 if the thumb comes last."""
-FIRST_RATIO, FIRST_WEIGHT, REMEMBERED = 0.6, 3, 30
+FIRST_RATIO, FIRST_WEIGHT, REMEMBERED = 0.6, 1, 30
 """Its average before any hand was seen, the weight of that in hands, and the number of hands over which it is averaged:
 single hands of the usual order can have any ratio."""
 
@@ -79,26 +82,29 @@ class HandCheck:
     def _of_person(self, seen: Seen, found: set[str]) -> Seen:
         points = np.where(seen.confidence[:, None] > 0, seen.points, np.nan)
         hands = [None if rows is None or not _is_hand(points[rows]) else points[rows] for rows in self._hands]
-        for hand in hands:
-            self._follow_order(hand)
         if all(hand is None for hand in hands):
             return seen
-        if self._ratio < USUAL_RATIO:
-            found.add(ORDER)
-            return self._moved(seen, [None, None])
         apart = self._distances(points, hands)
         given = [side if hands[side] is not None else None for side in (0, 1)]
         taken = self._assigned(hands, apart, found)
-        return seen if taken == given else self._moved(seen, taken)
+        orders: list[np.ndarray | None] = [IN_ORDER, IN_ORDER]
+        if self._is_other_order([_order_ratio(hand) for hand in hands if hand is not None]):
+            found.add(ORDER)
+            orders = [None if hand is None else _order_with_thumb_last(hand) for hand in hands]
+        elif taken == given:
+            return seen
+        return self._moved(seen, taken, orders)
 
-    def _follow_order(self, hand: np.ndarray | None) -> None:
-        """Average the ratio of USUAL_RATIO."""
-        if hand is None:
-            return
-        thumb, last = np.linalg.norm(hand[[THUMB, PINKY]] - hand[WRIST], axis=1).tolist()
-        if thumb > 0 and last > 0:  # False for NaN
+    def _is_other_order(self, ratios: Sequence[float]) -> bool:
+        """Return True if the thumb is not the first finger: by all hands so far, or by both of this image.
+
+        ratios: of the hands of this image, see USUAL_RATIO; NaN = not known.
+        """
+        known = [min(max(ratio, -1.0), 1.0) for ratio in ratios if math.isfinite(ratio)]
+        for ratio in known:
             self._seen = min(self._seen + 1, REMEMBERED)
-            self._ratio += (min(max(math.log(last / thumb), -1.0), 1.0) - self._ratio) / self._seen
+            self._ratio += (ratio - self._ratio) / self._seen
+        return self._ratio < USUAL_RATIO or len(known) == len(SIDES) and max(known) < USUAL_RATIO
 
     def _distances(self, points: np.ndarray, hands: Sequence[np.ndarray | None]) -> np.ndarray:
         """Return (2, 2), in heights: [i, j] from the wrist of hand i to the body's wrist j; NaN if it is not known."""
@@ -111,9 +117,7 @@ class HandCheck:
                     apart[i, j] = np.linalg.norm(hand[WRIST] - points[wrist]) / size
         return apart
 
-    def _assigned(
-        self, hands: Sequence[np.ndarray | None], apart: np.ndarray, found: set[str]
-    ) -> list[int | None]:
+    def _assigned(self, hands: Sequence[np.ndarray | None], apart: np.ndarray, found: set[str]) -> list[int | None]:
         """Return for each side the hand whose points it takes, None for none."""
         taken: list[int | None] = [None if hand is None else side for side, hand in enumerate(hands)]
         if taken == [0, 1] and _are_alike(hands):
@@ -136,18 +140,21 @@ class HandCheck:
                     found.add(FAR)
         return taken
 
-    def _moved(self, seen: Seen, taken: Sequence[int | None]) -> Seen:
-        """Return a person whose hand of each side has the points of the hand `taken`, or none."""
+    def _moved(self, seen: Seen, taken: Sequence[int | None], orders: Sequence[np.ndarray | None]) -> Seen:
+        """Return a person whose hand of each side has the points of the hand `taken`, or none.
+
+        orders: (21,) for each hand, the place of each point in it; None for a hand without a known order.
+        """
         rows, missing = np.arange(len(seen.points)), np.zeros(len(seen.points), dtype=bool)
         for own, hand in zip(self._hands, taken):
             if own is None:
                 continue
-            source = None if hand is None else self._hands[hand]
-            if source is None:
+            source, order = (None, None) if hand is None else (self._hands[hand], orders[hand])
+            if source is None or order is None:
                 missing[own] = True
             else:
-                rows[own] = source
-        arrays = {
+                rows[own] = source[order]
+        arrays: dict[str, Any] = {
             name: np.where(missing if array.ndim == 1 else missing[:, None], np.nan, array[rows])
             for name in ("points", "pixels", "depth", "sampled")
             if (array := getattr(seen, name)) is not None
@@ -159,6 +166,18 @@ def _is_hand(points: np.ndarray) -> bool:
     """Return True if a hand's points (21, 2), NaN = missing, have the wrist and some others."""
     there = np.isfinite(points).all(axis=1)
     return bool(there[WRIST]) and int(np.count_nonzero(there)) >= FEWEST
+
+
+def _order_ratio(hand: np.ndarray) -> float:
+    """Return the ratio of USUAL_RATIO of a hand (21, 2); NaN if it is not known."""
+    thumb, last = np.linalg.norm(hand[[THUMB, PINKY]] - hand[WRIST], axis=1).tolist()
+    return math.log(last / thumb) if thumb > 0 and last > 0 else math.nan  # False for NaN
+
+
+def _order_with_thumb_last(hand: np.ndarray) -> np.ndarray | None:
+    """Return the order (21,) of a hand whose thumb comes after the little finger; None if that does not fit either."""
+    knuckles = np.linalg.norm(hand[[5, 9, 13]] - hand[1], axis=1)
+    return THUMB_LAST if (np.diff(knuckles) > 0).all() else None
 
 
 def _are_alike(hands: Sequence[np.ndarray | None]) -> bool:

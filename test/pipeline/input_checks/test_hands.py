@@ -62,6 +62,11 @@ def last_thumb(p):
     p[LEFT], p[RIGHT] = p[LEFT][LAST], p[RIGHT][LAST]
 
 
+def smplh(p):
+    order = [0, *range(5, 13), *range(17, 21), *range(13, 17), *range(1, 5)]
+    p[LEFT], p[RIGHT] = p[LEFT][order], p[RIGHT][order]
+
+
 def at_the_other_wrist(p):
     p[LEFT] += POINTS[RIGHT[0]] - POINTS[LEFT[0]]
 
@@ -76,7 +81,8 @@ CASES = {  # what is named, and whose points the hands have then
     "both a metre away": (both_far, FAR, {}),
     "somebody else's": (somebody_elses, FAR, {}),
     "one at the other's wrist": (at_the_other_wrist, FAR, {"right": RIGHT}),
-    "the thumb last": (last_thumb, ORDER, {}),
+    "the thumb last": (last_thumb, ORDER, {"left": LEFT, "right": RIGHT}),
+    "in SMPL-H's order": (smplh, ORDER, {}),
     "no hands": (lambda p: p.__setitem__(np.r_[LEFT, RIGHT], np.nan), None, {}),
     "no wrists of the body": (lambda p: p.__setitem__([15, 16], np.nan), None, {"left": LEFT, "right": RIGHT}),
 }
@@ -122,12 +128,19 @@ def test_hands_that_meet_are_not_exchanged():
         assert not counts
 
 
-def test_the_order_is_said_after_some_hands_and_forgotten_again():
-    check, wrong = HandCheck(LAYOUT.names, Counter()), POINTS.copy()
+def test_the_order_is_known_from_both_hands_of_an_image_or_after_some_single_ones():
+    def taken(check, p):
+        """Whether the left hand has the points of the left hand in their order."""
+        return np.allclose(check.checked([seen(p)])[0].points[LEFT], POINTS[LEFT])
+
+    wrong = POINTS.copy()
     last_thumb(wrong)
-    first = [np.isfinite(check.checked([seen(wrong)])[0].points[LEFT]).all() for _ in range(6)]
-    assert first == sorted(first, reverse=True) and first[0] and not first[-1]
-    again = [np.isfinite(check.checked([seen(POINTS)])[0].points[LEFT]).all() for _ in range(40)]
+    assert taken(HandCheck(LAYOUT.names, Counter()), wrong)
+    wrong[RIGHT] = np.nan
+    check = HandCheck(LAYOUT.names, Counter())
+    single = [taken(check, wrong) for _ in range(6)]
+    assert single == sorted(single) and not single[0] and single[3]
+    again = [taken(check, POINTS) for _ in range(40)]
     assert not again[0] and again[-1]
 
 

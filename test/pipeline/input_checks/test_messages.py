@@ -46,7 +46,10 @@ def test_an_id_that_the_detector_does_not_have_is_refused_unless_the_point_is_mi
     for wrong in (3, -1):
         with pytest.raises(AdapterError, match=f"keypoint id {wrong}; expected 0 to 2 of the landmark layout"):
             without_skipped(Keypoints(1, "", np.array([0, wrong]), np.ones((2, 2)), np.ones(2)), layout)
-        assert len(without_skipped(Keypoints(1, "", np.array([0, wrong]), np.ones((2, 2)), np.array([1, 0])), layout).ids) == 1
+        assert (
+            len(without_skipped(Keypoints(1, "", np.array([0, wrong]), np.ones((2, 2)), np.array([1, 0])), layout).ids)
+            == 1
+        )
 
 
 def test_a_layout_without_skipped_points_changes_nothing():
