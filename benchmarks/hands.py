@@ -8,9 +8,10 @@ rows, not absolute errors. `mediapipe` is its own 3D, turned to the line of sigh
 `alone` and `body`: simulated hands of people that no training has seen, at 0.6 m, and at 2.5 m on recorded bodies.
 
 Columns: `wrist_rel`, mean distance of the points, relative to the wrist, mm, with the 90th percentile; `pa` after
-alignment; `palm`, median error of its orientation, degrees, and share above 40; `bends`, mean error of the fingers'
-angles, and `index`, median error of the direction of a straight one, degrees; `said`, root mean square error over the
-stated deviation; `body`, MPJPE of 14 joints; `place`, of the wrist from the pelvis, or of the hand from the camera, mm.
+alignment; `palm`, median error of its orientation (of the wrist's joint for `body`), degrees, and share above 40;
+`bends`, mean error of the fingers' angles, and `index`, median error of the direction of a straight one, degrees;
+`said`, root mean square error of the points in axes of the hand over the stated deviation; `place`, of the wrist from
+the pelvis, or of the hand from the camera, mm; `body`, MPJPE of 14 joints; `ms`, processor time of a frame.
 """
 
 from __future__ import annotations
@@ -31,11 +32,13 @@ from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
 from benchmarks.data.detections import undistorted
 from benchmarks.data.hand_motion import FPS, body_with_hands, detected, hand_alone, noise
-from lassokin_ros.core.body.roles import FINGER_JOINTS, SIDES
+from lassokin_ros.core.body.roles import SIDES
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.frame_data import View
 from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.observation import CameraPose, Observation
+from lassokin_ros.core.output.hand_points import HandPoints, hand_axes
 from lassokin_ros.core.tracker import Tracker
 
 HANDS, BODIES = (
@@ -82,16 +85,14 @@ class Score:
         for name, value in more.items():
             self.more.setdefault(name, []).append(value)
 
-    def state(self, tracker: Tracker, estimate: object, side: str, true: np.ndarray) -> None:
-        """Note errors and stated deviations of the finger joints relative to the wrist."""
-        skeleton = tracker.skeleton
-        joints = [skeleton.index(f"{side}_{joint}") for joint in FINGER_JOINTS]
-        wrist = skeleton.index(f"{side}_wrist")
-        places = estimate.pose.positions  # type: ignore[attr-defined]
-        order = [4 * ("thumb", "index", "middle", "ring", "pinky").index(n[:-1]) + int(n[-1]) for n in FINGER_JOINTS]
-        self.errors.append(np.linalg.norm((places[joints] - places[wrist]) - (true[order] - true[0]), axis=1))
-        covariance = tracker.uncertainty(estimate).relative_to(wrist, joints)  # type: ignore[arg-type]
-        self.said.append(np.sqrt(covariance.trace(axis1=1, axis2=2)))
+    def state(self, tracker: Tracker, estimate: Estimate, side: str, true: np.ndarray) -> None:
+        """Note errors and stated deviations of the points in axes of the hand, of an accepted estimate."""
+        assert estimate.pose is not None and estimate.visible is not None
+        hands = HandPoints(tracker.skeleton, tracker.layout)
+        found = hands.read(estimate.pose, estimate.visible, tracker.uncertainty(estimate))[hands.sides.index(side)]
+        own = (true - true[0]) @ hand_axes(true)
+        self.errors.append(np.linalg.norm(found.points - own, axis=1)[1:])
+        self.said.append(np.sqrt(found.covariance.trace(axis1=1, axis2=2))[1:])
 
     def record(self, part: str, method: str) -> Record:
         """The figures."""
@@ -193,7 +194,7 @@ def _to_ray(points: np.ndarray, middle: np.ndarray) -> np.ndarray:
     """MediaPipe's own points (21, 3), whose axes are those of a camera that looks at the hand."""
     ray = np.append(middle, 1.0) / np.linalg.norm(np.append(middle, 1.0))
     x = np.cross([0.0, 0.0, 1.0], ray)
-    X = np.cross(np.eye(3), x)  # hat(x) transposed
+    X = np.cross(x, np.eye(3))  # hat(x) transposed
     return np.asarray(points @ (np.eye(3) + X + X @ X / (1 + ray[2])))
 
 

@@ -19,7 +19,6 @@ The marginal of a joint's own part of the increment is the uncertainty of its ro
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -134,18 +133,6 @@ class JointUncertainty:
         size[model.observed.beyond_last_keypoint(visible)] *= FACTOR_BELOW_LAST_KEYPOINT**2
         return np.maximum(np.sqrt(size / (1 + size / LARGEST_ROTATION**2)), model.least_rotation)
 
-    def relative_to(self, joint: int, joints: Sequence[int]) -> np.ndarray:
-        """(k, 3, 3) m^2: covariances of the positions of k joints of a hand relative to its wrist, `joint`.
-
-        In the frame of the skeleton.
-        """
-        own = self.posterior
-        assert own.estimate.pose is not None
-        apart = HAND_FACTOR * (own.live[joints] - own.live[joint])
-        stretch = own.model.by_lengths(own.estimate, own.estimate.pose, HAND_LENGTH_FACTOR)
-        stretch = stretch[joints] - stretch[joint]
-        return np.asarray(apart @ apart.swapaxes(-1, -2) + stretch @ stretch.swapaxes(-1, -2))
-
     @cached_property
     def absolute(self) -> AbsoluteUncertainty:
         """The uncertainty of positions in the frame of the skeleton.
@@ -223,8 +210,7 @@ class UncertaintyModel:
         hidden = self.observed.below_last_keypoint(estimate.visible)
         factor = self._factor(estimate, pose) * np.where(hidden, FACTOR_BELOW_LAST_KEYPOINT, 1.0)
         relative, least = spread @ np.swapaxes(spread, -1, -2), self._least(hidden)
-        stretch = self.by_lengths(estimate, pose, HAND_LENGTH_FACTOR if self._hand_alone else LENGTHS_FACTOR)
-        added = squared_norm(stretch.reshape(len(stretch), -1))
+        added = self._by_lengths(estimate, pose)
         return Posterior(self, estimate, problem, lower, live, relative, factor, added, least)
 
     def _problem(self, estimate: Estimate) -> Lasso:
@@ -257,11 +243,12 @@ class UncertaintyModel:
         disagreement = self._learned_depth.disagreement(pose, estimate.joint_depths) / USUAL_DISAGREEMENT
         return float(FACTOR * min(max(disagreement, RANGE[0]), RANGE[1]) ** POWER)
 
-    def by_lengths(self, estimate: Estimate, pose: BodyPose, factor: float) -> np.ndarray:
-        """(n, 3, p) m: motion of each joint by `factor` deviations of each length. Several cameras observe these."""
+    def _by_lengths(self, estimate: Estimate, pose: BodyPose) -> np.ndarray:
+        """(n,) m^2: variance of each joint by that of the lengths. Several cameras observe the lengths."""
         by_length = self._proportions.motion(pose, np.zeros(self._proportions.count)).joints
+        factor = HAND_LENGTH_FACTOR if self._hand_alone else LENGTHS_FACTOR
         by_length *= factor * (estimate.length_deviation if estimate.cameras == 1 else 0.0)
-        return by_length
+        return squared_norm(by_length.reshape(len(by_length), -1))
 
     def _least(self, hidden: np.ndarray) -> np.ndarray:
         """(n,) m^2: least variance of each joint. hidden: (n,) bool, see `ObservedJoints.below_last_keypoint`."""
