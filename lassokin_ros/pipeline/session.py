@@ -40,6 +40,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.image_sets import LATE, LONGEST_LATE_NS, ImageSets, stamp_of_set
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.choice import NoPersonError
+from lassokin_ros.pipeline.people.out_of_view import Absent, OutOfView
 from lassokin_ros.pipeline.people.people_tracker import PERSON_ABSENT, PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
@@ -100,6 +101,7 @@ class Session:
         """The inputs of the only camera, or of the first one."""
         self.placement = Placement(self.config, self._trackable, self.counts, poses)
         """Where the cameras are, and which of them are used."""
+        self._out_of_view = OutOfView(np.array([0.0, -1.0, 0.0]) if up is None else up)
         self._sets = ImageSets(self.config.camera_wait) if self.config.several_cameras else None
         self._waiting = {name: Waiting(self._waits_of(camera, patience)) for name, camera in self.cameras.items()}
         self._order, self._ready = AnswersInOrder(), list[Answer]()
@@ -270,9 +272,11 @@ class Session:
         It is known from usable messages of all cameras in the last `stale_after`, if none of them shows somebody, be it
         a person who was tracked, or one who is too near; and not from keypoints that could not be used, such as those
         of a frozen detector. With `silent_when_empty` it is known from silence, too, while all detectors are connected.
-        If a person is locked, nobody else counts.
+        Nobody must have left the view, see `absent_at`. If a person is locked, nobody else counts.
         """
         if not (self.enabled and self.has_camera) or self._refused or self.locked is not None:
+            return False
+        if self.absent_at(self.image_at(now_ns)[0]):
             return False
         if self._shown_ns is not None and now_ns - self._shown_ns <= self.config.stale_after * 1e9:
             return False
@@ -281,6 +285,13 @@ class Session:
         arrivals = self._used_ns.values()
         fresh = all(at_ns == 0 or now_ns - at_ns <= self.config.stale_after * 1e9 for at_ns in arrivals)
         return fresh and len(arrivals) == len(self.cameras)
+
+    def absent_at(self, stamp_ns: int) -> list[Absent]:
+        """Return who was tracked, and may be where no camera has looked since; nobody if it is unknown where they look.
+
+        stamp_ns: ns.
+        """
+        return self._out_of_view.at(stamp_ns, self.config.nobody_after)
 
     def untracked_at(self, stamp_ns: int) -> int:
         """Return the number of people who are in the newest images and are not tracked, at a stamp in ns.
@@ -359,6 +370,7 @@ class Session:
             self._sets.reset()
         self._order.reset()
         self.placement.reset()
+        self._out_of_view.reset()
         self._latest = self.image = self._shown_ns = None
         self._used_ns, self._untracked = {}, {}
         self.counts["resets"] += 1
@@ -528,6 +540,7 @@ class Session:
                 self._follow_mount(self.first.mount, images[0])
             for tracked in self._trackable:
                 tracked.tracker.floor_below = self._floor_below
+            self.people.out_of_view = self._out_of_view.ids
             frames = self.people.update(placed, frame_id, self.config.forget_after)
         except AdapterError as error:
             self._refused |= {image.camera.name for image in images}
@@ -535,6 +548,8 @@ class Session:
         self._refused -= {image.camera.name for image in images}
         self._used_ns |= {image.camera.name: arrival_ns for image in placed}
         self._note_people(images, placed, arrival_ns)
+        if self.places is not None:
+            self._out_of_view.update(frames, placed, self.config.forget_after, self.placement.jumps.newest)
         if self._sets is not None:
             frames = self._without_absences(frames, stamp_ns)
             self._note_residuals(frames)

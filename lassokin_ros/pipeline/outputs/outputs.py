@@ -260,7 +260,7 @@ class Outputs:
         if self._wants(self._people_out):
             session = self._session
             limits = session.reported_lost_after, session.config.forget_after
-            more = session.untracked_at(image[0]), session.locked
+            more = session.untracked_at(image[0]), session.locked, session.absent_at(image[0])
             self._sink.write(self._people_out, self._newest.build(image, *limits, *more))
             self._people_at = now
 

@@ -55,6 +55,8 @@ MOST_REINITIALISED = 4
 """Lost people re-initialised per message; the others wait for the next message. Initialisation takes 7 to 50
 times as long as a step. If many people were initialised at once, a slow machine would be busy for longer than
 `lost_after`, and they would be lost again."""
+WALKED = (0.0, 0.5, 1.0)
+"""Shares of the time out of sight: a person whom no camera sees, as in a gap between two, walks on for one of these."""
 AT_ONCE_NS = 100_000_000
 """ns: images of several cameras within this time show the same people."""
 
@@ -125,6 +127,8 @@ class PeopleTracker:
         self._made: set[int] = set()  # ids that are not the detector's numbers
         self._renumbered = False  # whether a number of the detector may be another person's than before
         self._left_ns: int | None = None  # last sight of a person without a number, after whom there was a new id
+        self.out_of_view: Collection[str] = ()
+        """Ids of those at whose place no camera has looked since: they may come into view elsewhere. Set by the session."""
         nowhere = np.full((self._config_of.kinematics.landmark_count, 2), np.nan)
         self._nothing = Seen(nowhere, np.zeros(len(nowhere)), pixels=nowhere)
 
@@ -322,7 +326,10 @@ class PeopleTracker:
             return self._identified(view, found)
         if self._one and not image.numbered and self.locked is None:
             return self._only_one(view, patience)
-        self._renumbered |= view.tracks.hear(stamp_ns, [one.number for one in image.people], image.lasting)
+        if view.tracks.hear(stamp_ns, [one.number for one in image.people], image.lasting):
+            self._renumbered = True
+            if self._locked is not None and (track := self._locked.tracks.get(name)) is not None:
+                track.silent_s = track.unseen_s(stamp_ns)  # who stands still is found by place, guessed
         own = self._own_tracks(image)
         numbers = {track.number for track in own} if image.lasting else ()
         usable = [one for one in image.people if self._is_trackable(one)]
@@ -431,12 +438,18 @@ class PeopleTracker:
             size = body.tracker.learned.size_check
             sights = [Sight(image.stamp_ns, track.detection, image.lens, image.camera) for track in tracks]
             return np.array([cross_view_cost(elsewhere, sight, size) for sight in sights]) / SAME_PERSON
-        points = body.predicted_landmarks(image.stamp_ns, image.camera) if unseen_s <= patience else None
-        if points is None:
+        away = person.id in self.out_of_view
+        if unseen_s > patience and not (away and person is self._locked):
+            return np.full(len(tracks), np.inf)
+        stopped = (body.predicted_landmarks(image.stamp_ns, image.camera, unseen_s * share) for share in WALKED)
+        points = [one for one in stopped if one is not None]
+        if not points:
             return np.full(len(tracks), np.inf)
         reach = match_radius(unseen_s)
-        reach = min(reach, FARTHEST_GUARDED) if self._is_guarded(person) else reach
-        return distances(points[None], [track.detection for track in tracks], 0.0)[0] / reach
+        if self._is_guarded(person) and not away:
+            reach = min(reach, FARTHEST_GUARDED)
+        detections = [track.detection for track in tracks]
+        return distances(np.stack(points), detections, 0.0).min(axis=0) / reach
 
     def _nobodys(self, view: _View) -> list[ImageTrack]:
         """Return the tracks in the newest image of a camera that are nobody's."""
