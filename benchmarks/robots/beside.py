@@ -84,8 +84,14 @@ def _restarted(data: Path, silence_s: float, people: str, max_people: int, seed:
     walkers = [Walker(data / f"{STANDING}.npz", place(sides)), Walker(data / f"{OTHER}.npz", place(-sides))]
     walkers = walkers[: 1 if people == "one" else 2]
     after = ((2, 1), (1, 2))[seed // 2 % 2]
-    scene = Scene(walkers, [Camera()], back_s + 4.0, 15.0, seed,
-                  numbers=lambda t: (7, 8) if t <= RESTARTED_S else after, silent=lambda t: RESTARTED_S < t < back_s)  # fmt: skip
+    scene = Scene(
+        walkers,
+        [Camera()],
+        back_s + 4.0,
+        seed=seed,
+        numbers=lambda t: (7, 8) if t <= RESTARTED_S else after,
+        silent=lambda t: RESTARTED_S < t < back_s,
+    )
     session = session_of(walkers[0].height, max_people=max_people, lock=True, follow="confident")
     locked, rows = None, []
     for t, frame in accepted(scene, session):

@@ -11,7 +11,6 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.learned.height import FEWEST
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
 from lassokin_ros.pipeline.depth_check import MISFIT, DepthCheck
 from lassokin_ros.pipeline.depth_images import DepthImages, key_of_camera
@@ -62,8 +61,6 @@ class CameraImages:
         """The depth images, None if the setting `depth` names no topic."""
         self.depth_check = DepthCheck()
         """Whether the depth images show the tracked people."""
-        self.mount = CameraMount(config.camera_mount_frame) if config.camera_mount_frame else None
-        """The camera's mount from TF, None if the setting `camera_mount_frame` names no frame."""
         self.stamps = StampWatch()
         self.stamp_rate = StampRate()
         """The rates of the stamps and of the arrivals."""

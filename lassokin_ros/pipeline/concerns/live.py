@@ -17,7 +17,7 @@ from lassokin_ros.pipeline.concerns.rejections import advice_for
 from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
-from lassokin_ros.pipeline.people.people_tracker import GONE
+from lassokin_ros.pipeline.people.roster import GONE
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import MESSAGE
 
@@ -114,7 +114,7 @@ def _depth(period: Period) -> Iterator[Raised]:
     unused = period.with_depth < LEAST_DEPTH_USED * period.tracked
     if recent[DEPTH_IN_MESSAGE] and unused:
         yield say("own_depth_not_near")
-    elif session.depth is not None:
+    elif session.first.depth is not None:
         found = list(of_each_camera(session, lambda camera: _depth_fault(period, camera)))
         frozen = any(camera.depth is not None and camera.depth.frozen for camera in session.cameras.values())
         if not found and not frozen:  # `_inputs` names frozen ones
@@ -188,7 +188,7 @@ def _inputs(period: Period) -> Iterator[Raised]:
 def _other_camera(session: Session) -> Iterator[Raised]:
     """Yield that camera_info and keypoints of a camera have different frame_ids."""
     for name, one in session.cameras.items():
-        if session.image is None or (view := one.camera.view) is None:
+        if session.scene.image is None or (view := one.camera.view) is None:
             continue
         frame, camera = one.frame_id, view.intrinsics.frame_id
         if frame and camera and frame != camera:

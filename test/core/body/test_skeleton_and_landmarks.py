@@ -43,7 +43,7 @@ def test_the_built_in_tree_is_that_of_smpl():
     assert skeleton.parents.tolist() == SMPL_PARENTS
     assert skeleton.joint_count == 24
     assert skeleton.joint_names[0] == "pelvis" and skeleton.joint_names[23] == "right_hand"
-    assert built_in_skeletons() == ["anthropometric"]
+    assert built_in_skeletons() == ["anthropometric", "body_hands", "left_hand", "right_hand"]
 
 
 def test_the_built_in_body_has_human_proportions():
@@ -108,6 +108,8 @@ BAD_SKELETONS = {
     "two roots": (tree(joint("a", None), joint("b", None)), "joint 'b' has parent None"),
     "child first": (tree(joint("a", None), joint("b", "c"), joint("c", "a")), "'c', which is not listed before it: a"),
     "bad axes": (tree(joint("a", None, axes="xyx")), "joint 'a' has axes 'xyx'; expected one of xyz, xzy"),
+    "bad free": (tree(joint("a", None, free="xw")), "joint 'a' has free 'xw'; expected the axes about which it turns"),
+    "free a bool": (tree(joint("a", None, free=True)), "joint 'a' has free True"),
     "axes a bool": (tree(joint("a", None, axes=True)), "expected one of .* in quotes"),
     "two numbers": (tree(joint("a", None, (1, 2))), r"joint 'a' has position \[1, 2\]; expected three finite numbers"),
     "nan": (tree(joint("a", None, (0, 0, float("nan")))), "expected three finite numbers"),
@@ -138,7 +140,9 @@ def test_a_height_out_of_range_is_refused(height):
 
 
 def test_a_missing_file_is_named_with_the_existing_names():
-    with pytest.raises(SkeletonError, match="'nobody.yaml' is neither built in .anthropometric. nor a file; expected"):
+    with pytest.raises(
+        SkeletonError, match="'nobody.yaml' is neither built in .anthropometric, .*left_hand.* nor a file; expected"
+    ):
         Skeleton.load("nobody.yaml", 1.75)
     with pytest.raises(LayoutError, match="'nothing' is neither built in .body25, .*coco17.* nor a YAML file"):
         Layout.load("nothing", Skeleton.load("anthropometric", 1.75))
