@@ -1,5 +1,5 @@
 """The pose prior: a Gaussian on the rotation vectors of all joints except the root, learned from motion capture
-(benchmarks/learn_prior.py). Its rows, linearised like the image's, are
+(training/pose_prior.py). Its rows, linearised like the image's, are
 
     || W (theta(R exp(Omega)) - mean) ||^2,   W^T W = Sigma^-1.
 """
