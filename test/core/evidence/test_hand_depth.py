@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cases import one_view, random_state
-from hand_cases import hand_tracker, kinematics_of, scene, seen
+from simulated.hands import hand_tracker, kinematics_of, scene, seen
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import exponential

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hand_cases import BODY, LEFT, RIGHT
+from simulated.hands import BODY, LEFT, RIGHT
 
 from lassokin_ros.core.body.roles import FINGER_JOINTS
 from lassokin_ros.core.body.skeleton import Skeleton

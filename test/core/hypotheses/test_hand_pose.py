@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cases import one_view
-from hand_cases import BODY, hand_tracker, kinematics_of, scene, seen
+from simulated.hands import BODY, hand_tracker, kinematics_of, scene, seen
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hand_cases import BODY, kinematics_of
+from simulated.hands import BODY, kinematics_of
 
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
