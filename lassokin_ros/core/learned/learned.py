@@ -208,7 +208,8 @@ class Learned:
         """Compare a given height with what depth, several cameras or a known floor say."""
         for one in answer.measured.values():
             self.size_check.update(one)
-        if answer.repeated or answer.frame.observes_depth or not self.size_check.is_due(answer.stamp):
+        deep = any(view.depth_weights is not None for view in answer.frame.views)
+        if answer.repeated or deep or not self.size_check.is_due(answer.stamp):
             return
         if answer.several:
             places = self._triangulated(answer)
