@@ -35,8 +35,8 @@ from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.found_cameras import calibration_toml, found_poses, where_in_words
 from lassokin_ros.video.people import ALL, LARGEST, MOST_PEOPLE, PersonError, people_in
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
-from lassokin_ros.video.track import HEIGHT_ASSUMED, NO_TOPICS, RAW_IMAGES, Tracked, height_given, lens_of, stop_flag
-from lassokin_ros.video.track_outputs import TrackOutputs
+from lassokin_ros.video.track import HEIGHT_ASSUMED, NO_TOPICS, RAW_IMAGES, Tracked, lens_of, stop_flag
+from lassokin_ros.video.track_outputs import TrackOutputs, height_given
 
 LARGEST_DIFFERENCE_S = 0.02
 """s, half of the time between two images: files whose images begin with a larger difference are named."""

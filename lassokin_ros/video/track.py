@@ -43,7 +43,7 @@ from lassokin_ros.video.people import (
     settings_for,
 )
 from lassokin_ros.video.sources import Source, SourceError
-from lassokin_ros.video.track_outputs import TrackOutputs
+from lassokin_ros.video.track_outputs import TrackOutputs, height_given
 from msg_adapters.keypoints import Keypoints
 
 Configs = tuple[TrackerConfig, NodeSettings]
@@ -271,12 +271,6 @@ def _height_line(tracker: Playback, options: argparse.Namespace) -> str:
     if height_given(options):
         return session.tracker.config.height_text
     return f"{TrackerConfig().height:g} m is assumed; sizes and distances scale with it, set --height"
-
-
-def height_given(options: argparse.Namespace) -> bool:
-    """Return whether the options give the person's height, or settings that may."""
-    named = any(parameter.startswith("height:=") for parameter in options.p)
-    return options.height is not None or bool(options.params_file) or named
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.image_sets import SAME_INSTANT_NS
 from lassokin_ros.replay.exports.exports import Exports
-from lassokin_ros.replay.motion import MotionRecorder
+from lassokin_ros.replay.motion import ASSUMED, GIVEN, MotionRecorder
 from lassokin_ros.replay.playback import Playback
 from lassokin_ros.replay.report.images import ReportImages
 from lassokin_ros.replay.report.page import check_report
@@ -65,7 +65,9 @@ class TrackOutputs:
         self._level = session.level
         names = session.tracker.layout.names
         config, topics = session.tracker.config, session.config.camera_names
-        self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, topics)
+        lens = ASSUMED if options.fov is None and options.camera_info is None and options.cameras is None else GIVEN
+        sources = lens, GIVEN if several or height_given(options) else ASSUMED
+        self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, topics, *sources)
         people = session.config.several_people
         self._exports = None
         if options.export:
@@ -158,6 +160,12 @@ class TrackOutputs:
         remarks = {} if self._exports is None else self._exports.remarks
         lines = [f"{name:<15} {text}" for name, text in remarks.items()]
         return lines + ([] if self._report is None else self._report.summary_lines)
+
+
+def height_given(options: argparse.Namespace) -> bool:
+    """Return whether the options give the person's height, or settings that may."""
+    named = any(parameter.startswith("height:=") for parameter in options.p)
+    return options.height is not None or bool(options.params_file) or named
 
 
 def camera_name(options: argparse.Namespace) -> str:
