@@ -52,7 +52,6 @@ FITTED = {
     "corpus/mu_10_04": None,
     "corpus/mx_16_15": None,
     "corpus/mx_16_32": (0.6, 4.8),
-    "corpus/mu_27_01": (0.0, 4.6),
     "corpus/mu_32_01": None,
     "corpus/mx_49_01": None,
     "corpus/ac_Female1_B03-Walk1": (0.0, 5.0),
@@ -97,32 +96,43 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print("\n".join(table(rows)))
 
 
+Events = tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
+"""Strikes and toe-offs of each side, s."""
+
+
 def one_walk(file: Path, part: tuple[float, float] | None, view: str, seed: int) -> dict[str, Any]:
     """Track and measure one walk in one view; return the differences to the truth."""
-    random = np.random.default_rng([seed, list(VIEWS).index(view), *file.stem.encode()])
-    clip = shifted(slower_swing(cut(load_clip(file), part), random.choice(LONGER)), random.choice(FARTHER))
-    person = person_of(file) or file.stem
-    clip = with_peoples_proportions(turned(clip, VIEWS[view], seed, list(VIEWS).index(view)), person, seed)
-    own, height = clip_skeleton(clip, generic=False), clip_height(clip)
-    config = TrackerConfig(height=height, landmarks="mediapipe33", noise_px=3.0).checked()
-    seen = view_of(clip, Layout.load("mediapipe33", own), own, CONDITION, list(VIEWS).index(view), seed, person)
-    instants = [
-        [Observation(f / seen.fps, seen.normalised[f], seen.confidence[f], seen.focal)] for f in range(len(seen.pixels))
-    ]
-    given = Skeleton.load(config.skeleton, height)
-    found = [
-        one for one in track_recording(replace(config, **{**WHOLE_FILE, **UNSMOOTHED}), instants, given) if one.pose
-    ]
-    places = np.array([one.pose.positions for one in found if one.pose is not None])
-    poses = Poses(np.array([one.stamp for one in found]), given.joint_names, places, np.zeros(len(found), dtype=bool))
-    row: dict[str, Any] = {"walk": file.stem, "person": person, "view": view, "seed": seed}
+    poses, clip, events = tracked(file, part, view, seed)
+    row: dict[str, Any] = {"walk": file.stem, "person": person_of(file) or file.stem, "view": view, "seed": seed}
     try:
-        return {**row, **differences(measure_gait(poses), *truth(clip, poses))}
+        return {**row, **differences(measure_gait(poses), *truth(clip, events, poses))}
     except MeasureError as error:
         return {**row, "error": str(error)}
 
 
-def truth(clip: Clip, poses: Poses) -> tuple[Gait, Walk]:
+def tracked(file: Path, part: tuple[float, float] | None, view: str, seed: int) -> tuple[Poses, Clip, Events]:
+    """Return the estimated motion, the true one with its asymmetry, and its events."""
+    number = list(VIEWS).index(view)
+    random = np.random.default_rng([seed, number, *file.stem.encode()])
+    clip, events = slower_swing(cut(load_clip(file), part), random.choice(LONGER))
+    person = person_of(file) or file.stem
+    clip = turned(shifted(clip, random.choice(FARTHER)), VIEWS[view], seed, number)
+    clip = with_peoples_proportions(clip, person, seed)
+    own, height = clip_skeleton(clip, generic=False), clip_height(clip)
+    config = TrackerConfig(height=height, landmarks="mediapipe33", noise_px=3.0).checked()
+    seen = view_of(clip, Layout.load("mediapipe33", own), own, CONDITION, number, seed, person)
+    instants = [
+        [Observation(f / seen.fps, seen.normalised[f], seen.confidence[f], seen.focal)] for f in range(len(seen.pixels))
+    ]
+    given = Skeleton.load(config.skeleton, height)
+    config = replace(config, **{**WHOLE_FILE, **UNSMOOTHED})
+    found = [one for one in track_recording(config, instants, given) if one.pose is not None]
+    places = np.array([one.pose.positions for one in found if one.pose is not None])
+    still = np.zeros(len(found), dtype=bool)
+    return Poses(np.array([one.stamp for one in found]), given.joint_names, places, still), clip, events
+
+
+def truth(clip: Clip, contacts: Events, poses: Poses) -> tuple[Gait, Walk]:
     """Return the true measures, and the true events, within the time of the estimate."""
     names = [name for name in SMPL_NAME if name in clip.names]
     places = np.stack([clip.position(name) for name in names], axis=1) * [1.0, -1.0, -1.0]
@@ -131,11 +141,10 @@ def truth(clip: Clip, poses: Poses) -> tuple[Gait, Walk]:
     real = Poses(seconds, tuple(SMPL_NAME[name] for name in names), places, still, cameras=2)
     walk = walk_of(real)
     assert walk is not None
-    strikes, offs = contacts(clip)
     begin, end = max(0.2, poses.seconds[0] + 0.1), poses.seconds[-1] - 0.1
     events = {
         kind: {side: at[(at > begin) & (at < end)] for side, at in found.items()}
-        for kind, found in (("strikes", strikes), ("offs", offs))
+        for kind, found in zip(("strikes", "offs"), contacts)
     }
     walk = replace(walk, **events)
     return gait_of([(real, real, walk)], [real]), walk
@@ -211,7 +220,7 @@ def _measure_lines(name: str, unit: str, scale: float, found: np.ndarray) -> lis
     ]
 
 
-def contacts(clip: Clip) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+def contacts(clip: Clip) -> Events:
     """Return the times of the strikes and toe-offs of each side, s: where the speed passes a share of the swing's."""
     strikes, offs = {}, {}
     pelvis = _speed(clip.position("pelvis")[:, [0, 2]], clip.fps)
@@ -269,18 +278,19 @@ def cut(clip: Clip, part: tuple[float, float] | None) -> Clip:
     return resampled(clip, np.arange(begin, min(end, (len(clip.standard) - 1) / clip.fps), 1 / RATE))
 
 
-def slower_swing(clip: Clip, share: float) -> Clip:
-    """The clip with a left swing that takes longer by a share; the whole body is slower meanwhile."""
-    strikes, offs = (found["left"] for found in contacts(clip))
+def slower_swing(clip: Clip, share: float) -> tuple[Clip, Events]:
+    """The clip with a left swing that takes longer by a share, and its events; the whole body is slower meanwhile."""
+    strikes, offs = contacts(clip)
     fine = np.arange(0, (len(clip.standard) - 1) / clip.fps, 1 / 240)
     rate = np.ones(len(fine))
-    for strike in strikes:
-        before = offs[offs < strike]
+    for strike in strikes["left"]:
+        before = offs["left"][offs["left"] < strike]
         if len(before) and strike - before[-1] < 0.9:
             rate[(fine >= before[-1]) & (fine < strike)] = 1 + share
     rate = np.convolve(np.pad(rate, 4, "edge"), np.ones(9) / 9, "valid")
     new = np.concatenate([[0.0], np.cumsum(rate[:-1]) / 240])
-    return resampled(clip, np.interp(np.arange(0, new[-1], 1 / RATE), new, fine))
+    events = [{side: np.interp(at, fine, new) for side, at in found.items()} for found in (strikes, offs)]
+    return resampled(clip, np.interp(np.arange(0, new[-1], 1 / RATE), new, fine)), (events[0], events[1])
 
 
 def shifted(clip: Clip, by: float) -> Clip:

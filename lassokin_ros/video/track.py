@@ -84,6 +84,9 @@ def track(options: argparse.Namespace, detector: Detector | None = None) -> Trac
         camera = lens_of(options, source)
         outputs = TrackOutputs(options, source, camera, first, stack)
         outputs.remarks += [HEIGHT_ASSUMED] * (not height_given(options))
+        if options.fov is None and options.camera_info is None:
+            remedy = assumed_fov_warning("`--fov` or `--camera-info`")
+            outputs.remarks.append(remedy[0].upper() + remedy[1:])
         run = Run(source, detector, camera, outputs)
         tracker = run.live(first) if _is_live(options, source) else run.whole_file(first, configs, options)
         written = outputs.write(files)

@@ -96,7 +96,7 @@ class TrackOutputs:
 
     def follow(self, tracker: Playback) -> None:
         """Take the results of a tracker from now on."""
-        if self._options.report is not None:
+        if self._options.report is not None or not self._source.live:
             self._report = Report(self._options.report, tracker.session, self._options.force, self._given)
             self._report.images = self._report_images
             tracker.listeners.append(self._report.add)
@@ -139,9 +139,12 @@ class TrackOutputs:
         written = []
         if self._report is not None:
             topics = f"of {Path(self._options.detector).name}", camera_name(self._options)
-            self._report.remarks = self.remarks
-            self._report.write(files, self._source.name, topics, own_keypoints=True)
-            written.append(self._options.report)
+            if self._options.report is None:
+                self._report.conclude(self._source.name, topics, own_keypoints=True)
+            else:
+                self._report.remarks = self.remarks
+                self._report.write(files, self._source.name, topics, own_keypoints=True)
+                written.append(self._options.report)
         if self._exports is not None:
             written += self._exports.write(Path(), files)
         if self._video is not None:
@@ -174,4 +177,5 @@ def camera_name(options: argparse.Namespace) -> str:
         return f"of {options.cameras.name}"
     if options.camera_info is not None:
         return f"of {options.camera_info.name}"
-    return f"with a field of view of {DEFAULT_FOV if options.fov is None else options.fov:g} degrees"
+    assumed = " (assumed)" if options.fov is None else ""
+    return f"with a field of view of {DEFAULT_FOV if options.fov is None else options.fov:g} degrees{assumed}"

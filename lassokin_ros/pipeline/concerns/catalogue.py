@@ -322,6 +322,11 @@ CONCERNS: dict[str, Concern] = {
         "Nobody was tracked in {count} images. The detector needs a person who is "
         "in view, and about a tenth of the image high or more",
     ),
+    "probably_nobody": Concern(
+        DOUBT,
+        PAGE,
+        "probably nobody is in the images: a skeleton fits {share:.0%} of them, never for longer than {longest:.1f} s",
+    ),
     "refused": Concern(PROBLEM, PAGE, "{count} {what} rejected: {name}", "{remedy}"),
     "untracked": Concern(PROBLEM, PAGE, "{who} tracked {when}: {reasons}"),
     "absent": Concern(NOTE, PAGE, "{who} in view {when}"),
@@ -341,7 +346,7 @@ CONCERNS: dict[str, Concern] = {
         DOUBT,
         PAGE,
         "The skeleton lies {median:.0f} px from the detected points in the median, "
-        "{share:.1%} of its height in the image: the pose follows them poorly",
+        "{share:.1%} of its size in the image: the pose follows them poorly",
     ),
     "far_landmarks": Concern(
         PROBLEM,
@@ -368,8 +373,8 @@ CONCERNS: dict[str, Concern] = {
         DOUBT,
         PAGE,
         "even the straighter knee stays bent, by {degrees:.0f} degrees in the median. "
-        "If the person stands or walks upright, this is an error: the skeleton bends its knees if its legs are longer "
-        "than the person's, in relation to the trunk",
+        "If the person stands or walks upright, this is an error: legs that are too long for the trunk, or an "
+        "ambiguous view of them",
     ),
     "bones": Concern(
         NOTE,
