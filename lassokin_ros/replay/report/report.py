@@ -35,7 +35,7 @@ class Report:
             check_report(path, replace)
         self._path, self._session = path, session
         self._skeleton = given or session.tracker.skeleton  # before calibration
-        level = session.level if session.config.fixed_frame else None
+        level = session.placement.level if session.config.fixed_frame else None
         names = tuple(session.cameras)
         self._log = ReplayLog(cameras=names, level=level)
         self.images = {name: ReportImages() for name in names}
@@ -95,7 +95,9 @@ class Report:
         counts = dict(session.counts)
         configs = tracker.config, session.config
         given, log = self._skeleton, self._log
-        level = session.level if self._log.level is None else np.eye(3)  # the log turned a fixed frame's positions
+        level = (
+            session.placement.level if self._log.level is None else np.eye(3)
+        )  # the log turned a fixed frame's positions
         facts = Facts(title, topics, log, counts, *configs, given, names, size, own_keypoints, tuple(others), level)
         self.findings = [*findings(facts, warnings), *(say("remark", text=text) for text in self.remarks)]
         return facts
