@@ -116,7 +116,7 @@ def _stages(
     ready = bool(callbacks)  # as in the node
     messages = FrameMessages(backend, session.tracker.skeleton, serialised=ready)
     adapter = keypoint_adapter("sensor_msgs/PointCloud2")
-    lens = session.camera.view.lens
+    lens = session.first.camera.view.lens
     assert lens is not None
     samples: dict[str, list[float]] = {}
 

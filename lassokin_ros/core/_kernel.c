@@ -133,7 +133,10 @@ FUNCTION(posture, 6)
     double *R = in(&a, o[0], -1);
     int64_t *joints = indices(&a, o[1], 0, size(&a) / 9);
     Py_ssize_t j = size(&a), k = 3 * j;
-    double *W = in(&a, o[2], k * k), *mean = in(&a, o[3], k), *theta = out(&a, o[4], k), *residual = out(&a, o[5], k);
+    double *mean = in(&a, o[3], -1);
+    Py_ssize_t rows = size(&a);
+    double *W = in(&a, o[2], rows * k), *theta = out(&a, o[4], k), *residual = out(&a, o[5], rows);
+    if (rows > k) a.regular = 0;
     IF_REGULAR
     for (Py_ssize_t i = 0; i < j; i++) {
         const double *M = R + 9 * joints[i];
@@ -142,7 +145,7 @@ FUNCTION(posture, 6)
         if (!(cosine >= -1.9)) return done(&a, 0); /* beyond 162 degrees, or NaN */
         for (int c = 0; c < 3; c++) theta[3 * i + c] = scale * axis[c];
     }
-    for (Py_ssize_t i = 0; i < k; i++) residual[i] = mean[i] - dot(W + k * i + i, theta + i, k - i); /* W is upper */
+    for (Py_ssize_t i = 0; i < rows; i++) residual[i] = mean[i] - dot(W + k * i + i, theta + i, k - i); /* W is upper */
 END
 
 /* BodyState.retract: rotations, omega; result */
@@ -214,7 +217,7 @@ END
 
 /* What does not change from frame to frame (see evidence/compiled.py), the state, and what one camera sees. */
 typedef struct {
-    Py_ssize_t k, root, l, j, n, m; /* degrees of freedom (of the root), landmarks, joints of the prior, joints, depths */
+    Py_ssize_t k, root, l, j, r, n, m; /* degrees of freedom (of the root), landmarks, joints and rows of the prior, joints, depths */
     int64_t *live, *prior_live, *depth_joints;
     double *reach, *W, *shares, *arms, *levers, *depth_reach, *constants;
     double *turns, *p, *q, *R, *theta, *residual, *up, height, prior_weight;
@@ -246,13 +249,14 @@ static void read_body(Arrays *a, PyObject *tables, PyObject *state, Body *b)
     b->p = in(a, s[1], -1), b->n = size(a) / 3;
     b->q = in(a, s[2], -1), b->l = size(a) / 3;
     b->theta = in(a, s[4], -1), b->j = size(a) / 3;
+    b->residual = in(a, s[5], -1), b->r = size(a);
     b->live = indices(a, t[0], 0, 3 * b->n), b->k = size(a);
-    b->reach = in(a, t[1], 2 * b->l * b->k), b->W = in(a, t[2], 9 * b->j * b->j);
+    b->reach = in(a, t[1], 2 * b->l * b->k), b->W = in(a, t[2], 3 * b->j * b->r);
     b->prior_live = indices(a, t[3], 0, 3 * b->j), b->root = b->k - size(a);
     b->shares = in(a, t[4], b->n), b->arms = in(a, t[5], b->n * b->n);
     b->depth_joints = indices(a, t[6], 0, b->n), b->m = size(a);
     b->levers = in(a, t[7], 3 * b->m), b->depth_reach = in(a, t[8], b->k * b->m), b->constants = in(a, t[9], CONSTANTS);
-    b->turns = in(a, s[0], 9 * b->n), b->R = in(a, s[3], 9 * b->n), b->residual = in(a, s[5], 3 * b->j);
+    b->turns = in(a, s[0], 9 * b->n), b->R = in(a, s[3], 9 * b->n);
     b->up = in(a, s[6], 3), b->height = number(a, s[7]), b->prior_weight = number(a, s[8]);
     if (b->k > MOST || b->l > MOST || b->n > MOST || b->m > MOST || !b->n || b->root < 0) a->regular = 0;
 }
@@ -293,7 +297,7 @@ static void image_rows(const Body *b, const View *v, double *columns, Py_ssize_t
 /* PosePrior's columns, of the degrees of freedom after the root's */
 static void prior_rows(const Body *b, double *columns, Py_ssize_t stride)
 {
-    Py_ssize_t k = 3 * b->j;
+    Py_ssize_t k = b->r;
     for (Py_ssize_t d = b->root; d < b->k; d++) {
         Py_ssize_t joint = b->prior_live[d - b->root] / 3, axis = b->prior_live[d - b->root] % 3;
         const double *v = b->theta + 3 * joint, *rows = b->W + 3 * joint * k;
@@ -385,7 +389,7 @@ FUNCTION(linearise, 6)
     read_body(&a, o[0], o[1], &b);
     PyObject **begin = items(&a, o[3], 3);
     double *z = out(&a, o[5], -1);
-    Py_ssize_t width = size(&a), k = a.regular ? 3 * b.j : 0;
+    Py_ssize_t width = size(&a), k = a.regular ? b.r : 0;
     double *columns = out(&a, o[4], a.regular ? (b.k + 3) * width : 0);
     for (int i = 0; a.regular && i < 3; i++) {
         rows[i] = (Py_ssize_t)number(&a, begin[i]);
@@ -421,7 +425,7 @@ FUNCTION(cost, 4)
     double *sum = out(&a, o[3], 1), away[3], place[3], error[2], points[3 * MOST], whitened[MOST];
     if (!a.regular || !PyTuple_Check(o[2])) return done(&a, 0);
     double *limits = b.constants;
-    sum[0] = 0.5 * b.prior_weight * b.prior_weight * dot(b.residual, b.residual, 3 * b.j);
+    sum[0] = 0.5 * b.prior_weight * b.prior_weight * dot(b.residual, b.residual, b.r);
     sum[0] += 2 * log1p(lean(&b, away) / (4 * limits[LEAN] * limits[LEAN]));
     sum[0] += 2 * log1p(centre_offset(&b, away) / (4 * limits[OFFSET] * limits[OFFSET]));
     for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(o[2]); i++) {

@@ -262,7 +262,8 @@ class Tracker:
         if rejection is not None:
             return self._reject(first, rejection, increment.solution.certificate)
         moved = start.state.state.retract(increment.omega, increment.x)
-        solved = self.frame_model.evaluate(BodyState(orthonormalised(moved.rotations), moved.translation))
+        rotations = self.kinematics.on_axes(orthonormalised(moved.rotations))
+        solved = self.frame_model.evaluate(BodyState(rotations, moved.translation))
         fits = start.state, start.initialised, self._replaced
         answer = Answer(cameras, measured, together, frame, *fits, increment, solved)
         smoothed = self._smooth(answer)

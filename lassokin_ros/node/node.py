@@ -40,8 +40,9 @@ from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sid
 from lassokin_ros.pipeline.outputs.status.diagnostics import NEAR_LIMIT, NEAR_LIMIT_ADVICE, Diagnostics
 from lassokin_ros.pipeline.outputs.status.presence_state import LOST, NOBODY, TRACKING
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
-from lassokin_ros.pipeline.people.people_tracker import FORGOTTEN, GONE
+from lassokin_ros.pipeline.people.people_tracker import FORGOTTEN
 from lassokin_ros.pipeline.people.per_body_session import PerBodySession
+from lassokin_ros.pipeline.people.roster import GONE
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import RclpyBackend
@@ -266,8 +267,8 @@ class TrackerNode(Node):
         if self._session.counts["unstamped"] and not self._reported_unstamped:  # only once
             self._reported_unstamped = True
             self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")
-        if not self._reported_misplaced and frames and frames[0].accepted and self._session.places is None:
-            camera = self._session.camera.at(frames[0].stamp_ns).intrinsics.frame_id
+        if not self._reported_misplaced and frames and frames[0].accepted and self._session.placement.places is None:
+            camera = self._session.first.camera.at(frames[0].stamp_ns).intrinsics.frame_id
             if words := _misplaced(frames[0].frame_id, camera):
                 self._reported_misplaced = True
                 self.get_logger().warning(words)
@@ -394,8 +395,8 @@ class TrackerNode(Node):
         lock = ", and the lock has ended" if self._session.locked is not None else ""
         self.get_logger().info(f"the clock has jumped: the state is forgotten{lock}")
         self._as_of_ns = self._checked_ns = self._newest_ns = 0
-        if self._session.transforms is not None:
-            self._session.transforms.clear()
+        if self._session.placement.transforms is not None:
+            self._session.placement.transforms.clear()
         self._forget()
 
     def _forget(self) -> None:

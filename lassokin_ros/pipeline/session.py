@@ -24,18 +24,12 @@ from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.bone_lengths import Calibration
 from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.core.learned.height import HeightEstimator
-from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.core.observation import CameraPose, Rejection, Status
 from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.answers import Answer, AnswersInOrder, frames_of
-from lassokin_ros.pipeline.camera.camera_mount import CameraMount
-from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces
-from lassokin_ros.pipeline.camera.camera_selection import Camera
 from lassokin_ros.pipeline.camera.placement import Placement
-from lassokin_ros.pipeline.camera.transforms import Transforms
 from lassokin_ros.pipeline.camera_images import UNREADABLE, UNREADABLE_WORDS, CameraImages
-from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.image_sets import LATE, LONGEST_LATE_NS, ImageSets, stamp_of_set
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
@@ -43,6 +37,7 @@ from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.people_tracker import PERSON_ABSENT, PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.scene import Scene
 from lassokin_ros.pipeline.seen import Image, key_of
 from lassokin_ros.pipeline.settings import LASTING, NodeSettings
 from lassokin_ros.pipeline.waiting import Wait, Waiting
@@ -105,14 +100,8 @@ class Session:
         self._order, self._ready = AnswersInOrder(), list[Answer]()
         self.detector_connected = True
         """False if nobody publishes keypoints of a camera. Set by the node; a recording has no such knowledge."""
-        self._refused: set[str] = set()  # cameras whose last message was refused as a whole
-        self._used_ns: dict[str, int] = {}  # arrival of the last message that was used, by camera
-        self._untracked: dict[str, tuple[int, int]] = {}  # stamp of the last image, ns, and number of people who are
-        # in it and were not tracked, by camera
-        self._shown_ns: int | None = None  # arrival of the last message that shows somebody, tracked or not
-        self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
-        self.image: tuple[int, str] | None = None
-        """Stamp (ns) and frame_id of the last message that was not refused as a whole."""
+        self.scene = Scene(names)
+        """What the newest messages tell."""
 
     def _waits_of(self, camera: CameraImages, patience: float) -> list[Wait]:
         """Return what the messages of a camera wait for."""
@@ -120,34 +109,14 @@ class Session:
         if (depth := camera.depth) is not None:
             longest_s = max(self.config.depth_wait, patience)
             waits.append(Wait(lambda _, stamp_ns: depth.may_receive(stamp_ns), longest_s, lambda: depth.arrival_ns))
-        if self.places is not None:
-            waits.append(Wait(self.places.may_reach, max(self.config.tf_wait, patience), polled_s=TF_POLL_S))
+        if self.placement.places is not None:
+            waits.append(Wait(self.placement.places.may_reach, max(self.config.tf_wait, patience), polled_s=TF_POLL_S))
         return waits
 
     def use_backward(self, frames: Mapping[int | None, Mapping[int, Backward]]) -> None:
         """See `TrackedPerson.use_backward`. frames: by the person's number in the messages, None without a number."""
         for tracked in self._trackable:
             tracked.use_backward(frames.get(tracked.number, {}))
-
-    @property
-    def camera(self) -> Camera:
-        """The lens of the first camera at each time."""
-        return self.first.camera
-
-    @property
-    def depth(self) -> DepthImages | None:
-        """The depth images of the first camera, None if the setting `depth` names no topic."""
-        return self.first.depth
-
-    @property
-    def mount(self) -> CameraMount | None:
-        """The mount of the first camera from TF, None if the setting `camera_mount_frame` names no frame."""
-        return self.first.mount
-
-    @property
-    def places(self) -> CameraPlaces | None:
-        """Where the cameras are; None for one camera in whose frame the skeleton is kept."""
-        return self.placement.places
 
     @property
     def nobody_in_view(self) -> bool:
@@ -165,11 +134,6 @@ class Session:
         return max(camera.unused_confidence for camera in self.cameras.values())
 
     @property
-    def transforms(self) -> Transforms | None:
-        """The buffer of TF; None if it is not used."""
-        return self.places.transforms if self.places else None if self.mount is None else self.mount.transforms
-
-    @property
     def has_camera(self) -> bool:
         """True after the first usable camera_info of any camera."""
         return any(one.camera.view is not None for one in self.cameras.values())
@@ -178,27 +142,6 @@ class Session:
     def camera_fault(self) -> str:
         """Why the last camera_info was refused, in words; empty if it was accepted."""
         return next((one.camera.fault for one in self.cameras.values() if one.camera.fault), "")
-
-    @property
-    def level(self) -> np.ndarray:
-        """(3, 3) from the frame of the skeleton to the optical frame of a level camera."""
-        return LEVEL if self.config.fixed_frame else level_from_camera(*self.camera_angles)
-
-    @property
-    def camera_angles(self) -> tuple[float, float]:
-        """Roll and pitch of the camera's mount, rad: the newest from TF, otherwise those of the settings."""
-        if self.mount is not None and self.mount.angles is not None:
-            return self.mount.angles
-        return self.tracker.config.camera_roll, self.tracker.config.camera_pitch
-
-    @property
-    def camera_height(self) -> float | None:
-        """m: height of the first camera above the floor; None if it is not known where the floor is."""
-        floor = self.tracker.floor
-        if floor is None:
-            return None
-        pose = self.places.newest.get(self.first.name) if self.places is not None else None
-        return float(floor[3] + (0.0 if pose is None else floor[:3] @ pose.centre))
 
     @property
     def ids(self) -> list[str] | None:
@@ -217,9 +160,9 @@ class Session:
         """
         if not self.enabled:
             raise NoPersonError("nobody was locked: the node is disabled; call ~/set_enabled with true, then lock")
-        if self._latest is None:
+        if self.scene.latest is None:
             raise NoPersonError("nobody was locked: no usable keypoints arrived since the start or the last reset")
-        _, arrival_ns = self._latest
+        _, arrival_ns = self.scene.latest
         age_s = (now_ns - arrival_ns) * 1e-9 if arrival_ns else 0.0
         if age_s > self.config.stale_after:
             raise NoPersonError(
@@ -239,19 +182,15 @@ class Session:
         The state does not change. Only the stamp of the next message can remove people, because a paused recording
         looks like a silent detector.
         """
-        stamp_ns, arrival_ns = self._latest or (0, 0)
-        if arrival_ns == 0:  # no message yet, or the message arrived before the simulated clock started
+        if self.scene.latest is None or self.scene.latest[1] == 0:  # none yet, or it came before a simulated clock
             return Presence(self.status, self.ids)
-        stamp_ns += max(now_ns - arrival_ns, 0)
+        stamp_ns = self.scene.stamp_at(now_ns)
+        assert stamp_ns is not None
         return self.people.presence_at(stamp_ns, self.config.forget_after, self.config.stale_after)
 
     def set_clock_back(self, step_ns: int) -> None:
         """Keep the ages of all messages: the clock of arrivals was set back by `step_ns` ns since the last call."""
-        if self._latest is not None:
-            self._latest = self._latest[0], self._latest[1] - step_ns
-        if self._shown_ns is not None:
-            self._shown_ns -= step_ns
-        self._used_ns = {name: at_ns - step_ns for name, at_ns in self._used_ns.items()}
+        self.scene.set_clock_back(step_ns)
         for camera in self.cameras.values():
             camera.arrival_ns -= step_ns
         for waiting in self._waiting.values():
@@ -272,15 +211,9 @@ class Session:
         of a frozen detector. With `silent_when_empty` it is known from silence, too, while all detectors are connected.
         If a person is locked, nobody else counts.
         """
-        if not (self.enabled and self.has_camera) or self._refused or self.locked is not None:
+        if not (self.enabled and self.has_camera) or self.locked is not None:
             return False
-        if self._shown_ns is not None and now_ns - self._shown_ns <= self.config.stale_after * 1e9:
-            return False
-        if self.config.silent_when_empty:
-            return self.detector_connected
-        arrivals = self._used_ns.values()
-        fresh = all(at_ns == 0 or now_ns - at_ns <= self.config.stale_after * 1e9 for at_ns in arrivals)
-        return fresh and len(arrivals) == len(self.cameras)
+        return self.scene.known_empty(now_ns, self.config, self.detector_connected)
 
     def untracked_at(self, stamp_ns: int) -> int:
         """Return the number of people who are in the newest images and are not tracked, at a stamp in ns.
@@ -288,24 +221,17 @@ class Session:
         Of several cameras, it is that of the camera with most of them. It is at least 1 while one of them is silent,
         or its messages cannot be used, because somebody may be before it.
         """
-        longest_ns = max(self.config.forget_after, self.reported_lost_after) * 1e9
-        fresh_ns = stamp_ns - self.config.stale_after * 1e9
-        counts = [count for seen_ns, count in self._untracked.values() if abs(stamp_ns - seen_ns) <= longest_ns]
-        if self.config.several_cameras and not self.config.silent_when_empty:
-            seeing = sum(seen_ns >= fresh_ns for seen_ns, _ in self._untracked.values())
-            counts.append(int(seeing < len(self.cameras)))
-        return max(counts, default=0)
+        return self.scene.untracked_at(stamp_ns, self.config, self.reported_lost_after)
 
     def image_at(self, now_ns: int) -> tuple[int, str]:
         """Return stamp (ns) and frame_id for an output at a time in ns of the arrival clock, if no message arrives.
 
         The stamp advances with the clock, and keeps the delay of the last message.
         """
-        if self._latest is None or self.image is None:
-            of_camera = "" if self.camera.view is None else self.camera.view.intrinsics.frame_id
-            return now_ns, of_camera if self.places is None else self.places.base
-        stamp_ns, arrival_ns = self._latest
-        return stamp_ns + (max(now_ns - arrival_ns, 0) if arrival_ns else 0), self.image[1]
+        stamp_ns, image = self.scene.stamp_at(now_ns), self.scene.image
+        if stamp_ns is None or image is None:
+            return now_ns, self.placement.frame_id(self.first.camera.view)
+        return stamp_ns, image[1]
 
     @property
     def trackers(self) -> dict[str, Tracker]:
@@ -343,8 +269,8 @@ class Session:
             if camera.depth is not None:
                 camera.depth.reset()
             camera.depth_check.reset()
-        if self.places is not None:
-            self.places.faults.clear()
+        if self.placement.places is not None:
+            self.placement.places.faults.clear()
         self.forget_people(unlock)
 
     def forget_people(self, unlock: bool = True) -> None:
@@ -359,8 +285,7 @@ class Session:
             self._sets.reset()
         self._order.reset()
         self.placement.reset()
-        self._latest = self.image = self._shown_ns = None
-        self._used_ns, self._untracked = {}, {}
+        self.scene.reset()
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
@@ -378,6 +303,7 @@ class Session:
             if tracker_config.smoothing_lag > 0:
                 camera.depth_check.reset()  # it is not updated, see _check_depth
         self.people.tune(self.config.follow, self.config.lock)
+        self.placement.floor = config.floor
         if resized:
             self.reset(unlock=False)
 
@@ -418,8 +344,8 @@ class Session:
 
     def push_transforms(self, message: Any, static: bool = False) -> None:
         """Take a message of /tf, or of /tf_static; None for one that could not be deserialised."""
-        if message is not None and self.transforms is not None:
-            self.transforms.add(message, static=static)
+        if message is not None and (transforms := self.placement.transforms) is not None:
+            transforms.add(message, static=static)
 
     def due(self, now_ns: int) -> list[Answer]:
         """Return the answers of images whose wait has ended. now_ns: ns of the arrival clock."""
@@ -474,7 +400,7 @@ class Session:
         try:
             image, changed = camera.image(message, arrival_ns)
         except AdapterError as error:
-            self._refused.add(camera.name)
+            self.scene.refuse([camera.name])
             detail = f"camera '{camera.name}': {error}" if camera.name else str(error)
             return self._refusal(camera.stamp_ns, camera.frame_id, arrival_ns, error.reason, detail)
         if self.identities is not None:
@@ -524,47 +450,30 @@ class Session:
             placed = self.placement.agreeing(placed)
             if not placed:
                 return []
-            if self.first.mount is not None:
-                self._follow_mount(self.first.mount, images[0])
-            for tracked in self._trackable:
-                tracked.tracker.floor_below = self._floor_below
+            self.placement.follow_mount(images[0])
             frames = self.people.update(placed, frame_id, self.config.forget_after)
         except AdapterError as error:
-            self._refused |= {image.camera.name for image in images}
+            self.scene.refuse(image.camera.name for image in images)
             return self._refusal(stamp_ns, images[0].frame_id, arrival_ns, error.reason, str(error))
-        self._refused -= {image.camera.name for image in images}
-        self._used_ns |= {image.camera.name: arrival_ns for image in placed}
-        self._note_people(images, placed, arrival_ns)
+        self.scene.use(images, placed, arrival_ns, self.people, self.reported_lost_after)
         if self._sets is not None:
             frames = self._without_absences(frames, stamp_ns)
             self._note_residuals(frames)
         self._check_depth(images, frames)
-        older_ns = 0 if self._latest is None else self._latest[0] - stamp_ns
+        older_ns = 0 if self.scene.latest is None else self.scene.latest[0] - stamp_ns
         late = self._sets is not None and older_ns < LONGEST_LATE_NS
         if older_ns <= 0 or (not late and self.people.tracked_at(stamp_ns)):  # a stamp that was ahead is left behind
-            self._latest, self.image = (stamp_ns, arrival_ns), (stamp_ns, frame_id)
+            self.scene.latest, self.scene.image = (stamp_ns, arrival_ns), (stamp_ns, frame_id)
         if self._sets is None and all(frame.accepted for frame in frames):
             self.first.stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
             self.first.stamps.follow(stamp_ns, arrival_ns, images[0].stamped)
         frames = self._counted(frames)
         matters = self._sets is None or not self._tracked_lately(stamp_ns)
-        assert self.image is not None
-        of = (stamp_ns, frame_id) if frames else self.image  # an image that is late tells nothing of now
+        assert self.scene.image is not None
+        of = (stamp_ns, frame_id) if frames else self.scene.image  # an image that is late tells nothing of now
         stamps_ns = [image.stamp_ns for image in images]
         answer = Answer(*of, arrival_ns, frames, stamps_ns, matters=matters)
         return self._order.add(answer, self.tracker.config.smoothing_lag)
-
-    def _note_people(self, images: Sequence[Image], placed: Sequence[Image], arrival_ns: int) -> None:
-        """Note how many people in each image were not tracked, and if images show somebody.
-
-        placed: the images that were used, with the poses of their cameras. It is not known who is in the others.
-        """
-        self._untracked |= {image.camera.name: (image.stamp_ns, image.shown) for image in images}
-        for image in placed:
-            count = self.people.untracked(image, self.reported_lost_after)
-            self._untracked[image.camera.name] = image.stamp_ns, count
-        if any(image.shown for image in images):
-            self._shown_ns = arrival_ns
 
     def _without_absences(self, frames: list[FrameResult], stamp_ns: int) -> list[FrameResult]:
         """Leave out the rejections of a camera that only did not see the person whom another camera sees."""
@@ -602,19 +511,6 @@ class Session:
         for image in images:
             name = image.camera.name
             self.cameras[name].depth_check.update(image.people, frames, name)
-
-    @property
-    def _floor_below(self) -> float | None:
-        """m: how far the floor is below the origin of the skeleton's frame by TF; None if TF does not tell."""
-        if not self.config.floor:
-            return None
-        return 0.0 if self.first.mount is None else self.first.mount.height
-
-    def _follow_mount(self, mount: CameraMount, image: Image) -> None:
-        """Use the camera's mount at the time of the image. Without TF, the present one stays."""
-        if (angles := mount.at(image.frame_id, image.stamp_ns)) is not None:
-            for tracked in self._trackable:
-                tracked.tracker.move_camera(*angles)
 
 
 def _without_held_feet_if_mounted(tracker: TrackerConfig, node: NodeSettings) -> TrackerConfig:

@@ -182,8 +182,8 @@ class NodeMessages:
         frames = list(answer.frames)
         self.diagnostics.count_message(frames, time_ns, time_ns * 1e-9, float("nan"))  # durations are not repeatable
         self._outputs.publish(answer, time_ns)
-        if self._session.image is not None:
-            self._outputs.write_cameras(self._session.image[0], 1e-9 * time_ns)
+        if self._session.scene.image is not None:
+            self._outputs.write_cameras(self._session.scene.image[0], 1e-9 * time_ns)
 
     def publish_diagnostics(self, time_ns: int) -> None:
         """Write /diagnostics if its period is over."""

@@ -209,7 +209,7 @@ def _exports(options: argparse.Namespace, session: Session, listeners: list[List
     if not options.export:
         return None
     names, config = session.tracker.layout.names, session.tracker.config
-    recorder = MotionRecorder(names, config, lambda: session.level, 0, session.config.camera_names)
+    recorder = MotionRecorder(names, config, lambda: session.placement.level, 0, session.config.camera_names)
     listeners.append(recorder.add)
     return Exports(options.export, recorder, session.tracker.skeleton, session.config.several_people, options.force)
 
@@ -257,16 +257,16 @@ def _summary(
         "time per frame": f"{np.median(times):.2f} ms median, {np.percentile(times, 99):.2f} ms 99th percentile",
         "in all": f"{seconds:.1f} s, {counts['received'] / max(seconds, 1e-9):.0f} frames/s",
     }
-    if (places := tracker.session.places) is not None:
+    if (places := tracker.session.placement.places) is not None:
         lines["cameras"] = places.fault or places.in_words()
-    if (mount := tracker.session.mount) is not None:
+    if (mount := tracker.session.placement.mount) is not None:
         lines["camera mount"] = mount.fault or mount.in_words()
     averaged = tracker.session.tracker.averaged
     if averaged:
         lines["left and right"] = averaged_sides(averaged)
     if limitations := tracker.session.tracker.limitations:
         lines["limitations"] = limitations
-    if (depth := tracker.session.depth) is not None:
+    if (depth := tracker.session.first.depth) is not None:
         lines["depth images"] = f"for {counts[MATCHED]} of {counts[MATCHED] + counts[UNMATCHED]} keypoint messages"
         if remark := depth.fault or depth.note:
             lines["depth images"] += f"; {remark}"

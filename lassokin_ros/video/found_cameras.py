@@ -19,7 +19,7 @@ from lassokin_ros.pipeline.session import Session
 
 def found_poses(session: Session) -> dict[str, CameraPose]:
     """Return the pose of each camera by name after a pass over all images. Raises CameraError if one was not found."""
-    places, extrinsics = session.places, session.extrinsics
+    places, extrinsics = session.placement.places, session.extrinsics
     assert places is not None
     for name in session.cameras:
         if name not in places.newest:

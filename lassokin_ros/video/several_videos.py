@@ -318,7 +318,7 @@ def _summary(
         "total": f"{seconds:.1f} s",
         "written": ", ".join(map(str, written)) or "nothing",
     }
-    places, extrinsics = tracker.session.places, tracker.session.extrinsics
+    places, extrinsics = tracker.session.placement.places, tracker.session.extrinsics
     for camera in cameras[1:]:
         if options.cameras is None and places is not None and camera.name in places.newest:
             lines[f"camera {camera.name}"] = where_in_words(places.newest[camera.name], cameras[0].pose)

@@ -62,7 +62,7 @@ class TrackOutputs:
         if options.report is not None:
             check_report(options.report, options.force)
             self._report_images = {name: ReportImages() for name in session.cameras}
-        self._level = session.level
+        self._level = session.placement.level
         names = session.tracker.layout.names
         config, topics = session.tracker.config, session.config.camera_names
         self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, topics)

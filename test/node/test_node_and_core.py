@@ -98,7 +98,7 @@ def test_files_that_are_gone_do_not_matter_to_a_running_node(tmp_path):
 def test_the_floor_is_live():
     with node_in_this_process("/floor") as (node, _):
         feed(node, count=5)
-        assert node._session.camera_height is None
+        assert node._session.placement.camera_height is None
         (result,) = node.set_parameters([Parameter("tilt_deviation", value=0.01)])
         assert not result.successful and "no feet are known to stand on a floor" in result.reason
         (result,) = node.set_parameters([Parameter("floor", value=True)])
@@ -107,7 +107,10 @@ def test_the_floor_is_live():
             (result,) = node.set_parameters([Parameter(name, value=value)])
             assert result.successful, result.reason
         feed(node, 5, 5)
-        assert node._session.camera_height == 1.2 and values(node)["camera height above the floor [m]"] == "1.200"
+        assert (
+            node._session.placement.camera_height == 1.2
+            and values(node)["camera height above the floor [m]"] == "1.200"
+        )
 
 
 def test_the_state_follows_a_system_clock_that_is_set_back(monkeypatch):

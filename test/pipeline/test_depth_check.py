@@ -44,7 +44,7 @@ def play(session, pixels, images, start=0, encoding="16UC1"):
     faults = []
     for i in range(FRAMES):
         stamp_ns = START_NS + round((start + TIMES[i]) * 1e9)
-        session.depth.add(depth_message(BACKEND, stamp_ns, images[i], encoding), stamp_ns)
+        session.first.depth.add(depth_message(BACKEND, stamp_ns, images[i], encoding), stamp_ns)
         assert session.process(cloud(BACKEND, stamp_ns, pixels[i]), stamp_ns).accepted
         faults.append(session.first.depth_check.fault)
     return faults
@@ -135,6 +135,6 @@ def test_with_smoothing_nothing_is_left_out_because_nothing_is_compared(scene):
     left_out = session.counts[MISFIT]
     for i in range(FRAMES):
         stamp_ns = START_NS + round((3 + TIMES[i]) * 1e9)
-        session.depth.add(depth_message(BACKEND, stamp_ns, images[i]), stamp_ns)
+        session.first.depth.add(depth_message(BACKEND, stamp_ns, images[i]), stamp_ns)
         found = session.frames(cloud(BACKEND, stamp_ns, pixels[i]), stamp_ns)
     assert session.counts[MISFIT] == left_out and found[-1].estimate.depth_measured

@@ -184,7 +184,7 @@ def track(scene, images, settings=None, config=None, frames=60, change=lambda me
     for i in range(frames):
         stamp_ns = START_NS + i * PERIOD_NS
         if images is not None:
-            session.depth.add(change(depth_message(BACKEND, stamp_ns, images[i])), 0)
+            session.first.depth.add(change(depth_message(BACKEND, stamp_ns, images[i])), 0)
         frame = session.process(cloud(BACKEND, stamp_ns, pixels[i]), 0)
         assert frame.accepted, frame.detail
         positions = frame.estimate.pose.positions

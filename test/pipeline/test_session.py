@@ -67,7 +67,7 @@ def changes(session, *messages, arrival_ns=5):
 def test_an_accepted_message(session):
     counts, (frame,) = changes(session, message(0))
     assert counts == {"received": 1, "accepted": 1} and frame.accepted
-    assert session.image == (START_NS, FRAME) and session.status is Status.TRACKING and session.ids is None
+    assert session.scene.image == (START_NS, FRAME) and session.status is Status.TRACKING and session.ids is None
     assert (frame.stamp_ns, frame.frame_id, frame.rejection, frame.detail) == (START_NS, FRAME, None, "")
     assert session.calibrations() == {"": session.tracker.learned.lengths} and not session.nobody_in_view
 
@@ -78,7 +78,7 @@ def test_before_the_camera_messages_are_refused():
     counts, (frame,) = changes(session, message(0), arrival_ns=77)
     assert counts == {"received": 1, "rejected: no_camera_info": 1}
     assert (frame.rejection, frame.stamp_ns, frame.frame_id, frame.estimate) == ("no_camera_info", 77, "", None)
-    assert frame.detail == "no camera_info received yet" and session.image is None
+    assert frame.detail == "no camera_info received yet" and session.scene.image is None
     assert session.set_camera(camera_info(BACKEND, 0.0)) == "camera_uncalibrated"
     assert session.counts["rejected: camera_uncalibrated"] == 1 and session.camera_fault
 
@@ -86,7 +86,7 @@ def test_before_the_camera_messages_are_refused():
 def test_a_disabled_pipeline_counts_and_does_nothing(session):
     session.enabled = False
     assert changes(session, message(0)) == ({"received": 1, "ignored while disabled": 1}, [])
-    assert session.status is Status.SEARCHING and session.image is None
+    assert session.status is Status.SEARCHING and session.scene.image is None
 
 
 def test_a_message_without_anybody(session):
@@ -168,7 +168,7 @@ def test_a_loop_that_begins_with_an_empty_scene_is_tracked_again(session, monkey
 def test_reset_forgets_people_and_stamps_and_keeps_camera_and_counts(session):
     session.frames(message(5), 5)
     session.reset()
-    assert session.status is Status.SEARCHING and session.image is None and session.has_camera
+    assert session.status is Status.SEARCHING and session.scene.image is None and session.has_camera
     assert session.counts["resets"] == 1 and session.counts["received"] == 1
     counts, (frame,) = changes(session, message(0))  # an earlier stamp is no old one
     assert counts == {"received": 1, "accepted": 1} and frame.estimate.initialised
@@ -176,10 +176,10 @@ def test_reset_forgets_people_and_stamps_and_keeps_camera_and_counts(session):
 
 def test_reset_forgets_the_depth_images():
     session = Session(TrackerConfig(), NodeSettings(depth="depth"))
-    session.depth.add(depth_message(BACKEND, START_NS, np.ones((4, 4))), 5)
-    assert session.depth.newest_ns == START_NS
+    session.first.depth.add(depth_message(BACKEND, START_NS, np.ones((4, 4))), 5)
+    assert session.first.depth.newest_ns == START_NS
     session.reset()
-    assert session.depth.newest_ns is None and session.counts["resets"] == 1
+    assert session.first.depth.newest_ns is None and session.counts["resets"] == 1
 
 
 def test_presence_goes_on_with_the_clock_of_arrivals(session):
@@ -339,7 +339,7 @@ def test_who_numbers_people(person_ids, numbers, lasting):
     frames = session.frames(crowd(BACKEND, START_NS, pairs, numbers), 5)
     assert [frame.person for frame in frames] == (["p3"] if lasting else [])  # else after three messages
     assert session.ids == (["p3"] if lasting else [])
-    assert session.counts["accepted"] == 1 and session.image == (START_NS, FRAME)
+    assert session.counts["accepted"] == 1 and session.scene.image == (START_NS, FRAME)
 
 
 def test_held_results_come_later_and_with_a_flush():

@@ -99,11 +99,35 @@ class Kinematics:
         """(3 n,) bool: degrees of freedom that can move a landmark; the other columns of P L are zero in every pose.
 
         These are of joints below the last landmark, or rotate about a bone of which only the far end is seen (such as
-        the twist of the forearm if the wrist is the only landmark of the hand). The test uses random poses.
+        the twist of the forearm if the wrist is the only landmark of the hand). The test uses random poses. Locked ones
+        of the skeleton are not live.
         """
         vectors = np.random.default_rng(0).normal(size=(4, self.joint_count, 3))
         L = self.jacobian(self.pose(BodyState(exponential(vectors), np.zeros((4, 3)))))
-        return np.any(np.abs(L) > 1e-9, axis=(0, 1))
+        live = np.asarray(np.any(np.abs(L) > 1e-9, axis=(0, 1)))
+        live[list(self.skeleton.locked)] = False
+        return live
+
+    @cached_property
+    def _two_axes(self) -> tuple[np.ndarray, np.ndarray]:
+        """(k,) the joints with one locked axis, and (k, 3) 1 for the free axes, 0 for the locked one."""
+        free = np.ones((self.joint_count, 3))
+        free.reshape(-1)[list(self.skeleton.locked)] = 0.0
+        joints = np.flatnonzero(free.sum(axis=1) == 2)
+        return joints, free[joints]
+
+    def on_axes(self, rotations: np.ndarray) -> np.ndarray:
+        """Local rotations (..., n, 3, 3) without the turn about a locked axis that steps about two others add up to.
+
+        Rotations about one axis do not leave it. About two they do, to second order: the component of the rotation
+        vector along the locked axis is set to 0, as in Listing's law of the eye.
+        """
+        joints, free = self._two_axes
+        if len(joints) == 0:
+            return rotations
+        result = rotations.copy()
+        result[..., joints, :, :] = exponential(logarithm(rotations.take(joints, axis=-3)) * free)
+        return result
 
     def pose(self, state: BodyState, vectors: np.ndarray | None = None) -> BodyPose:
         """Forward kinematics, (1)-(2): orientations, joint centres and landmarks of a state.

@@ -63,10 +63,15 @@ LIMBS = tuple(sided_chain for side in SIDES for sided_chain in (
 LIMB_BONES = tuple(bone for limb in LIMBS for bone in zip(limb, limb[1:]))
 FEET = sided("ankle", "foot")
 ANKLES = sided("ankle")
+PELVIS = "pelvis"
+FINGERS = ("index", "middle", "pinky", "ring", "thumb")
+FINGER_JOINTS = tuple(f"{finger}{number}" for finger in FINGERS for number in (1, 2, 3))
+"""The joints of a hand in SMPL-H's order, from the knuckle outwards (of the thumb from its base), without the side."""
 
 THICKNESS = {
     "hip": 0.055, "knee": 0.034, "ankle": 0.021, "foot": 0.018, "neck": 0.036, "head": 0.045, "shoulder": 0.040,
     "elbow": 0.025, "wrist": 0.016, "hand": 0.010, "pelvis": 0.060, "spine1": 0.060, "spine2": 0.060, "spine3": 0.060,
+    **dict.fromkeys(FINGER_JOINTS, 0.005),
 }  # fmt: skip
 """Half of the body's thickness at a joint / height, typical of adults in light clothing."""
 
@@ -80,7 +85,7 @@ LENGTHS = {
     "shoulder height": (sided("collar", "shoulder"), "yz"),
     "upper arm": (sided("elbow"), "xyz"),
     "forearm": (sided("wrist"), "xyz"),
-    "hand": (sided("hand"), "xyz"),
+    "hand": (sided("hand", *FINGER_JOINTS), "xyz"),
     "trunk": (("spine1", "spine2", "spine3"), "xyz"),
     "neck": (("neck",), "xyz"),
     "head": (("head",), "xyz"),
@@ -104,6 +109,8 @@ PRIOR_JOINTS = frozenset((*sided("hip", "knee", "ankle", "collar", "shoulder", "
 
 def missing_roles(names: Collection[str]) -> str:
     """What is off for a skeleton with these joints, in one line; empty if nothing is."""
+    if not set(names) - set(sided("wrist", "hand", *FINGER_JOINTS)):
+        return ""  # a hand alone has no use for the roles of a body
     uses = (
         ("depth network", NETWORK_JOINTS),
         ("balance", BALANCE_JOINTS),

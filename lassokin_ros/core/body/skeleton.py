@@ -33,7 +33,8 @@ class Skeleton:
     root; a parent comes before its children. offsets: (n, 3) m, from the parent's centre to the joint's, in the body
     frame at rest (x left, y up, z front); zero for the root. axes: n orders such as "xzy": the three revolute joints
     that represent each ball joint in URDF and JointState. height: m, of the person. metric: whether the offsets were
-    given in metres, so that another height does not change them.
+    given in metres, so that another height does not change them. locked: degrees of freedom 3 joint + axis (0 to 2)
+    that do not move: this component of the joint's rotation vector is 0. A hinge has two.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Skeleton:
     axes: tuple[str, ...]
     height: float
     metric: bool = False
+    locked: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         for field in ("parents", "offsets"):
@@ -120,10 +122,11 @@ class Skeleton:
         unit = data.get("height_unit", "fraction")
         if unit not in ("fraction", "metre"):
             raise SkeletonError(f"{source}: height_unit is {unit!r}; expected 'fraction' (of the height) or 'metre'")
-        names, parents, positions, axes = _parse_joints(joints, source)
+        names, parents, positions, axes, locked = _parse_joints(joints, source)
         scale = height if unit == "fraction" else 1.0
         offsets = positions - np.where(parents[:, None] >= 0, positions[np.maximum(parents, 0)], positions[0])
-        return cls(str(data.get("name", source)), names, parents, offsets * scale, axes, float(height), unit == "metre")
+        name = str(data.get("name", source))
+        return cls(name, names, parents, offsets * scale, axes, float(height), unit == "metre", locked)
 
 
 def _check_height(height: float) -> None:
@@ -173,18 +176,19 @@ def _read(name_or_path: str) -> tuple[str, dict[str, Any]]:
 
 def _parse_joints(
     joints: Sequence[Any], source: str
-) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, tuple[str, ...]]:
+) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, tuple[str, ...], tuple[int, ...]]:
     names: list[str] = []
     parents: list[int] = []
     positions: list[list[float]] = []
     axes: list[str] = []
+    locked: list[int] = []
     for entry in joints:
         where = f"{source}: joint {len(names)}"
         if not isinstance(entry, Mapping) or not isinstance(entry.get("name"), str):
             raise SkeletonError(f"{where} is {entry!r}; expected a mapping with name, parent and position")
         name, parent = entry["name"], entry.get("parent")
         where = f"{source}: joint '{name}'"
-        check_keys(entry, ("name", "parent", "position", "axes"), where, SkeletonError)
+        check_keys(entry, ("name", "parent", "position", "axes", "free"), where, SkeletonError)
         if name in names:
             raise SkeletonError(f"{where} is listed twice; names must be unique")
         if (parent is None) != (not names):
@@ -194,11 +198,17 @@ def _parse_joints(
         order = entry.get("axes", "xzy")
         if order not in AXIS_ORDERS:
             raise SkeletonError(f"{where} has axes {order!r}; expected one of {', '.join(AXIS_ORDERS)} in quotes")
+        free = entry.get("free", "xyz")
+        if not isinstance(free, str) or set(free) - set("xyz"):
+            raise SkeletonError(
+                f'{where} has free {free!r}; expected the axes about which it turns, such as "z" or "yz"'
+            )
+        locked += [3 * len(names) + axis for axis, letter in enumerate("xyz") if letter not in free]
         positions.append(_position(entry.get("position"), where))
         parents.append(-1 if parent is None else names.index(parent))
         names.append(name)
         axes.append(order)
-    return tuple(names), np.array(parents), np.array(positions), tuple(axes)
+    return tuple(names), np.array(parents), np.array(positions), tuple(axes), tuple(locked)
 
 
 def _position(value: Any, where: str) -> list[float]:

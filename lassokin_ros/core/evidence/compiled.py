@@ -16,19 +16,24 @@ from lassokin_ros.core.evidence.evidence import EvaluatedState, LinearisationPoi
 from lassokin_ros.core.evidence.image_points import ImagePoints
 from lassokin_ros.core.evidence.learned_depth import TAIL, LearnedDepth
 from lassokin_ros.core.evidence.pose_prior import PosePrior
-from lassokin_ros.core.evidence.upright import LEAN_DEVIATION, Upright
+from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import NEAREST_DEPTH
 from lassokin_ros.core.image.robust_loss import CAP, THRESHOLD, huber_weights
 from lassokin_ros.core.kernel import kernel
 
-_CONSTANTS = np.array([NEAREST_DEPTH, THRESHOLD, CAP, LEAN_DEVIATION, OFFSET_DEVIATION, TAIL])
-
 
 class CompiledEvidence:
     """Calls the kernel with the tables of one frame model."""
 
-    def __init__(self, kinematics: Kinematics, prior: PosePrior, balance: Balance, depth: LearnedDepth | None) -> None:
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        prior: PosePrior,
+        upright: Upright,
+        balance: Balance,
+        depth: LearnedDepth | None,
+    ) -> None:
         """depth: None for a skeleton without learned depth."""
         self._kinematics, self._prior = kinematics, prior
         joints, levers, reach = np.empty(0, dtype=int), np.empty((0, 3)), np.empty((len(kinematics.live_index), 0))
@@ -44,7 +49,7 @@ class CompiledEvidence:
             joints,
             levers,
             reach,
-            _CONSTANTS,
+            np.array([NEAREST_DEPTH, THRESHOLD, CAP, upright.deviation, OFFSET_DEVIATION, TAIL]),
         )
         self._pieces: list[tuple[ImagePoints, LearnedDepth | None]] = []
         self.names = {PosePrior.name, Upright.name, Balance.name}

@@ -46,7 +46,7 @@ class FrameModel:
         """users: further evidence of the user. Raises ConfigurationError for a name that is used twice."""
         self.kinematics = kinematics
         self.image, self.prior = ImagePoints(kinematics.landmark_count), PosePrior(prior, kinematics)
-        self.upright, self.balance = Upright(), Balance(kinematics)
+        self.upright, self.balance = Upright(kinematics), Balance(kinematics)
         self.measured_depth = MeasuredDepth(kinematics.landmark_count)
         self.learned_depth = LearnedDepth(kinematics) if LearnedDepth.fits(kinematics.skeleton) else None
         with_ankles = set(ANKLES) <= set(kinematics.skeleton.joint_names)
@@ -66,7 +66,7 @@ class FrameModel:
                     f"evidence is named '{own.name}', as that of a further camera; expected a name without the number"
                 )
             self.pieces[own.name] = own
-        self._compiled = CompiledEvidence(kinematics, self.prior, self.balance, self.learned_depth)
+        self._compiled = CompiledEvidence(kinematics, self.prior, self.upright, self.balance, self.learned_depth)
         self._compiled.add_camera(self.image, self.learned_depth)
         self._layouts: dict[tuple[str, ...], tuple[dict[str, slice], int]] = {}
         self.image_pieces = [self.image]

@@ -40,8 +40,12 @@ class PoseDistribution:
 
     @classmethod
     def load(cls, skeleton: Skeleton) -> PoseDistribution:
-        """Load the shipped prior for the joints of `skeleton`, matched by name."""
-        return cls.from_mapping(shipped_mapping("lassokin_ros.core.evidence", "priors/cmu.yaml"), skeleton)
+        """Load the shipped prior for the joints of `skeleton`, matched by name; 0 for locked axes."""
+        prior = cls.from_mapping(shipped_mapping("lassokin_ros.core.evidence", "priors/cmu.yaml"), skeleton)
+        locked = list(skeleton.locked)
+        prior.mean.reshape(-1)[locked] = 0.0
+        prior.covariance[locked] = prior.covariance[:, locked] = 0.0
+        return prior
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], skeleton: Skeleton) -> PoseDistribution:
@@ -83,10 +87,12 @@ class PosePrior(Evidence):
                 "the limbs or the head"
             )
         chosen = _components(list(self.joints))
-        #: (k,) rad and (k, k) rad^2, as shipped.
+        #: (3 joints,) rad and (3 joints, 3 joints) rad^2, as shipped.
         self.mean, self.covariance = prior.mean[self.joints].reshape(-1), prior.covariance[np.ix_(chosen, chosen)]
-        #: (k, k) upper triangular, W of the module's docstring.
-        self.W = np.ascontiguousarray(np.linalg.cholesky(np.linalg.inv(self.covariance)).T)
+        free = np.flatnonzero(np.diagonal(self.covariance) > 0)
+        #: (k, 3 joints), W of the module's docstring, a row for each axis that is not locked, 0 below the diagonal.
+        self.W = np.zeros((len(free), len(self.covariance)))
+        self.W[:, free] = np.linalg.cholesky(np.linalg.inv(self.covariance[np.ix_(free, free)])).T
         self.count = len(self.W)
         self.set_mean(self.mean)
         self.columns_by_joint = np.ascontiguousarray(self.W.T).reshape(len(self.joints), 3, self.count)
@@ -110,7 +116,7 @@ class PosePrior(Evidence):
         return WEIGHT_WITH_DEPTH if frame.observes_depth else 1.0
 
     def set_mean(self, mean: np.ndarray) -> None:
-        """Set another mean (k,). Postures computed before are no longer valid."""
+        """Set another mean (3 joints,). Postures computed before are no longer valid."""
         #: (k,), W mean.
         self.whitened_mean = self.W @ mean
 

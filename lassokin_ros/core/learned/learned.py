@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lassokin_ros.core.body.roles import ANKLES
+from lassokin_ros.core.body.roles import ANKLES, PELVIS
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
@@ -38,6 +38,7 @@ class Learned:
         """up: (3,) the vertical if it is given; it is learned otherwise."""
         self._frame_model, kinematics = frame_model, frame_model.kinematics
         self._built_in = has_built_in_proportions(kinematics.skeleton)
+        self._upright = kinematics.skeleton.joint_names[0] == PELVIS
         self.lengths, self.mean_pose = Calibration(frame_model), AdaptiveMean(frame_model.prior)
         self.model_error = ModelError(kinematics.skeleton.height)
         self.vertical = Vertical(config.camera_roll, config.camera_pitch, up)
@@ -144,7 +145,7 @@ class Learned:
         if config.calibrate and (answer.initialised or not answer.repeated):
             changed = self.lengths.update(answer.stamp, answer.solved.state, answer.frame, restarted)
         if not answer.repeated:
-            if not answer.initialised:
+            if not answer.initialised and self._upright:
                 root, step = answer.solved.state.rotations[0], answer.together.since_new_keypoints
                 self.vertical.update(root, step)
             if self.model_error.due(answer.stamp):

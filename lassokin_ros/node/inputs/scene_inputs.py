@@ -45,7 +45,7 @@ class SceneInputs:
             name: CameraInputs(node, session, images, diagnostics, on_depth, on_error)
             for name, images in session.cameras.items()
         }
-        user = session.places or session.mount
+        user = session.placement.places or session.placement.mount
         self._transforms = None if user is None else TransformInput(node, user)
         self._missing_clock = MissingInput(node, topics.CLOCK, topics.CLOCK_TYPE, (), time.monotonic())
 
@@ -80,5 +80,5 @@ class SceneInputs:
         faults += [camera.check(now) for camera in self._cameras.values()]
         if self._transforms is not None:
             fault = self._transforms.check(now)
-            faults.append("" if self._session.places else fault)  # /diagnostics has it for each camera
+            faults.append("" if self._session.placement.places else fault)  # /diagnostics has it for each camera
         return "; ".join(filter(None, faults))

@@ -10,10 +10,16 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from lassokin_ros.core.config import LEARN
+from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.pipeline.camera.camera_places import CameraPlaces
+from lassokin_ros.pipeline.camera.camera_mount import CameraMount
+from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces
+from lassokin_ros.pipeline.camera.camera_selection import View
 from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
+from lassokin_ros.pipeline.camera.transforms import Transforms
 from lassokin_ros.pipeline.image_sets import stamp_of_set
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
 from lassokin_ros.pipeline.people.matching import is_trackable
@@ -42,6 +48,9 @@ class Placement:
         placed = bool(config.fixed_frame) or config.several_cameras
         self.places = CameraPlaces(config.fixed_frame, self._names, poses) if placed else None
         """Where the cameras are; None for one camera in whose frame the skeleton is kept."""
+        self.mount = CameraMount(config.camera_mount_frame) if config.camera_mount_frame else None
+        """The mount of the first camera from TF, None if the setting `camera_mount_frame` names no frame."""
+        self._fixed, self.floor = bool(config.fixed_frame), config.floor
         self.jumps = PoseJumps()
         """Jumps of all cameras in their fixed frame."""
         self.agreement = CameraAgreement(people[0].tracker.layout.names)
@@ -54,6 +63,48 @@ class Placement:
         """Forget the people: what they have shown about the cameras."""
         self.agreement.reset()
         self.jumps.reset()
+
+    @property
+    def transforms(self) -> Transforms | None:
+        """The buffer of TF; None if it is not used."""
+        return self.places.transforms if self.places else None if self.mount is None else self.mount.transforms
+
+    @property
+    def camera_angles(self) -> tuple[float, float]:
+        """Roll and pitch of the camera's mount, rad: the newest from TF, otherwise those of the settings."""
+        if self.mount is not None and self.mount.angles is not None:
+            return self.mount.angles
+        config = self._people[0].tracker.config
+        return config.camera_roll, config.camera_pitch
+
+    @property
+    def level(self) -> np.ndarray:
+        """(3, 3) from the frame of the skeleton to the optical frame of a level camera."""
+        return LEVEL if self._fixed else level_from_camera(*self.camera_angles)
+
+    @property
+    def camera_height(self) -> float | None:
+        """m: height of the first camera above the floor; None if it is not known where the floor is."""
+        floor = self._people[0].tracker.floor
+        if floor is None:
+            return None
+        pose = self.places.newest.get(self._names[0]) if self.places is not None else None
+        return float(floor[3] + (0.0 if pose is None else floor[:3] @ pose.centre))
+
+    def frame_id(self, view: View | None) -> str:
+        """Return the frame of the skeleton before the first image. view: of the first camera, None without one."""
+        if self.places is not None:
+            return self.places.base
+        return "" if view is None else view.intrinsics.frame_id
+
+    def follow_mount(self, image: Image) -> None:
+        """Use the camera's mount at the time of an image, and the floor below it. Without TF, the present one stays."""
+        angles = None if self.mount is None else self.mount.at(image.frame_id, image.stamp_ns)
+        below = None if not self.floor else 0.0 if self.mount is None else self.mount.height
+        for tracked in self._people:
+            if angles is not None:
+                tracked.tracker.move_camera(*angles)
+            tracked.tracker.floor_below = below
 
     def placed(self, images: Sequence[Image]) -> tuple[Sequence[Image], str]:
         """Return the images whose camera has a pose, and the frame of the results.

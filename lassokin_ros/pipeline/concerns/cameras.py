@@ -33,13 +33,13 @@ def wrong_cameras(session: Session, learned: bool = True) -> Iterator[Raised]:
 
 def camera_concerns(session: Session, sending: Sequence[str], silent_s: Callable[[str], float]) -> Iterator[Raised]:
     """Yield what is wrong. sending: cameras with messages in the last period. silent_s: returns s without messages."""
-    if session.places is None:
+    if session.placement.places is None:
         return
-    for fault in session.places.faults.values():
+    for fault in session.placement.places.faults.values():
         yield say("camera_unplaced", fault=fault)
     if len(session.cameras) == 1:
         return
-    if shared := session.places.shared_frame:
+    if shared := session.placement.places.shared_frame:
         yield say("cameras_share_frame", fault=shared)
     silent = session.config.silent_when_empty and session.detector_connected
     for name, camera in session.cameras.items():
@@ -53,7 +53,7 @@ def camera_concerns(session: Session, sending: Sequence[str], silent_s: Callable
 
 def no_usable_image(session: Session, sending: Sequence[str]) -> Iterator[Raised]:
     """Yield why no camera that sends keypoints can be used."""
-    places = session.places
+    places = session.placement.places
     if places is not None and sending and all(name in places.faults for name in sending) and places.fault:
         yield say("no_usable_image", fault=places.fault)
 

@@ -15,9 +15,10 @@ from lassokin_ros.pipeline.concerns.catalogue import CONCERNS, Raised, say
 from lassokin_ros.pipeline.concerns.period import INTERVALS, Period
 from lassokin_ros.pipeline.concerns.rejections import advice_for
 from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
+from lassokin_ros.pipeline.input_checks.hands import EXCHANGED, FAR, ORDER, SAME
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
-from lassokin_ros.pipeline.people.people_tracker import GONE
+from lassokin_ros.pipeline.people.roster import GONE
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import MESSAGE
 
@@ -37,6 +38,9 @@ NO_BODY = 0.06
 """As a fraction of the height: largest distance of keypoints from the best body that fits. Detectors have 0.02."""
 MOST_MARKED = 0.5
 """Share of the frames of a period that may be marked by their figures alone without a warning."""
+UNUSUAL_HANDS = 0.05
+"""Share of the messages whose hands may be exchanged, alike or somebody else's without a warning."""
+HANDS = {"hands_exchanged": EXCHANGED, "hands_alike": SAME, "hands_far": FAR, "hands_order": ORDER}
 
 Rule = Callable[[Period], Iterator[Raised]]
 
@@ -114,7 +118,7 @@ def _depth(period: Period) -> Iterator[Raised]:
     unused = period.with_depth < LEAST_DEPTH_USED * period.tracked
     if recent[DEPTH_IN_MESSAGE] and unused:
         yield say("own_depth_not_near")
-    elif session.depth is not None:
+    elif session.first.depth is not None:
         found = list(of_each_camera(session, lambda camera: _depth_fault(period, camera)))
         frozen = any(camera.depth is not None and camera.depth.frozen for camera in session.cameras.values())
         if not found and not frozen:  # `_inputs` names frozen ones
@@ -172,6 +176,9 @@ def _inputs(period: Period) -> Iterator[Raised]:
     session, recent = period.session, period.recent
     yield from of_each_camera(session, lambda camera: passed_on("stamp_rate", camera.stamp_rate.warning))
     yield from _other_camera(session)
+    for key, count in HANDS.items():
+        if recent[count] > UNUSUAL_HANDS * recent["received"]:
+            yield say(key)
     if recent[UNSCORED] and recent[UNSCORED] >= recent["received"]:
         yield say("unscored")
     for name, camera in session.cameras.items():
@@ -188,7 +195,7 @@ def _inputs(period: Period) -> Iterator[Raised]:
 def _other_camera(session: Session) -> Iterator[Raised]:
     """Yield that camera_info and keypoints of a camera have different frame_ids."""
     for name, one in session.cameras.items():
-        if session.image is None or (view := one.camera.view) is None:
+        if session.scene.image is None or (view := one.camera.view) is None:
             continue
         frame, camera = one.frame_id, view.intrinsics.frame_id
         if frame and camera and frame != camera:

@@ -28,7 +28,7 @@ class CameraMarkers:
 
     def build(self, stamp_ns: int, now: float) -> Any | None:
         """Return the message; None if no place is known, or PERIOD_S has not passed. now: s of any clock."""
-        places = self._session.places
+        places = self._session.placement.places
         if places is None or now - self._last < PERIOD_S:
             return None
         extrinsics = self._session.extrinsics

@@ -42,13 +42,9 @@ class PerBodySession(Session):
         for session in self._idle:
             mine, shared = session.first, self.first
             session.counts = mine.counts = self.counts
-            mine.camera, mine.depth, mine.depth_check, mine.mount = (
-                shared.camera,
-                shared.depth,
-                shared.depth_check,
-                shared.mount,
-            )
-            session.placement.places, session.placement.counts = self.places, self.counts
+            mine.camera, mine.depth, mine.depth_check = shared.camera, shared.depth, shared.depth_check
+            session.placement.places, session.placement.mount = self.placement.places, self.placement.mount
+            session.placement.counts = self.counts
         self._all = tuple(self._idle)
         self._present: dict[str, Session] = {}
         self._beyond = 0  # bodies of the list that have no tracker
@@ -94,7 +90,7 @@ class PerBodySession(Session):
 
     def image_at(self, now_ns: int) -> tuple[int, str]:
         """As Session.image_at, of the newest message of all bodies."""
-        images = [session.image_at(now_ns) for session in self._present.values() if session.image is not None]
+        images = [session.image_at(now_ns) for session in self._present.values() if session.scene.image is not None]
         return max(images, default=super().image_at(now_ns))
 
     @property
@@ -135,13 +131,13 @@ class PerBodySession(Session):
         session = self._present.get(person)
         if session is None:
             return []
-        session.enabled, jumps, before = self.enabled, self.counts[JUMPS], session.image
+        session.enabled, jumps, before = self.enabled, self.counts[JUMPS], session.scene.image
         answers = session.push(message, arrival_ns, self.first.name)
         if self.counts[JUMPS] > jumps:
             self._note_jump(session.placement.jumps, None if before is None else before[0])
         self.answered = self.answered or session.answered
         mine, theirs = self.first, session.first
-        self.image, mine.frame_id = session.image, theirs.frame_id
+        self.scene.image, mine.frame_id = session.scene.image, theirs.frame_id
         mine.nobody_in_view, mine.unused_confidence = theirs.nobody_in_view, theirs.unused_confidence
         mine.stamp_rate, mine.own_depth, mine.landmark_ids = theirs.stamp_rate, theirs.own_depth, theirs.landmark_ids
         return [
@@ -164,7 +160,7 @@ class PerBodySession(Session):
         with self._uncounted_resets():
             for session in self._all:
                 session.reset(unlock)
-        self.image = None
+        self.scene.image = None
         self.placement.jumps.reset()
         self.counts["resets"] += 1
 

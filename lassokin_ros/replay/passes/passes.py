@@ -102,7 +102,7 @@ def _backward(
     None if the motion of the mount or the fixed frame is not in the observations, or if the height is not known yet:
     each track would have its own.
     """
-    if session.mount is not None or session.counts[JUMPS] or config.height == 0 or not kept.usable:
+    if session.placement.mount is not None or session.counts[JUMPS] or config.height == 0 or not kept.usable:
         return {}
     extrinsics = session.extrinsics
 

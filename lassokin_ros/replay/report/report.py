@@ -31,7 +31,7 @@ class Report:
         check_report(path, replace)
         self._path, self._session = path, session
         self._skeleton = given or session.tracker.skeleton  # before calibration
-        level = session.level if session.config.fixed_frame else None
+        level = session.placement.level if session.config.fixed_frame else None
         names = tuple(session.cameras)
         self._log = ReplayLog(cameras=names, level=level)
         self.images = {name: ReportImages() for name in names}
@@ -73,7 +73,9 @@ class Report:
         counts = dict(session.counts)
         configs = tracker.config, session.config
         given, log = self._skeleton, self._log
-        level = session.level if self._log.level is None else np.eye(3)  # the log turned a fixed frame's positions
+        level = (
+            session.placement.level if self._log.level is None else np.eye(3)
+        )  # the log turned a fixed frame's positions
         facts = Facts(title, topics, log, counts, *configs, given, names, size, own_keypoints, tuple(others), level)
         times = {message.stamp_ns: message.time for message in self._log.messages}
         apart_ns = SAME_INSTANT_NS if len(self.images) > 1 else 0

@@ -80,7 +80,7 @@ def test_the_zoom_to_and_fro_of_a_real_nodes_camera_is_followed():
     """It publishes camera_info at each change only: the node knows that it is one camera."""
     backend, pixels = RclpyBackend(), pixels_of_motion(60, 30.0)
     with node_in_this_process("/zoom") as (node, serve), Peer("/zoom", outputs=False) as peer:
-        camera = node._session.camera
+        camera = node._session.first.camera
 
         def focal():
             serve()

@@ -20,7 +20,7 @@ PIXELS = pixels_of_motion(2)
 
 def focal(node):
     """px, of the camera in use."""
-    return node._session.camera.view.intrinsics.K[0, 0]
+    return node._session.first.camera.view.intrinsics.K[0, 0]
 
 
 def of(focal_px, stamp_s=0):
@@ -67,8 +67,8 @@ def test_a_change_of_the_camera_between_two_polls_is_not_missed():
             peer.camera.publish(of(focal_px, stamp_s))
         peer.spin_until(lambda: node._inputs.poll() or focal(node) == 700.0, what="the change")
         node._inputs.poll()
-        assert node._session.camera.view.stamp_ns == 101 * 10**9
-        assert node._session.camera.at(100_900_000_000).intrinsics.K[0, 0] == 600.0
+        assert node._session.first.camera.view.stamp_ns == 101 * 10**9
+        assert node._session.first.camera.at(100_900_000_000).intrinsics.K[0, 0] == 600.0
 
 
 def test_repeated_camera_info_is_not_decoded_but_each_rejection_is_counted():

@@ -27,7 +27,7 @@ def seen_by(eyes, settings, seconds, session=None, tf=True):
     for now in seconds:
         for name, one in zip(session.cameras, eyes):
             if tf:
-                session.transforms.add(tf_of(BACKEND, one, START_NS, now), static=False)
+                session.placement.transforms.add(tf_of(BACKEND, one, START_NS, now), static=False)
             message = keypoints(BACKEND, one, START_NS, now, truth_at([now]).landmarks[0], random)
             frames = session.frames(message, START_NS + round(1e9 * now), name) or frames
     return session, frames

@@ -195,7 +195,7 @@ def estimates(tracker_config, node_config, transforms=None):
     session = Session(tracker_config, node_config)
     session.set_camera(camera_info(BACKEND))
     if transforms is not None:
-        session.mount.transforms = transforms
+        session.placement.mount.transforms = transforms
     return session, [
         session.process(cloud(BACKEND, SECOND + i * 16_000_000, PIXELS[i]), 0).estimate.pose.positions
         for i in (0, 1, 2)
@@ -208,8 +208,8 @@ def test_the_mount_from_tf_is_that_of_the_parameters():
     session, found = estimates(TrackerConfig(), mounted, robot())
     assert np.allclose(found, expected, atol=1e-6)
     assert not np.allclose(expected, estimates(TrackerConfig(), NodeSettings())[1], atol=1e-2)
-    assert session.mount.fault == "" and np.allclose(np.abs(session.mount.angles), (np.pi, DOWN))
-    assert told.mount is None
+    assert session.placement.mount.fault == "" and np.allclose(np.abs(session.placement.mount.angles), (np.pi, DOWN))
+    assert told.placement.mount is None
 
 
 def lean_error(nods, settings):
@@ -223,8 +223,8 @@ def lean_error(nods, settings):
     for i, (pitch, stamp) in enumerate(zip(nods, stamps.tolist())):
         level = level_from_camera(0.0, pitch)
         pixels = project(pose.landmarks[i] @ level) * FOCAL + [WIDTH / 2, HEIGHT / 2]
-        if session.mount is not None:
-            robot(pitch, stamp, session.mount.transforms, hanging=0.0)
+        if session.placement.mount is not None:
+            robot(pitch, stamp, session.placement.mount.transforms, hanging=0.0)
         answer = session.process(cloud(BACKEND, stamp, pixels), 0)
         if answer.rejection == "other_size":  # most of the person is out of view
             continue
@@ -243,7 +243,7 @@ def test_without_tf_the_parameters_are_used():
     tracker = TrackerConfig(camera_pitch=0.3)
     session, found = estimates(tracker, NodeSettings(camera_mount_frame=BASE))
     assert np.array_equal(found, estimates(tracker, NodeSettings())[1])
-    assert session.mount.angles is None and "no transform of" in session.mount.fault
+    assert session.placement.mount.angles is None and "no transform of" in session.placement.mount.fault
 
 
 def above(height, pitch=DOWN):
@@ -259,17 +259,17 @@ def test_the_floor_is_at_height_0_of_the_base():
     told, expected = estimates(TrackerConfig(camera_pitch=DOWN, camera_height=HIGH, hold_feet=False), NodeSettings())
     session, found = estimates(TrackerConfig(), mounted, above(HIGH))
     assert np.allclose(found, expected, atol=1e-6)
-    assert session.camera_height == pytest.approx(HIGH) == told.camera_height
+    assert session.placement.camera_height == pytest.approx(HIGH) == told.placement.camera_height
     session, without = estimates(TrackerConfig(), NodeSettings(camera_mount_frame=BASE), above(HIGH))
-    assert session.camera_height is None and not np.allclose(found, without, atol=1e-3)
+    assert session.placement.camera_height is None and not np.allclose(found, without, atol=1e-3)
 
 
 def test_the_floor_is_at_height_0_of_the_fixed_frame():
     session = Session(TrackerConfig(), NodeSettings(fixed_frame=BASE, floor=True))
     session.set_camera(camera_info(BACKEND))
-    session.places.transforms = above(HIGH)
+    session.placement.places.transforms = above(HIGH)
     assert session.process(cloud(BACKEND, SECOND, PIXELS[0]), 0).accepted
-    assert session.camera_height == pytest.approx(HIGH)
+    assert session.placement.camera_height == pytest.approx(HIGH)
     assert np.allclose(session.tracker.floor, (0, 0, 1, 0))
 
 
@@ -278,15 +278,15 @@ def test_the_floor_is_live():
     for floor, height in ((True, HIGH), (False, None)):
         session.tune(TrackerConfig(), NodeSettings(camera_mount_frame=BASE, floor=floor))
         session.process(cloud(BACKEND, SECOND + (2 - floor) * 100_000_000, PIXELS[0]), 0)
-        assert session.camera_height == height
+        assert session.placement.camera_height == height
     tripod = Session(TrackerConfig(), NodeSettings())
     tripod.tune(TrackerConfig(camera_height=1.4), NodeSettings())
-    assert tripod.camera_height == pytest.approx(1.4)
+    assert tripod.placement.camera_height == pytest.approx(1.4)
 
 
 def test_without_tf_the_floor_is_unknown():
     session, _ = estimates(TrackerConfig(), NodeSettings(camera_mount_frame=BASE, floor=True))
-    assert session.camera_height is None
+    assert session.placement.camera_height is None
 
 
 @pytest.mark.parametrize("frame", ["fixed_frame", "camera_mount_frame"])

@@ -33,8 +33,8 @@ def session():
 )
 def test_an_unlikely_matrix_is_a_warning_with_numbers(session, fx, fy, cx, cy, text):
     assert session.set_camera(camera_info(BACKEND, k=np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0]))) is None
-    assert text in session.camera.warning and f"fx = {fx}" in session.camera.warning
-    assert "640 x 480" in session.camera.warning
+    assert text in session.first.camera.warning and f"fx = {fx}" in session.first.camera.warning
+    assert "640 x 480" in session.first.camera.warning
 
 
 @pytest.mark.parametrize(
@@ -75,27 +75,27 @@ def test_two_cameras_with_one_frame_are_named_and_the_first_one_stays(session):
             session.set_camera(camera_info(BACKEND, 400.0))
         frame = session.process(cloud(BACKEND, 10**9 + i * 33_333_333, xy), 0)
         depths.append(frame.estimate.state.translation[2])
-    assert np.ptp(depths[10:]) < 0.3 and session.camera.is_shared
-    assert "camera_info of two cameras with the frame_id" in session.camera.warning
-    assert "used is the one with fx = 600 px" in session.camera.warning
-    assert "the other one has fx = 400 px and 640 x 480 px; expected one publisher" in session.camera.warning
+    assert np.ptp(depths[10:]) < 0.3 and session.first.camera.is_shared
+    assert "camera_info of two cameras with the frame_id" in session.first.camera.warning
+    assert "used is the one with fx = 600 px" in session.first.camera.warning
+    assert "the other one has fx = 400 px and 640 x 480 px; expected one publisher" in session.first.camera.warning
     for _ in range(STEADY + 2):  # the first one ends
         session.set_camera(camera_info(BACKEND, 400.0))
-    assert not session.camera.is_shared and session.camera.warning == ""
-    assert session.camera.view.intrinsics.K[0, 0] == 400.0
+    assert not session.first.camera.is_shared and session.first.camera.warning == ""
+    assert session.first.camera.view.intrinsics.K[0, 0] == 400.0
 
 
 def test_a_second_camera_that_publishes_seldom_is_noticed(session):
     for i in range(150):
         session.set_camera(camera_info(BACKEND, 400.0 if i % 30 == 29 else 600.0))
-    assert "camera_info of two cameras with the frame_id" in session.camera.warning
-    assert session.camera.view.intrinsics.K[0, 0] == 600.0
+    assert "camera_info of two cameras with the frame_id" in session.first.camera.warning
+    assert session.first.camera.view.intrinsics.K[0, 0] == 600.0
 
 
 def test_a_zoom_is_no_second_camera(session):
     for step in range(40):
         assert session.set_camera(camera_info(BACKEND, 600.0 + 5.0 * step)) is None
-        assert session.camera.warning == "" and session.camera.view.intrinsics.K[0, 0] == 600.0 + 5.0 * step
+        assert session.first.camera.warning == "" and session.first.camera.view.intrinsics.K[0, 0] == 600.0 + 5.0 * step
 
 
 def images(session, count, start=0):
@@ -106,35 +106,35 @@ def images(session, count, start=0):
 
 @pytest.mark.parametrize("publishers, latched", [(0, True), (1, False), (2, True), (2, False)])
 def test_a_zoom_to_and_fro_is_followed_at_each_change(session, latched, publishers):
-    session.camera.publishers = publishers
+    session.first.camera.publishers = publishers
     for cycle in range(8):
         focal = (600.0, 1200.0)[cycle % 2]
         for i in range(40):
             if i == 0 or not latched:
                 session.set_camera(camera_info(BACKEND, focal))
             assert images(session, 1, 40 * cycle + i) == [focal]
-        assert session.camera.warning == "" and not session.camera.is_shared
+        assert session.first.camera.warning == "" and not session.first.camera.is_shared
 
 
 def test_the_zoom_of_a_slow_detectors_only_camera_is_followed(session):
     """Between two changes are two images."""
-    session.camera.publishers = 1
+    session.first.camera.publishers = 1
     for cycle in range(8):
         session.set_camera(camera_info(BACKEND, (600.0, 1200.0)[cycle % 2]))
         assert images(session, 2, 2 * cycle) == 2 * [(600.0, 1200.0)[cycle % 2]]
-    assert session.camera.warning == ""
+    assert session.first.camera.warning == ""
 
 
 @pytest.mark.parametrize("publishers", [0, 2])
 def test_latched_camera_info_is_not_ignored_for_good(session, publishers):
     """Published once at each change, and the changes follow each other faster than the images."""
-    session.camera.publishers = publishers
+    session.first.camera.publishers = publishers
     for change in range(8):
         session.set_camera(camera_info(BACKEND, (600.0, 1200.0)[change % 2]))
-    assert session.camera.is_shared and session.camera.view.intrinsics.K[0, 0] == 600.0
+    assert session.first.camera.is_shared and session.first.camera.view.intrinsics.K[0, 0] == 600.0
     used = images(session, STEADY)
     assert used[:LASTING] == LASTING * [600.0] and used[LASTING + 1 :] == (STEADY - LASTING - 1) * [1200.0]
-    assert session.camera.warning == "" and not session.camera.is_shared
+    assert session.first.camera.warning == "" and not session.first.camera.is_shared
 
 
 def test_an_ignored_camera_that_cannot_be_used_is_refused_later(session):
@@ -148,12 +148,12 @@ def test_an_ignored_camera_that_cannot_be_used_is_refused_later(session):
 @pytest.mark.parametrize("publishers, noticed", [(0, False), (1, False), (2, True)])
 def test_two_slow_publishers_are_noticed_by_their_number(session, publishers, noticed):
     """Each publishes once in 20 images, which one camera that zooms could do, too."""
-    session.camera.publishers = publishers
+    session.first.camera.publishers = publishers
     used = []
     for turn in range(16):
         session.set_camera(camera_info(BACKEND, (600.0, 400.0)[turn % 2]))
         used += images(session, 10, 10 * turn)
-    assert session.camera.is_shared is noticed
+    assert session.first.camera.is_shared is noticed
     assert set(used[80:]) == ({600.0} if noticed else {600.0, 400.0})
 
 
@@ -161,27 +161,27 @@ def test_two_slow_publishers_are_noticed_by_their_number(session, publishers, no
 @pytest.mark.parametrize("apart_s, noticed", [(0.1, True), (0.3, True), (1.5, False)])
 def test_two_slow_cameras_in_a_recording_are_noticed_by_their_stamps(session, publishers, apart_s, noticed):
     """No zoom goes to and fro so fast."""
-    session.camera.publishers = publishers
+    session.first.camera.publishers = publishers
     used = []
     for turn in range(16):
         message = camera_info(BACKEND, (600.0, 400.0)[turn % 2])
         set_header(message.header, 10**9 + round(turn * apart_s * 1e9), FRAME)
         session.set_camera(message)
         used += images(session, 5, 5 * turn)
-    assert session.camera.is_shared is noticed
+    assert session.first.camera.is_shared is noticed
     assert set(used[40:]) == ({600.0} if noticed else {600.0, 400.0})
 
 
 def test_the_zoom_of_one_of_several_cameras_is_followed(session):
     """They are told apart by their frame_id."""
-    session.camera.publishers = 2
+    session.first.camera.publishers = 2
     for cycle in range(8):
         focal = (600.0, 1200.0)[cycle % 2]
         for i in range(40):
             session.set_camera(camera_info(BACKEND, 500.0, "other"))
             session.set_camera(camera_info(BACKEND, focal))
             assert images(session, 1, 40 * cycle + i) == [focal]
-    assert "several cameras on one topic" in session.camera.warning
+    assert "several cameras on one topic" in session.first.camera.warning
 
 
 def test_a_leading_slash_makes_no_other_camera(session):
@@ -195,11 +195,11 @@ def test_a_leading_slash_makes_no_other_camera(session):
 
 def test_a_usual_matrix_is_no_warning(session):
     session.set_camera(camera_info(BACKEND, k=np.array([610.0, 0, 300, 0, 590, 260, 0, 0, 1])))
-    assert session.camera.warning == ""
+    assert session.first.camera.warning == ""
     window = camera_info(BACKEND)
     window.roi.x_offset, window.roi.y_offset, window.roi.width, window.roi.height = 400, 300, 200, 100
     session.set_camera(window)
-    assert session.camera.warning == ""
+    assert session.first.camera.warning == ""
 
 
 @pytest.mark.parametrize("others", [1, 3])
@@ -210,8 +210,8 @@ def test_the_camera_with_the_keypoints_frame_is_used(session, others):
             assert session.set_camera(camera) is None
         frame = session.process(cloud(BACKEND, 10**9 + i * 33_333_333, xy), 0)
         assert frame.accepted and frame.lens.K[0, 0] == 600.0 and frame.estimate.initialised is (i == 0)
-    assert "several cameras on one topic" in session.camera.warning
-    assert f"used is '{FRAME}'" in session.camera.warning
+    assert "several cameras on one topic" in session.first.camera.warning
+    assert f"used is '{FRAME}'" in session.first.camera.warning
 
 
 def test_the_camera_changes_with_the_frame_of_the_keypoints(session):

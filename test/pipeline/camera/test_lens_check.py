@@ -66,7 +66,7 @@ def test_real_lenses_are_accepted_without_a_warning(name):
     model, numbers, size, D = REAL[name]
     session = Session(TrackerConfig(), NodeSettings())
     assert session.set_camera(info(*REAL[name])) is None
-    assert session.camera.warning == "" and session.camera.view.lens.model == model
+    assert session.first.camera.warning == "" and session.first.camera.view.lens.model == model
     assert Lens(matrix(*numbers), D, model).warning == Lens(matrix(*numbers), D, model, size).warning == ""
 
 
@@ -101,4 +101,4 @@ def test_the_last_good_camera_stays():
 def test_unusual_distortion_is_a_warning(D, words):
     session = Session(TrackerConfig(), NodeSettings())
     assert session.set_camera(info("plumb_bob", (920.0, 920, 640, 360), (1280, 720), D)) is None
-    assert re.search(f"is unusual for a lens: {words}", session.camera.warning)
+    assert re.search(f"is unusual for a lens: {words}", session.first.camera.warning)

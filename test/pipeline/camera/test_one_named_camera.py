@@ -31,7 +31,7 @@ def made(frame_id=FRAME, **settings):
 def test_it_is_tracked_in_a_fixed_frame():
     left = eye("left", 0)
     session = made(left.frame, cameras=("left",), fixed_frame=MAP)
-    session.transforms.add(tf_of(BACKEND, left, START_NS, 0.0), static=True)
+    session.placement.transforms.add(tf_of(BACKEND, left, START_NS, 0.0), static=True)
     random, truth = np.random.default_rng(0), truth_at(np.arange(10) / 30)
     for index in range(10):
         message = keypoints(BACKEND, left, START_NS, index / 30, truth.landmarks[index], random)

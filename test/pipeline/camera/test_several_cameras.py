@@ -71,13 +71,13 @@ class Play:
             self.results.append(Result(seconds, np.linalg.norm(apart, axis=1), apart[0], frame))
 
     def transforms(self, number, seconds):
-        self.session.transforms.add(tf_of(BACKEND, self.eyes[number], START_NS, seconds), static=False)
+        self.session.placement.transforms.add(tf_of(BACKEND, self.eyes[number], START_NS, seconds), static=False)
 
     def run(self, seconds=2.0, hz=30, phase=0.0, tf=True, silent=lambda number, seconds: False):
         for index in range(round(seconds * hz)):
             for number in range(len(self.eyes)):
                 now = index / hz + number * phase
-                if tf and self.session.transforms is not None:
+                if tf and self.session.placement.transforms is not None:
                     self.transforms(number, now)
                 if not silent(number, now):
                     self.image(number, now)
@@ -179,7 +179,7 @@ def test_a_jump_of_the_fixed_frame_moves_the_person_with_it(degrees, metres, eye
     for index in range(60 * len(eyes)):
         number, now = index % len(eyes), index // len(eyes) / 30 + index % len(eyes) * phase
         for one in odometry:
-            play.session.transforms.add(tf_of(BACKEND, one, START_NS, now), static=False)
+            play.session.placement.transforms.add(tf_of(BACKEND, one, START_NS, now), static=False)
         play.image(number, now)
     assert not play.refused and play.session.counts[JUMPS] == 1
     for one in play.results[15:]:
@@ -194,7 +194,7 @@ def test_a_camera_that_jumps_alone_was_moved_and_the_person_was_not():
     play = Play([LEFT, RIGHT])
     for index in range(60):
         for number, one in enumerate((LEFT, jumping(RIGHT, 0, (-0.5, -0.5, 0.0)))):
-            play.session.transforms.add(tf_of(BACKEND, one, START_NS, index / 30), static=False)
+            play.session.placement.transforms.add(tf_of(BACKEND, one, START_NS, index / 30), static=False)
             play.image(number, index / 30)
     assert not play.session.counts[JUMPS] and len(play.results) == 60
 
@@ -209,11 +209,13 @@ def test_a_late_image_from_before_a_jump_is_no_second_jump():
 def test_a_robot_that_is_elsewhere_after_a_reset_has_not_jumped():
     """Simulated time is set back by 2 s, and its old end is passed again."""
     play = Play([LEFT], NodeSettings(fixed_frame=MAP)).run(2.0)
-    play.session.transforms.clear()
+    play.session.placement.transforms.clear()
     play.session.reset()
     away = jumping(LEFT, 30, (1.0, -2.0, 0.0)).pose_at(9.0)
     for index in range(75):
-        play.session.transforms.add(tf_of(BACKEND, Eye("left", lambda _: away), START_NS, index / 30), static=False)
+        play.session.placement.transforms.add(
+            tf_of(BACKEND, Eye("left", lambda _: away), START_NS, index / 30), static=False
+        )
         play.image(0, index / 30)
     assert not play.session.counts[JUMPS] and not play.refused
 
@@ -230,7 +232,10 @@ def test_a_camera_without_a_transform_is_left_out_and_named():
         for number in range(2):
             play.image(number, index / 30)
     assert len(play.results) == 30 and play.session.counts["no transform of right"] >= 28
-    assert "right_optical" in play.session.places.faults["right"] and "left" not in play.session.places.faults
+    assert (
+        "right_optical" in play.session.placement.places.faults["right"]
+        and "left" not in play.session.placement.places.faults
+    )
     nothing = Play([LEFT, RIGHT]).run(0.5, tf=False)
     assert not nothing.results and {one.rejection for one in nothing.refused} == {"no_transform"}
     assert MAP in nothing.refused[0].detail
@@ -441,7 +446,7 @@ def test_after_a_reset_the_poses_are_learned_anew(extrinsics="learn"):
     assert not learned.in_words("right")
     with pytest.raises(CamerasFileError, match="no pose of a camera was learned yet"):
         camera_commands(play.session)
-    play.session.places._given["right"] = RIGHT.pose_at(0)  # the pose is repaired
+    play.session.placement.places._given["right"] = RIGHT.pose_at(0)  # the pose is repaired
     for index in range(200):
         for number in range(2):
             play.image(number, 10.0 + index / 30)
@@ -454,7 +459,7 @@ def test_the_next_person_has_the_poses_learned_from_the_last_one():
     poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
     play = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics="learn"), poses=poses).run(6.0)
     before = play.error(5.0)
-    play.session.people._people[0].body.reset(same_camera=True)
+    play.session.people.tracked[""].reset(same_camera=True)
     for index in range(15):
         for number in range(2):
             play.image(number, 6.0 + index / 30)
@@ -596,7 +601,7 @@ def without_tf_of_right(settings, config=LEARN, seconds=8.0, phase=0.0):
 def test_a_camera_without_a_transform_is_found_from_the_person():
     play = without_tf_of_right(TWO, phase=1 / 60)
     assert len(play.results) >= 238 and not play.refused
-    found = play.session.places.newest["right"]
+    found = play.session.placement.places.newest["right"]
     assert np.linalg.norm(found.centre - RIGHT.pose_at(0).centre) < 0.3
     turn = Rotation.from_matrix(found.rotation @ RIGHT.pose_at(0).rotation.T)
     assert np.degrees(turn.magnitude()) < 3.0
@@ -613,12 +618,12 @@ def test_until_it_is_found_the_other_camera_goes_on_and_diagnostics_says_why():
     assert len(play.results) == 60 and play.results[-1].frame.estimate.cameras == 1
     assert "no pose of camera 'right'" in status(play).message and "found from the person" in status(play).message
     checked = without_tf_of_right(TWO, TrackerConfig(extrinsics="check"))
-    assert "right" not in checked.session.places.newest and checked.results[-1].frame.estimate.cameras == 1
+    assert "right" not in checked.session.placement.places.newest and checked.results[-1].frame.estimate.cameras == 1
 
 
 def test_a_camera_whose_place_was_found_from_the_person_does_not_measure_the_height():
     play = without_tf_of_right(TWO, TrackerConfig(height=0.0, extrinsics="learn"))
-    assert "right" in play.session.places.newest and play.results[-1].frame.estimate.cameras == 2
+    assert "right" in play.session.placement.places.newest and play.results[-1].frame.estimate.cameras == 2
     (height,) = play.session.heights().values()
     assert not height.measured and "1.7 m is assumed" in status(play).message
 
@@ -645,7 +650,7 @@ def two_people_without_tf_of_right(in_view, seconds, max_people=4):
 
 def test_of_several_people_the_one_who_is_alone_in_view_shows_where_a_camera_is():
     play = two_people_without_tf_of_right(lambda _, person, now: person == 0 or not 1.0 < now < 7.0, 8.5)
-    found = play.session.places.newest["right"]
+    found = play.session.placement.places.newest["right"]
     assert np.linalg.norm(found.centre - RIGHT.pose_at(0).centre) < 0.3
     turn = Rotation.from_matrix(found.rotation @ RIGHT.pose_at(0).rotation.T)
     assert np.degrees(turn.magnitude()) < 3.0
@@ -661,8 +666,8 @@ def test_of_several_people_the_one_who_is_alone_in_view_shows_where_a_camera_is(
 )
 def test_nothing_is_found_from_people_who_may_be_exchanged(in_view, max_people):
     play = two_people_without_tf_of_right(in_view, 9.0, max_people=max_people)
-    assert "right" not in play.session.places.newest
-    assert "found from the person" in play.session.places.fault and len(play.results) > 240
+    assert "right" not in play.session.placement.places.newest
+    assert "found from the person" in play.session.placement.places.fault and len(play.results) > 240
 
 
 def test_a_transform_that_comes_later_replaces_the_found_pose():
@@ -678,4 +683,4 @@ def test_a_transform_that_comes_later_replaces_the_found_pose():
 def test_without_fixed_frame_and_tf_two_cameras_need_no_calibration():
     play = without_tf_of_right(NodeSettings(cameras=("left", "right")))
     assert play.results[-1].frame.frame_id == LEFT.frame and play.results[-1].frame.estimate.cameras == 2
-    assert not play.session.places.faults
+    assert not play.session.placement.places.faults

@@ -212,7 +212,7 @@ def test_a_camera_whose_place_nobody_knows_is_not_left_out():
     for name, one in rig.eyes.items():
         rig.session.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
         if name != "back":
-            rig.session.transforms.add(tf_of(BACKEND, one, START_NS, 0.0), static=True)
+            rig.session.placement.transforms.add(tf_of(BACKEND, one, START_NS, 0.0), static=True)
     rig.send(0.0, 2.0)
     assert not rig.left_out and rig.errors
     message = CameraMarkers(BACKEND, rig.session).build(START_NS, 0.0)

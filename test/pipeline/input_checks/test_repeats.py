@@ -158,7 +158,7 @@ def follow(scene, shown, compressed=False, **config):
     errors, statuses = [], []
     for i in range(COUNT):
         if (number := shown(i)) is not None:
-            session.session.depth.add(sent(i, scene[2][number], compressed), 0)
+            session.session.first.depth.add(sent(i, scene[2][number], compressed), 0)
         (frame,) = session.send(i, cloud(BACKEND, stamp(i), scene[1][i]))
         errors.append(np.linalg.norm(frame.estimate.pose.positions - scene[0][i], axis=1).mean())
         if i % 30 == 29:
@@ -201,7 +201,7 @@ def test_a_depth_camera_that_is_slower_than_its_stamps_is_used(scene):
 def test_the_depth_camera_recovers(scene):
     _, session, statuses = follow(scene, lambda i: min(i, LIVE) if i < 60 else i)
     assert "frozen" in statuses[1].message
-    assert (statuses[-1].level, statuses[-1].message) == (OK, "tracking") and not session.session.depth.frozen
+    assert (statuses[-1].level, statuses[-1].message) == (OK, "tracking") and not session.session.first.depth.frozen
 
 
 def test_depths_in_the_message_that_repeat_are_no_evidence_and_are_named(scene):

@@ -55,7 +55,7 @@ def test_messages_of_somebody_who_is_not_listed_are_dropped(bodies):
 def test_all_share_the_camera_and_the_counts(bodies):
     assert len(bodies._all) > 1
     for one in bodies._all:
-        assert one.camera is bodies.camera and one.counts is bodies.counts
+        assert one.first.camera is bodies.first.camera and one.counts is bodies.counts
         assert (one.config.max_people, one.config.rep155) == (1, False)
 
 
@@ -74,8 +74,8 @@ def test_reset_and_settings_count_once_and_reach_all(bodies):
 def test_depth_images_stay_when_somebody_leaves():
     bodies = PerBodySession(TrackerConfig(), replace(CONFIG, depth="/depth"))
     bodies.keep(["a", "b"])
-    bodies.depth.add(depth_message(rosbags_backend(), 5_000_000_000, np.full((4, 6), 2.0)), 5_000_000_000)
+    bodies.first.depth.add(depth_message(rosbags_backend(), 5_000_000_000, np.full((4, 6), 2.0)), 5_000_000_000)
     bodies.keep(["b"])
-    assert bodies.depth.newest_ns == 5_000_000_000
+    assert bodies.first.depth.newest_ns == 5_000_000_000
     bodies.reset()
-    assert bodies.depth.newest_ns is None
+    assert bodies.first.depth.newest_ns is None

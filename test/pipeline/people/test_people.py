@@ -464,7 +464,7 @@ def test_real_people_in_a_changing_order_keep_their_ids(camera):
         true = data["kp2d"][camera][i]
         seen = true[:, 2] >= 0.2
         for frame in frames:
-            pixels = session.camera.view.lens.distort(project(frame.estimate.pose.landmarks))
+            pixels = session.first.camera.view.lens.distort(project(frame.estimate.pose.landmarks))
             miss = np.median(np.linalg.norm(pixels[seen] - true[seen, :2], axis=1))
             (of_the_known if miss < 60 else others).append(frame.person)
     assert len(set(of_the_known)) == 1 and len(of_the_known) >= len(everybody) - 3

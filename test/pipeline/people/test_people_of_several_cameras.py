@@ -24,7 +24,7 @@ class Rig:
         self.random = np.random.default_rng(0)
         for name in names:
             assert self.session.set_camera(camera_info(BACKEND, frame_id=EYES[name].frame), name) is None
-            self.session.transforms.add(tf_of(BACKEND, EYES[name], START_NS, 0.0), static=True)
+            self.session.placement.transforms.add(tf_of(BACKEND, EYES[name], START_NS, 0.0), static=True)
 
     def pixels(self, name, index, shift=(0.0, 0.0, 0.0)):
         """What a camera sees of the person, moved by (3,) m."""
@@ -93,13 +93,13 @@ def test_stamps_do_not_go_back_with_images_of_a_slower_detector():
     rig, late, stamps, people = Rig("left", "right", max_people=3), 2, [], set()
     for index in range(12):
         frames = rig.send("left", index, {1: (rig.pixels("left", index), np.full(17, 0.9))})
-        stamps.append(rig.session.image[0])
+        stamps.append(rig.session.scene.image[0])
         if index >= late:
             other = {5: (rig.pixels("right", index - late, (0.0, 1.5, 0.0)), np.full(17, 0.9))}
             frames += rig.send("right", index - late, other, late_ns=late * PERIOD_NS)
-            stamps.append(rig.session.image[0])
+            stamps.append(rig.session.scene.image[0])
             frames += frames_of(rig.session.due(START_NS + (index + late) * PERIOD_NS))
-            stamps.append(rig.session.image[0])
+            stamps.append(rig.session.scene.image[0])
         people |= {(frame.person, frame.camera.name) for frame in frames if frame.accepted}
     assert people == {("p1", "left"), ("p2", "right")}
     assert stamps == sorted(stamps) and stamps[-1] == START_NS + 11 * PERIOD_NS

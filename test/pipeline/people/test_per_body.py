@@ -161,9 +161,9 @@ def status_of(session, jump_after=100):
     diagnostics.count_camera_info(0.0)
     session.keep(["abc"])
     for i in range(60):
-        if session.transforms is not None:
+        if session.placement.transforms is not None:
             place = "map", FRAME, OPTICAL, (3.0 * (i > jump_after), 0.0, 1.0)
-            session.transforms.add(tf_message(BACKEND, START_NS + i * PERIOD_NS, place), static=False)
+            session.placement.transforms.add(tf_message(BACKEND, START_NS + i * PERIOD_NS, place), static=False)
         diagnostics.count_message(feed(session, "abc", i), START_NS + i * PERIOD_NS, i / 30, 0.001)
     return diagnostics.line(2.0)
 
@@ -175,7 +175,7 @@ def test_a_jump_moves_people_once_also_if_it_is_seen_later_with_another_person()
     session.keep(["abc", "xyz"])
     for i in range(30):
         place = "map", FRAME, OPTICAL, (4.0 * (i >= 20), 0.0, 1.0)
-        session.transforms.add(tf_message(BACKEND, START_NS + i * PERIOD_NS, place), static=False)
+        session.placement.transforms.add(tf_message(BACKEND, START_NS + i * PERIOD_NS, place), static=False)
         assert feed(session, "abc", i, -0.2)[0].accepted
         if not 18 < i < 22:
             assert feed(session, "xyz", i, 0.2)[0].accepted

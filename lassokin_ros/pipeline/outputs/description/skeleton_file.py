@@ -81,8 +81,9 @@ def skeleton_text(skeleton: Skeleton, comments: Sequence[str] = ()) -> str:
         parent = skeleton.parents[joint]
         above = "null" if parent < 0 else _quoted(skeleton.joint_names[parent])
         place = ", ".join(map(repr, skeleton.rest_positions[joint].tolist()))
-        axes = skeleton.axes[joint]
-        lines.append(f'  - {{name: {_quoted(name)}, parent: {above}, position: [{place}], axes: "{axes}"}}')
+        free = "".join(letter for axis, letter in enumerate("xyz") if 3 * joint + axis not in skeleton.locked)
+        rest = f'axes: "{skeleton.axes[joint]}"' + (f', free: "{free}"' if free != "xyz" else "")
+        lines.append(f"  - {{name: {_quoted(name)}, parent: {above}, position: [{place}], {rest}}}")
     return "\n".join(lines) + "\n"
 
 

@@ -33,7 +33,7 @@ class CameraStatus:
 
     def update(self, now: float, period: float) -> dict[str, str]:
         """Return the figures by name. period: s since the last call."""
-        if self._session.places is None:
+        if self._session.placement.places is None:
             return {}
         figures: dict[str, str] = {}
         self.sending = []

@@ -85,7 +85,7 @@ class Diagnostics:
         presence = presence or Presence(session.status, session.ids)
         seconds = max(now - period.since, 1e-3)
         tracking = presence.status is Status.TRACKING
-        roll = None if session.config.fixed_frame else session.camera_angles[0]
+        roll = None if session.config.fixed_frame else session.placement.camera_angles[0]
         self._direction.update(period.newest if tracking else (), roll, now)
         of_cameras = self._cameras.update(now, seconds)
         state = presence_state.TRACKING if tracking else state

@@ -47,7 +47,7 @@ def figures(
         "resets": str(counts["resets"]),
         "locked": session.locked or "nobody",
     }
-    newest = (0, "") if session.config.topic_per_body else session.image  # each body has its own
+    newest = (0, "") if session.config.topic_per_body else session.scene.image  # each body has its own
     if newest is not None:
         stamp_ns = session.image_at(as_of_ns)[0] if as_of_ns else newest[0]
         values["people in view, not tracked"] = str(session.untracked_at(stamp_ns))
@@ -56,11 +56,11 @@ def figures(
         gone = len(set(session.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
         values["people come"], values["people left"] = str(counts["people come"]), str(counts["people left"] + gone)
         values["people beyond max_people"] = str(counts["people beyond max_people"])
-    if session.mount is not None and (angles := session.mount.angles) is not None:
+    if session.placement.mount is not None and (angles := session.placement.mount.angles) is not None:
         values["camera roll, pitch from TF [rad]"] = "{:.3f}, {:.3f}".format(*angles)
-    if (above := session.camera_height) is not None:
+    if (above := session.placement.camera_height) is not None:
         values["camera height above the floor [m]"] = f"{above:.3f}"
-    if session.depth is not None:
+    if session.first.depth is not None:
         values |= {f"{key} [messages]": str(counts[key]) for key in DEPTH_COUNTS}
     for key in sorted(key for key in counts if key.startswith("rejected: ") or key in IF_COUNTED):
         values[f"{key} [messages]"] = str(counts[key])

@@ -18,8 +18,8 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
-from lassokin_ros.pipeline.people.people_tracker import GONE
 from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.roster import GONE
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.builders import ERROR, OK, WARN
 
@@ -53,7 +53,6 @@ def session():
         enabled=True,
         first=only,
         has_camera=True,
-        camera=only.camera,
         counts=Counter(received=100, accepted=100),
         status=Status.TRACKING,
         ids=None,
@@ -64,16 +63,12 @@ def session():
         detector_connected=True,
         tracker=tracker,
         trackers={"": tracker},
-        places=None,
+        placement=SimpleNamespace(places=None, mount=None, camera_angles=(0.0, 0.0), camera_height=None),
+        scene=SimpleNamespace(image=None),
         cameras={"": only},
         nobody_in_view=False,
         unused_confidence=0.0,
-        depth=None,
-        image=None,
         untracked_at=lambda stamp_ns: 0,
-        camera_angles=(0.0, 0.0),
-        mount=None,
-        camera_height=None,
         calibrations=dict,
         heights=dict,
         evidence_faults={},
@@ -106,8 +101,7 @@ def frame(stamp_ns=SECOND, reprojection_px=2.0, depth=3.5, repeated=0.0, deviati
 
 def give_depth(session, **settings):
     """Depth images of the only camera."""
-    session.depth, session.config = SimpleNamespace(fault="", frozen=False, received=0), NodeSettings(**settings)
-    session.first.depth = session.depth
+    session.first.depth, session.config = SimpleNamespace(fault="", frozen=False, received=0), NodeSettings(**settings)
 
 
 def said(diagnostics, now=11.0, **more):
@@ -126,11 +120,11 @@ def test_what_prevents_tracking_comes_first(session, diagnostics):
     assert said(diagnostics, 12.1) == (WARN, SILENT)
     assert said(diagnostics, 12.1, concern="and more") == (WARN, f"{SILENT}; and more")
     assert said(diagnostics, 12.0) == (OK, "tracking")
-    session.camera.fault = "K is wrong"
+    session.first.camera.fault = "K is wrong"
     assert said(diagnostics) == (ERROR, "camera_info refused: K is wrong; the last good one is used")
-    session.has_camera, session.camera.view = False, None
+    session.has_camera, session.first.camera.view = False, None
     assert said(diagnostics) == (ERROR, "camera_info refused: K is wrong")
-    session.camera.fault = ""
+    session.first.camera.fault = ""
     assert said(diagnostics) == (WARN, "waiting for camera_info")
     assert said(diagnostics, concern="and more") == (WARN, "waiting for camera_info; and more")
     session.enabled = False
@@ -193,9 +187,9 @@ def test_nobody_in_view(session, diagnostics):
 
 
 def test_concerns_of_the_camera_and_of_others_stand_after_the_state(session, diagnostics):
-    session.camera.warning = "K hardly fits"
+    session.first.camera.warning = "K hardly fits"
     assert said(diagnostics, concern="busy") == (WARN, "tracking; K hardly fits; busy")
-    session.camera.view = None
+    session.first.camera.view = None
     assert said(diagnostics) == (OK, "tracking")
 
 
@@ -205,7 +199,7 @@ def test_keypoints_outside_of_the_image(session, diagnostics, outside, level):
     found = said(diagnostics)
     assert found[0] == level and ("outside the image of 640 x 480 px" in found[1]) == (level == WARN)
     session.counts.update({"received": 10, OUTSIDE_IMAGE: 10})
-    session.camera.view = None
+    session.first.camera.view = None
     assert said(diagnostics) == (OK, "tracking")
 
 
@@ -268,15 +262,15 @@ def test_people_may_come_and_leave_where_no_number_of_a_message_counts(session, 
 def test_depth(session, diagnostics):
     give_depth(session, depth="/depth")
     assert "tracking; no depth images on /depth: tracking without measured depth: check" in said(diagnostics)[1]
-    session.depth.received += 1
+    session.first.depth.received += 1
     session.counts.update({MATCHED: 5, UNMATCHED: 5})
     assert said(diagnostics) == (OK, "tracking")
-    session.depth.received += 1
+    session.first.depth.received += 1
     session.counts.update({MATCHED: 5, UNMATCHED: 6})
     assert "most keypoint messages had no depth image of their time" in said(diagnostics)[1]
-    session.depth.received += 1
+    session.first.depth.received += 1
     session.counts.update({MATCHED: 5, UNMATCHED: 6})
-    session.depth.fault = "depth is damaged"
+    session.first.depth.fault = "depth is damaged"
     assert said(diagnostics) == (WARN, "tracking; depth is damaged")
 
 
@@ -285,11 +279,11 @@ def test_depth_images_without_depth_at_the_person(session, diagnostics, used):
     give_depth(session)
     for i in range(10):
         diagnostics.count_message([frame(measured=i < used)], SECOND, 10.5, 0.001)
-    session.depth.received += 10
+    session.first.depth.received += 10
     session.counts.update({MATCHED: 10})
     level, message = said(diagnostics)
     assert (level, "no depth near the person" in message) == ((WARN, True) if used < 2 else (OK, False))
-    session.depth.received += 10
+    session.first.depth.received += 10
     assert said(diagnostics) == (OK, "tracking")  # the next period starts anew
 
 
@@ -356,7 +350,7 @@ def test_figures_of_a_period(session, diagnostics):
 def test_figures_of_several_people(session, diagnostics):
     session.ids = ["p1", "p2", "p3"]
     session.counts.update({"people come": 3, "people left": 1, "people beyond max_people": 2})
-    session.depth = SimpleNamespace(fault="", frozen=False)
+    session.first.depth = SimpleNamespace(fault="", frozen=False, received=0)
     values = diagnostics.line(11.0, Presence(Status.TRACKING, ["p1"])).values
     assert (values["people"], values["people come"], values["people left"]) == ("p1", "3", "3")
     assert values["people beyond max_people"] == "2" and values[f"{RECEIVED} [messages]"] == "0"

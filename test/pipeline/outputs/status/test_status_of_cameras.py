@@ -27,7 +27,7 @@ class Scene:
         self.session = Session(TrackerConfig(), NodeSettings(cameras=tuple(eyes), fixed_frame=MAP, **settings))
         for name, one in eyes.items():
             assert self.session.set_camera(camera_info(BACKEND, frame_id=one.frame), name) is None
-            self.session.transforms.add(tf_of(BACKEND, one, START_NS, 0.0), static=True)
+            self.session.placement.transforms.add(tf_of(BACKEND, one, START_NS, 0.0), static=True)
         self.diagnostics, self.random, self.index = (
             Diagnostics(self.session, "tracker", 0.0),
             np.random.default_rng(0),
@@ -173,7 +173,7 @@ def test_a_camera_that_hangs_upside_down_in_a_fixed_frame_is_no_fault():
 def test_a_person_upside_down_in_a_fixed_frame_is_reported():
     scene = Scene({"": turned(EYES["left"], np.eye(3))})
     upside_down = tf_of(BACKEND, turned(EYES["left"], np.diag([-1.0, -1.0, 1.0])), START_NS, 0.0)
-    scene.session.transforms.add(upside_down, static=True)
+    scene.session.placement.transforms.add(upside_down, static=True)
     lines = [scene.second() for _ in range(13)]
     assert lines[-1].level == WARN and "pointed down for more than 10 s" in lines[-1].message
     assert "camera_roll" not in lines[-1].message
