@@ -409,7 +409,7 @@ def test_findings_of_a_video_give_no_advice_about_ros(long_video, tmp_path, monk
     page = tmp_path / "page.html"
     assert main([str(long_video), "--report", str(page)]) == 0
     found = re.search(r'<ul id="findings">(.*?)</ul>', page.read_text(encoding="utf-8"), re.DOTALL).group(1)
-    assert '<li class="note">Nobody was in view from 1.0 to 2.5 s.</li>' in found and "problem" not in found
+    assert '<li class="note">Nobody was in view from 0.9 to 2.5 s.</li>' in found and "problem" not in found
     assert '<li class="note">The person is taken to be 1.75 m tall.' in found
     for word in ("message", "camera_info", "topic", "landmarks", "noise_px", "certified"):
         assert word not in found, word
