@@ -105,7 +105,7 @@ def send(diagnostics, number, message):
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_person_is_tracked_after_a_wrong_sequence(kind):
     @fuzz(0.01)
-    @given(st.integers(0, 2**32 - 1), st.integers(1, 70))
+    @given(st.integers(0, 2**32 - 1), st.integers(1, 40))
     def case(seed, length):
         random = np.random.default_rng(seed)
         PIPELINE.reset()

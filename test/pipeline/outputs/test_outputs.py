@@ -101,7 +101,12 @@ def test_whoever_is_not_tracked_is_counted_by_the_clock_of_the_images():
     session.set_camera(camera_info(BACKEND))
     outputs, rows = Outputs(session, sink, BACKEND, "tracker"), []
     outputs.start(START_NS)
-    sink.write = lambda out, message: rows.append(message.width) if out == "~/people" else None
+
+    def write(out, message):
+        if out == "~/people":
+            rows.append(BACKEND._typestore.deserialize_cdr(message, "sensor_msgs/msg/PointCloud2").width)
+
+    sink.write = write
     for index in range(3):
         people = [(PIXELS[index] + [x, 0.0], np.full(17, 0.9)) for x in (-120.0, 120.0)]
         stamp_ns = START_NS + index * PERIOD_NS

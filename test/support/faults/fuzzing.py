@@ -18,7 +18,7 @@ COUNTED: Counter[str] = Counter()
 def fuzz(share):
     """Settings of a test that runs this share of all cases."""
     return settings(
-        max_examples=max(20, round(CASES * share)),
+        max_examples=max(8, round(CASES * share)),
         deadline=None,
         database=None,
         derandomize=CASES <= DEFAULT_CASES,
