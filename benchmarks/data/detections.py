@@ -26,7 +26,7 @@ from benchmarks.data.recordings import recorded_person
 from benchmarks.methods.baselines import FOLLOWERS
 from benchmarks.methods.mediapipe_world import world_track
 from benchmarks.methods.smplify import fit_clip
-from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
+from lassokin_ros.core.body.landmarks import BODY, Layout, built_in_layouts
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation
@@ -118,7 +118,7 @@ def _fault(arrays: Mapping[str, np.ndarray]) -> str:
     """The fault of a file's arrays, in words; empty if there is none."""
     layout, count = layout_of(arrays["keypoint_names"])
     if not layout:
-        return f"has keypoint_names that no layout of {', '.join(built_in_layouts())} begins with"
+        return f"has keypoint_names that no layout of {', '.join(built_in_layouts(BODY))} begins with"
     for name in ("kp2d", "ref_cam", "K", "dist", "fps"):
         if arrays[name].dtype.kind not in "fiu":
             return f"has {name} that are not numbers"
@@ -145,9 +145,9 @@ def layout_of(names: np.ndarray) -> tuple[str, int]:
     Detectors write LHip, l_hip or left_hip. They agree on the points at joints (`JOINTS`), but not on those of the
     head.
     """
-    given, skeleton = [_plain(str(name)) for name in np.atleast_1d(names)], Skeleton.load("anthropometric", 1.75)
+    given, skeleton = [_plain(str(name)) for name in np.atleast_1d(names)], Skeleton.load(BODY, 1.75)
     best = 0, "", 0
-    for layout in built_in_layouts():
+    for layout in built_in_layouts(BODY):
         landmarks = Layout.load(layout, skeleton).names
         agree = {theirs for theirs, ours in zip(landmarks, given) if _plain(theirs) == ours}
         if len(landmarks) <= len(given) and agree >= set(JOINTS.values()):

@@ -14,9 +14,15 @@ from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
 from lassokin_ros.pipeline.depth_check import MISFIT, DepthCheck
 from lassokin_ros.pipeline.depth_images import DepthImages, key_of_camera
+from lassokin_ros.pipeline.input_checks.hands import HandCheck
 from lassokin_ros.pipeline.input_checks.image_size import ImageSize
 from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
-from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH, check_layout, has_leading_slash
+from lassokin_ros.pipeline.input_checks.messages import (
+    LEADING_SLASH,
+    check_layout,
+    has_leading_slash,
+    without_skipped,
+)
 from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS, checked_positions, people_shown
 from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
@@ -70,6 +76,8 @@ class CameraImages:
         """Whether camera_info is of an image of the size of the keypoints' one."""
         self.landmark_ids = LandmarkIds(layout.names)
         """Which landmarks have appeared."""
+        self.hands = HandCheck(layout.names, counts)
+        """Whose hands are in the image."""
         self.nobody_in_view = False
         """True if the last message had no confident keypoint."""
         self.unused_confidence = 0.0
@@ -111,7 +119,7 @@ class CameraImages:
         stamped = keypoints.stamp_ns is not None
         stamp_ns = self.stamp_ns = keypoints.stamp_ns or self.stamps.estimate(arrival_ns)
         keypoints, sampled = self._with_depth(self.own_depth.checked(keypoints, stamp_ns), stamp_ns, view)
-        people = people_in(keypoints, len(self._layout.names), view.lens, sampled)
+        people = self.hands.checked(people_in(keypoints, len(self._layout.names), view.lens, sampled))
         numbers = keypoints.persons is not None, self._has_persistent_numbers(keypoints)
         image = Image(people, stamp_ns, self.frame_id, view.lens, *numbers, stamped, self._unplaced, shown)
         jumped = self._is_back_in_time(image, arrival_ns)
@@ -152,7 +160,7 @@ class CameraImages:
         if has_leading_slash(message):
             self.counts[LEADING_SLASH] += 1
         check_layout(keypoints, self._layout, self.tracker_config.landmarks)
-        return keypoints, view
+        return without_skipped(keypoints, self._layout), view
 
     def _decoded(self, message: Any, size: tuple[int, int]) -> Keypoints:
         return message if isinstance(message, Keypoints) else self._adapter.decode(message, size)

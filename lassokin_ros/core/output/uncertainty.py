@@ -169,7 +169,7 @@ class UncertaintyModel:
         """observed: of this skeleton and layout."""
         kinematics = self._kinematics = frame_model.kinematics
         live, dead = kinematics.live_index, np.flatnonzero(~kinematics.live)
-        self.live_count, self.live_root = len(live), kinematics.live_root
+        self.live, self.live_count, self.live_root = live, len(live), kinematics.live_root
         # Unobserved degrees of freedom have the standard deviation of the prior.
         deviation = np.concatenate([np.ones(len(live)), np.sqrt(np.diagonal(prior.covariance)[dead])])
         self._columns = np.concatenate([live, dead])

@@ -140,6 +140,29 @@ CONCERNS: dict[str, Concern] = {
         "landmark 0 ({landmark}) was in no message, all others were",
         "if the detector counts landmarks from 1, subtract 1 from the ids",
     ),
+    # Hands.
+    "hands_exchanged": Concern(
+        PROBLEM,
+        LIVE,
+        "hands lie at the wrist of the other side; they are used there",
+        "exchange left and right of the hands in the detector: it may expect mirrored images",
+    ),
+    "hands_alike": Concern(
+        PROBLEM, LIVE, "both hands have the same points; one of them is not used", "check the detector of the hands"
+    ),
+    "hands_far": Concern(
+        PROBLEM,
+        LIVE,
+        "hands are far from the wrists of the body, and not used",
+        "somebody else's hands, or check that both are pixels of the same image",
+    ),
+    "hands_order": Concern(
+        PROBLEM,
+        LIVE,
+        "the hands' points are in another order: the thumb is not the first finger; they are taken as index, middle, "
+        "ring, pinky and thumb, or not used if they do not fit this",
+        "send the wrist, then thumb, index, middle, ring and pinky finger, each from its root to the tip",
+    ),
     # Stamps and clocks.
     "future": Concern(
         PROBLEM, LIVE, "stamps lie {seconds:.3g} s in the future", "synchronise the clocks of the machines"

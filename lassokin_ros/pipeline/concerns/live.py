@@ -15,6 +15,7 @@ from lassokin_ros.pipeline.concerns.catalogue import CONCERNS, Raised, say
 from lassokin_ros.pipeline.concerns.period import INTERVALS, Period
 from lassokin_ros.pipeline.concerns.rejections import advice_for
 from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
+from lassokin_ros.pipeline.input_checks.hands import EXCHANGED, FAR, ORDER, SAME
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.people.roster import GONE
@@ -37,6 +38,9 @@ NO_BODY = 0.06
 """As a fraction of the height: largest distance of keypoints from the best body that fits. Detectors have 0.02."""
 MOST_MARKED = 0.5
 """Share of the frames of a period that may be marked by their figures alone without a warning."""
+UNUSUAL_HANDS = 0.05
+"""Share of the messages whose hands may be exchanged, alike or somebody else's without a warning."""
+HANDS = {"hands_exchanged": EXCHANGED, "hands_alike": SAME, "hands_far": FAR, "hands_order": ORDER}
 
 Rule = Callable[[Period], Iterator[Raised]]
 
@@ -172,6 +176,9 @@ def _inputs(period: Period) -> Iterator[Raised]:
     session, recent = period.session, period.recent
     yield from of_each_camera(session, lambda camera: passed_on("stamp_rate", camera.stamp_rate.warning))
     yield from _other_camera(session)
+    for key, count in HANDS.items():
+        if recent[count] > UNUSUAL_HANDS * recent["received"]:
+            yield say(key)
     if recent[UNSCORED] and recent[UNSCORED] >= recent["received"]:
         yield say("unscored")
     for name, camera in session.cameras.items():

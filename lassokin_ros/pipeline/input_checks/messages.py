@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
+
+import numpy as np
 
 from lassokin_ros.core.body.landmarks import Layout
 from msg_adapters.errors import AdapterError
@@ -20,10 +23,33 @@ def has_leading_slash(message: Any) -> bool:
 
 def check_layout(keypoints: Keypoints, layout: Layout, name: str) -> None:
     """Raise AdapterError if the detector has another number of landmarks than the layout; name: of the layout."""
-    count = len(layout.names)
+    count = layout.detector_count
     if keypoints.landmarks not in (None, count):
         raise AdapterError(
             "other_layout",
             f"the message has bodies of {keypoints.landmarks} keypoints; `landmarks: {name[:40]}` has {count}: set "
             "landmarks to the layout of the detector, or the detector to that layout (ZED: body_format)",
         )
+
+
+def without_skipped(keypoints: Keypoints, layout: Layout) -> Keypoints:
+    """Return the keypoints with ids of the layout's landmarks, without the points that it skips.
+
+    Raises AdapterError for a present point with an id that the detector's layout does not have.
+    """
+    count = layout.detector_count
+    if count == len(layout.names):
+        return keypoints
+    known = (keypoints.ids >= 0) & (keypoints.ids < count)
+    if (wrong := keypoints.ids[~known & keypoints.present]).size:
+        raise AdapterError("unknown_id", f"keypoint id {wrong[0]}; expected 0 to {count - 1} of the landmark layout")
+    places = np.full(count + 1, -1)
+    places[layout.ids] = np.arange(len(layout.names))
+    ids = places[np.where(known, keypoints.ids, count)]
+    used = ids >= 0
+    rows = {
+        name: array[used]
+        for name in ("xy", "confidence", "persons", "depth", "rays")
+        if (array := getattr(keypoints, name)) is not None
+    }
+    return replace(keypoints, ids=ids[used], landmarks=None, **rows)

@@ -10,10 +10,12 @@ import numpy as np
 from lassokin_ros.core.body.rotations import hat, to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.output.hand_points import HandPoints
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.body_frames import BodyFrames
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names
+from lassokin_ros.pipeline.outputs.hands import hands_report
 from lassokin_ros.pipeline.outputs.limbs import Limbs
 from lassokin_ros.pipeline.outputs.rep155 import MappedJoints
 from lassokin_ros.pipeline.outputs.skeletons_message import joints_report
@@ -31,6 +33,7 @@ from msg_adapters.output_messages.builders import (
     StringBuilder,
     TransformsBuilder,
 )
+from msg_adapters.output_messages.hand_cloud import HandCloudBuilder
 from msg_adapters.output_messages.image_markers import ImageMarkerBuilder, KeypointMarkerBuilder
 from msg_adapters.output_messages.joint_uncertainty import UncertaintyCloudBuilder, UncertaintyMarkersBuilder
 from msg_adapters.output_messages.limb_cloud import LimbCloudBuilder
@@ -54,11 +57,13 @@ class FrameMessages:
         person: str = "",
         config: NodeSettings | None = None,
         serialised: bool = False,
+        hands: HandPoints | None = None,
     ) -> None:
         """Make every message object once.
 
         backend: see msg_adapters.backends; name: of the node, in certificate and frames; person: id, empty for one
-        person; config: of the node; serialised: return serialised messages where that is faster.
+        person; config: of the node; serialised: return serialised messages where that is faster; hands: of skeleton
+        and layout, None for no ~/hands.
         """
         self._backend, self._serialised = backend, serialised
         self._config = config or NodeSettings()
@@ -69,6 +74,9 @@ class FrameMessages:
         self._add_certificate(f"{name}: {person}" if person else name)
         self._add_uncertainty_outputs(skeleton, prefix)
         self._add_image_outputs(skeleton, prefix)
+        if hands is not None and hands.sides:
+            cloud = self._fill(HandCloudBuilder(backend, len(hands.sides)))
+            self._builders[topics.HANDS] = lambda t, f, frame, _: cloud(t, f, hands_report(frame, hands))
         if self._config.publish_tf != OFF:
             self._add_tf(BodyFrames(skeleton, self._config, name, person))
         if self._config.detects_bodies:

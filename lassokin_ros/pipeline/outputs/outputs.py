@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from lassokin_ros.core.errors import SkeletonError
+from lassokin_ros.core.output.hand_points import HandPoints
 from lassokin_ros.pipeline.answers import Answer
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
@@ -65,14 +66,16 @@ class PersonTopics:
         self._description = RobotDescription(backend, skeleton, config.root_frame, naming)
         self.described: Callable[[str], None] | None = None
         """Called with each new URDF."""
-        listed = [*topics.person_outputs(config.detects_bodies), *([topics.TF_OUTPUT] * (config.publish_tf != OFF))]
+        hands = HandPoints(skeleton, session.tracker.layout)
+        listed = [*topics.person_outputs(config.detects_bodies, bool(hands.sides))]
+        listed += [topics.TF_OUTPUT] * (config.publish_tf != OFF)
         self.outs: dict[str, Any] = {}
         """The handles by the topic's name."""
         for topic in listed:
             name = topics.of_person(topic.name, person, config.rep155)
             if topic.name != without and (out := sink.open(topic, name, not person)) is not None:
                 self.outs[topic.name] = out
-        self._messages = FrameMessages(backend, skeleton, title, person, config, serialised=True)
+        self._messages = FrameMessages(backend, skeleton, title, person, config, serialised=True, hands=hands)
 
     def publish(self, frame: FrameResult, copy_markers: Callable[[Any], None] | None = None) -> None:
         """Write the messages of an accepted frame. copy_markers: also called with its markers.

@@ -24,6 +24,7 @@ TRANSLATION = "~/translation"
 POSE = "~/pose"
 SKELETON = "~/skeleton"
 LIMBS = "~/limbs"
+HANDS = "~/hands"
 PEOPLE = "~/people"
 SKELETONS = "~/skeletons"
 STATE = "~/state"
@@ -80,6 +81,9 @@ ROI = "~/roi"
 ROI_OUTPUT = OutputTopic(ROI, "hri_msgs/msg/NormalizedRegionOfInterest2D")
 """Only with rep155, and if no other node detects the bodies."""
 
+HANDS_OUTPUT = OutputTopic(HANDS, "sensor_msgs/msg/PointCloud2")
+"""Only with a skeleton and a layout of hands."""
+
 UNCERTAINTY_MARKERS_OUTPUT = OutputTopic(UNCERTAINTY_MARKERS, "visualization_msgs/msg/MarkerArray")
 LIVE_OUTPUTS = (
     UNCERTAINTY_MARKERS_OUTPUT,
@@ -104,9 +108,9 @@ PERSON_OUTPUTS = (*FRAME_OUTPUTS, *LIVE_OUTPUTS, DESCRIPTION_OUTPUT)
 """The topics of one person."""
 
 
-def person_outputs(regions: bool) -> tuple[OutputTopic, ...]:
-    """Return the topics of one person. regions: with that of REP-155's body detector."""
-    return (*PERSON_OUTPUTS, ROI_OUTPUT) if regions else PERSON_OUTPUTS
+def person_outputs(regions: bool, hands: bool = False) -> tuple[OutputTopic, ...]:
+    """Return the topics of one person. regions: with that of REP-155's body detector. hands: with those of hands."""
+    return (*PERSON_OUTPUTS, *[ROI_OUTPUT] * regions, *[HANDS_OUTPUT] * hands)
 
 
 BODIES, REP155_BODIES = "~/bodies", "/humans/bodies"

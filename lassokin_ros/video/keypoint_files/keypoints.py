@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
+from lassokin_ros.core.body.landmarks import BODY, Layout, built_in_layouts
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.video.sources import SourceError
@@ -66,8 +66,8 @@ def by_names(names: Sequence[str], source: str) -> tuple[str, np.ndarray]:
             f"'{source}' has the points {', '.join(names[:40])}, and no {lacking[0]}; expected the names of the "
             "landmarks of a layout, such as left_shoulder, LShoulder or l_shoulder"
         )
-    skeleton, best = Skeleton.load("anthropometric", 1.75), ("", np.zeros(0, int), 0)
-    for layout in built_in_layouts():
+    skeleton, best = Skeleton.load(BODY, 1.75), ("", np.zeros(0, int), 0)
+    for layout in built_in_layouts(BODY):
         found = np.array([columns.get(_plain(name), -1) for name in Layout.load(layout, skeleton).names])
         known = int((found >= 0).sum())
         if known > best[2] or known == best[2] and len(found) < len(best[1]):

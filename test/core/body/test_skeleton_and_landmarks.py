@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lassokin_ros.core.body.kinematics import Kinematics
-from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
+from lassokin_ros.core.body.landmarks import Layout, built_in_layouts, skeleton_of
 from lassokin_ros.core.body.roles import THICKNESS
 from lassokin_ros.core.body.skeleton import HEIGHT_RANGE, Skeleton, built_in_skeletons
 from lassokin_ros.core.config import TrackerConfig
@@ -27,7 +27,14 @@ LANDMARKS = {
     "smpl24": 24,
     "hri18": 18,
     "zed38": 38,
+    "mediapipe75": 75,
+    "coco133": 65,
+    "openpose67": 67,
+    "left_hand21": 21,
+    "right_hand21": 21,
 }
+HAND = [*("hand_wrist", "thumb1", "thumb2", "thumb3", "thumb_tip"), *("index1", "index2", "index3", "index_tip")]
+HAND += [f"{finger}{part}" for finger in ("middle", "ring", "pinky") for part in (1, 2, 3, "_tip")]
 
 
 def joint(name, parent, position=(0, 0.1, 0), **more):
@@ -81,15 +88,40 @@ def test_a_skeleton_is_loaded_from_a_file(tmp_path):
 @pytest.mark.parametrize("name", sorted(LANDMARKS))
 def test_built_in_layouts_are_valid(name):
     assert built_in_layouts() == sorted(LANDMARKS)
-    skeleton = Skeleton.load("anthropometric", 1.75)
+    skeleton = Skeleton.load(skeleton_of(name), 1.75)
     layout = Layout.load(name, skeleton)
     assert len(layout.names) == len(set(layout.names)) == LANDMARKS[name]
     assert np.abs(layout.offsets).max() < 0.2 * 1.75 and layout.noise.min() > 0
     place = skeleton.rest_positions[layout.joints] + layout.offsets
     for left, landmark in enumerate(layout.names):
-        if landmark.startswith("left_"):
+        if landmark.startswith("left_") and name != "left_hand21":
             right = layout.index("right_" + landmark[5:])
             assert place[left, 0] > 0 and np.allclose(place[left], place[right] * [-1, 1, 1], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "left", "right", "count"),
+    [("mediapipe75", 33, 54, 75), ("openpose67", 25, 46, 67), ("coco133", 91, 112, 133), ("left_hand21", 0, None, 21)],
+)
+def test_the_hands_of_a_layout_begin_at_the_detectors_ids(name, left, right, count):
+    layout = Layout.load(name, Skeleton.load(skeleton_of(name), 1.75))
+    assert layout.detector_count == count
+    named = dict(zip(layout.ids.tolist(), layout.names))
+    for first, side in ((left, "left"), (right, "right")):
+        if first is not None:
+            assert [named[first + place] for place in range(21)] == [f"{side}_{part}" for part in HAND]
+
+
+def test_the_face_of_coco133_is_skipped():
+    layout = Layout.load("coco133", Skeleton.load("body_hands", 1.75))
+    assert layout.ids.tolist() == [*range(23), *range(91, 133)]
+    assert layout.names[:17] == Layout.load("coco17", Skeleton.load("anthropometric", 1.75)).names
+    assert layout.names[17:20] == ("left_big_toe", "left_small_toe", "left_heel")
+
+
+def test_a_layout_of_hands_names_its_skeleton():
+    with pytest.raises(LayoutError, match="'left_thumb1', which is not in .* set skeleton to 'body_hands'"):
+        Layout.load("mediapipe75", Skeleton.load("anthropometric", 1.75))
 
 
 def test_coco17_is_in_cocos_order():
@@ -187,8 +219,11 @@ BAD_LAYOUTS = {
         {"landmarks": [{"name": "a", "joint": "head", "nois": 5.0}]},
         "'a' has the key 'nois', which is none of: name, joint, offset, noise, surface; did you mean 'noise'",
     ),
-    "unknown": ({"landmarks": [{"name": "a", "joint": "head"}], "of": "us"}, "the key 'of', which is none of: name, l"),
+    "unknown": ({"landmarks": [{"name": "a", "joint": "head"}], "of": "us"}, "the key 'of', which is none of: name, s"),
     "too many": ({"landmarks": [{"name": f"{i}", "joint": "head"} for i in range(1001)]}, "1001 .*expected at most"),
+    "include": ({"landmarks": [{"include": "coco18"}]}, "include is 'coco18'; expected a built-in layout: body25, "),
+    "skip": ({"landmarks": [{"skip": 3}]}, "skip is 3; expected a list of names"),
+    "all skipped": ({"landmarks": [{"skip": ["a", "b"]}]}, "all landmarks are skipped; expected some"),
     "no list": ({"landmarks": {"name": "a", "joint": "head"}}, "'landmarks' must be a list"),
     "empty list": ({"landmarks": []}, "'landmarks' must be a list"),
     "the second": ({"landmarks": [{"name": "a", "joint": "head"}, {"name": 1}]}, "landmark 1 is .*expected a mapping"),

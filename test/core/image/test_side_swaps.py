@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sequences import CONFIG, aligned_error, observations
 
-from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
+from lassokin_ros.core.body.landmarks import Layout, built_in_layouts, skeleton_of
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.body.symmetry import limb_groups, other_side
 from lassokin_ros.core.image.keypoint_filter import KeypointFilter
@@ -296,9 +296,9 @@ def test_limbs_follow_from_the_skeleton():
     assert of["left_hip"] >= 0 and of["left_collar"] >= 0
 
 
-@pytest.mark.parametrize("name", built_in_layouts())
+@pytest.mark.parametrize("name", [*built_in_layouts("anthropometric"), *built_in_layouts("body_hands")])
 def test_every_landmark_with_a_side_has_another(name):
-    layout = Layout.load(name, Skeleton.load("anthropometric", 1.75))
+    layout = Layout.load(name, Skeleton.load(skeleton_of(name), 1.75))
     sided = [landmark for landmark in layout.names if "left" in landmark or "right" in landmark]
     assert all(other_side(landmark) != landmark and other_side(landmark) in layout.names for landmark in sided)
     assert len(sided) >= 12 and all(other_side(other_side(landmark)) == landmark for landmark in layout.names)

@@ -12,7 +12,14 @@ from messages import rosbags_backend  # noqa: E402
 
 from msg_adapters.detectors.definitions import DEFINITIONS as DETECTORS  # noqa: E402
 from msg_adapters.inputs import POINT, camera_info, point_cloud, rgb_image  # noqa: E402
-from msg_adapters.output_messages import builders, image_markers, joint_uncertainty, markers, people  # noqa: E402
+from msg_adapters.output_messages import (  # noqa: E402
+    builders,
+    hand_cloud,
+    image_markers,
+    joint_uncertainty,
+    markers,
+    people,
+)
 from msg_adapters.output_messages.skeleton_cloud import POINT as SKELETON_POINT  # noqa: E402
 from msg_adapters.output_messages.skeleton_cloud import JointsReport, SkeletonCloudBuilder  # noqa: E402
 
@@ -324,3 +331,23 @@ def test_inputs(backend):
     check_header(image.header)
     assert (image.height, image.width, image.encoding, image.step, image.is_bigendian) == (2, 4, "rgb8", 12, 0)
     assert image.data.tolist() == list(range(24))
+
+
+def test_hands_have_the_points_and_what_all_points_of_a_hand_share(backend):
+    def hand(side, first):
+        numbers = first + np.arange(63.0).reshape(21, 3)
+        return hand_cloud.HandReport(
+            side, 7, numbers, np.tile(SYMMETRIC[0], (21, 1, 1)), np.arange(21) % 2 == 0, numbers[0], np.arange(4.0),
+            numbers[1], 0.5,
+        )  # fmt: skip
+
+    message = hand_cloud.HandCloudBuilder(backend, 2).fill(STAMP, FRAME, [hand(0, 0.0), hand(1, 500.0)])
+    cloud = points(message, hand_cloud.POINT).reshape(2, 21)
+    assert [cloud[name][1, 20] for name in "xyz"] == [560, 561, 562]
+    assert [cloud[name][0, 3] for name in ("xx", "xy", "xz", "yy", "yz", "zz")] == UPPER[0]
+    assert cloud["deviation"][0, 0] == pytest.approx(np.sqrt(1 + 4 + 6))
+    assert cloud["index"].tolist() == [list(range(21))] * 2 and cloud["side"][:, 0].tolist() == [0, 1]
+    assert cloud["observed"][1, :3].tolist() == [1, 0, 1] and (cloud["person"] == 7).all()
+    shared = {name: cloud[name][1] for name in hand_cloud.OF_HAND}
+    assert all((values == values[0]).all() for values in shared.values())
+    assert [values[0] for values in shared.values()] == [500, 501, 502, 0, 1, 2, 3, 503, 504, 505, 0.5]

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lassokin_ros.pipeline.input_checks.messages import check_layout, has_leading_slash
+from lassokin_ros.pipeline.input_checks.messages import check_layout, has_leading_slash, without_skipped
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
-LAYOUT = SimpleNamespace(names=("a", "b", "c"))
+LAYOUT = SimpleNamespace(names=("a", "b", "c"), detector_count=3)
 
 
 def keypoints(landmarks):
@@ -29,3 +29,29 @@ def test_a_leading_slash():
     for frame, found in (("/camera", True), ("camera/", False), ("", False), ("/", True)):
         assert has_leading_slash(SimpleNamespace(header=SimpleNamespace(frame_id=frame))) is found
     assert not has_leading_slash(SimpleNamespace())
+
+
+def test_skipped_points_are_left_out_and_the_others_counted_anew():
+    layout = SimpleNamespace(names=("a", "c", "e"), ids=np.array([0, 2, 4]), detector_count=5)
+    ids = np.array([4, 1, 0, 3, 2])
+    given = Keypoints(1, "", ids, ids[:, None] * np.ones(2) + 1, np.ones(5), np.arange(5), depth=ids + 0.5)
+    kept = without_skipped(given, layout)
+    assert kept.ids.tolist() == [2, 0, 1] and kept.xy[:, 0].tolist() == [5, 1, 3]
+    assert kept.depth.tolist() == [4.5, 0.5, 2.5] and kept.persons.tolist() == [0, 2, 4]
+    assert given.ids.tolist() == [4, 1, 0, 3, 2]
+
+
+def test_an_id_that_the_detector_does_not_have_is_refused_unless_the_point_is_missing():
+    layout = SimpleNamespace(names=("a", "c"), ids=np.array([0, 2]), detector_count=3)
+    for wrong in (3, -1):
+        with pytest.raises(AdapterError, match=f"keypoint id {wrong}; expected 0 to 2 of the landmark layout"):
+            without_skipped(Keypoints(1, "", np.array([0, wrong]), np.ones((2, 2)), np.ones(2)), layout)
+        assert (
+            len(without_skipped(Keypoints(1, "", np.array([0, wrong]), np.ones((2, 2)), np.array([1, 0])), layout).ids)
+            == 1
+        )
+
+
+def test_a_layout_without_skipped_points_changes_nothing():
+    given = keypoints(None)
+    assert without_skipped(given, LAYOUT) is given

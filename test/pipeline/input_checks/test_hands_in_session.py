@@ -1,0 +1,163 @@
+"""Hands through the whole session: bad ones hardly move the body, and are named; ~/hands; ids of 133 points."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from messages import FRAME, camera_info, rosbags_backend
+
+from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.rotations import exponential, from_quaternion
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.output.hand_points import HandPoints
+from lassokin_ros.pipeline.concerns.catalogue import CONCERNS
+from lassokin_ros.pipeline.concerns.live import HANDS
+from lassokin_ros.pipeline.input_checks.hands import EXCHANGED, FAR, ORDER, SAME
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
+from lassokin_ros.pipeline.session import Session
+from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.watch import points as points_of
+from msg_adapters.keypoints import Keypoints
+
+pytest.importorskip("rosbags")
+BACKEND = rosbags_backend()
+LEFT, RIGHT = np.arange(33, 54), np.arange(54, 75)
+LAST = [0, *range(5, 21), *range(1, 5)]
+FRAMES, BAD_FROM = 12, 4
+MOST_MM = 20.0
+
+
+def session(landmarks="mediapipe75", skeleton="body_hands"):
+    made = Session(TrackerConfig(height=1.75, skeleton=skeleton, landmarks=landmarks), NodeSettings())
+    made.set_camera(camera_info(BACKEND))
+    return made
+
+
+def places(one, time):
+    """px of the landmarks of a person who moves the right arm."""
+    skeleton, body = one.tracker.skeleton, one.tracker.kinematics
+    turns = np.zeros((skeleton.joint_count, 3))
+    turns[0] = np.pi, 0, 0
+    for side, sign in (("left", 1), ("right", -1)):
+        turns[skeleton.index(f"{side}_shoulder")] = 0, 0, -0.9 * sign
+        turns[skeleton.index(f"{side}_elbow")] = 0, -0.4 * sign, (1.1 + 0.5 * time * (side == "right")) * sign
+        for finger in ("index", "middle", "ring", "pinky"):
+            turns[skeleton.index(f"{side}_{finger}2")] = 0, 0, -0.5 * sign
+    pose = body.pose(BodyState(exponential(turns), np.array([0.0, 0.0, 2.5])))
+    (camera,) = one.cameras.values()
+    return camera.camera.view.lens.distort(project(pose.landmarks))
+
+
+def run(change=lambda p, i: None, frames=FRAMES):
+    """The session, and the positions of the body's joints (frames, 22, 3)."""
+    one, random, found = session(), np.random.default_rng(0), []
+    for i in range(frames):
+        pixels = places(one, i / 30) + random.normal(size=(75, 2))
+        if i >= BAD_FROM:
+            change(pixels, i)
+        seen = np.isfinite(pixels[:, 0])
+        keypoints = Keypoints(round(1e9 * (1 + i / 30)), FRAME, np.arange(75)[seen], pixels[seen], np.ones(seen.sum()))
+        frame = one.process(keypoints, 7)
+        assert frame.accepted, frame.detail
+        found.append(frame.estimate.pose.positions[:22])
+    return one, np.array(found)
+
+
+@pytest.fixture(scope="module")
+def right():
+    return run()[1]
+
+
+def swap(p, i):
+    p[LEFT], p[RIGHT] = p[RIGHT].copy(), p[LEFT].copy()
+
+
+def far(p, i):
+    p[LEFT] += [0.0, 250.0]
+
+
+def others(p, i):
+    p[LEFT] = p[LEFT] * 0.7 + [40.0, 30.0]
+
+
+def alike(p, i):
+    p[LEFT] = p[RIGHT]
+
+
+def at_the_other(p, i):
+    p[LEFT] += p[RIGHT[0]] - p[LEFT[0]]
+
+
+def come_and_go(p, i):
+    if i % 3:
+        p[LEFT] = np.nan
+    if i % 4 == 0:
+        p[RIGHT] = np.nan
+
+
+def thumb_last(p, i):
+    p[LEFT], p[RIGHT] = p[LEFT][LAST], p[RIGHT][LAST]
+
+
+CASES = {
+    "exchanged": (swap, EXCHANGED),
+    "a metre away": (far, FAR),
+    "somebody else's": (others, FAR),
+    "the same twice": (alike, SAME),
+    "at the other's wrist": (at_the_other, FAR),
+    "come and go": (come_and_go, None),
+    "thumb last": (thumb_last, ORDER),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_bad_hands_hardly_move_the_body_and_are_named(case, right):
+    change, name = CASES[case]
+    one, found = run(change)
+    moved = 1e3 * np.linalg.norm(found - right, axis=-1)
+    assert moved.max() < MOST_MM
+    assert {count for count in (EXCHANGED, FAR, SAME, ORDER) if one.counts[count]} == ({name} if name else set())
+
+
+def test_all_counts_have_a_concern():
+    assert set(HANDS.values()) == {EXCHANGED, FAR, SAME, ORDER} and set(HANDS) <= set(CONCERNS)
+
+
+def test_ids_of_133_points_reach_their_landmarks():
+    one = session("coco133")
+    pixels = places(one, 0.0)
+    ids, xy = np.append(one.tracker.layout.ids, 50), np.vstack([pixels, [[300.0, 200.0]]])  # and a point of the face
+    frame = one.process(Keypoints(10**9, FRAME, ids, xy, np.ones(66), landmarks=133), 7)
+    assert frame.accepted and np.allclose(frame.detected, pixels)
+    assert one.process(Keypoints(2 * 10**9, FRAME, ids, xy, np.ones(66), landmarks=17), 7).rejection == "other_layout"
+
+
+def test_the_topic_of_hands_has_both_hands_in_their_axes():
+    one = session()
+    frame = one.process(Keypoints(10**9, FRAME, np.arange(75), places(one, 0.0), np.ones(75)), 7)
+    hands = HandPoints(one.tracker.skeleton, one.tracker.layout)
+    messages = FrameMessages(BACKEND, one.tracker.skeleton, hands=hands)
+    ((name, message),) = messages.build(frame, {topics.HANDS})
+    cloud = points_of(message).reshape(2, 21)
+    assert name == "~/hands" and (message.header.frame_id, message.header.stamp.sec) == (FRAME, 1)
+    assert cloud["index"].tolist() == [list(range(21))] * 2 and cloud["side"].tolist() == [[0] * 21, [1] * 21]
+    assert (cloud["observed"] == 1).all() and (cloud["person"] == 1).all()
+    read = hands.read(frame.estimate.pose, frame.estimate.visible, frame.uncertainty)
+    for row, hand, rows in zip(cloud, read, (LEFT, RIGHT)):
+        xyz = np.stack([row[axis] for axis in "xyz"], axis=1)
+        turn = from_quaternion(np.array([row[0][q] for q in ("qx", "qy", "qz", "qw")]))
+        wrist = np.array([row[0][f"wrist_{axis}"] for axis in "xyz"])
+        assert np.allclose(xyz @ turn.T + wrist, frame.estimate.pose.landmarks[rows], atol=1e-5)
+        assert np.allclose(row["xy"], hand.covariance[:, 0, 1]) and np.allclose(row["zz"], hand.covariance[:, 2, 2])
+        assert np.allclose(row["deviation"], np.sqrt(hand.covariance.trace(axis1=1, axis2=2)))
+        assert np.allclose([row[0][f"ray_{axis}"] for axis in "xyz"], hand.ray)
+        assert np.allclose(row["ray_deviation"], hand.ray_deviation)
+
+
+def test_a_body_without_hands_has_no_such_topic():
+    one = Session(TrackerConfig(), NodeSettings())
+    messages = FrameMessages(BACKEND, one.tracker.skeleton, hands=HandPoints(one.tracker.skeleton, one.tracker.layout))
+    assert topics.HANDS not in messages._builders
+    assert topics.HANDS_OUTPUT not in topics.person_outputs(True) and Counter(topics.person_outputs(False, True))
