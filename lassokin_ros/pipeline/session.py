@@ -35,6 +35,7 @@ from lassokin_ros.pipeline.image_sets import LATE, LONGEST_LATE_NS, stamp_of_set
 from lassokin_ros.pipeline.inputs import Inputs
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.choice import NoPersonError
+from lassokin_ros.pipeline.people.out_of_view import Absent, OutOfView
 from lassokin_ros.pipeline.people.people_tracker import PERSON_ABSENT, PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
@@ -92,6 +93,7 @@ class Session:
         """The inputs of the only camera, or of the first one."""
         self.placement = Placement(self.config, self._trackable, self.counts, poses)
         """Where the cameras are, and which of them are used."""
+        self._out_of_view = OutOfView(np.array([0.0, -1.0, 0.0]) if up is None else up)
         places = self.placement.places
         self.inputs = Inputs(self.cameras, self.config, patience, None if places is None else places.may_reach)
         """What waits for depth images, TF and other cameras."""
@@ -167,11 +169,20 @@ class Session:
         It is known from usable messages of all cameras in the last `stale_after`, if none of them shows somebody, be it
         a person who was tracked, or one who is too near; and not from keypoints that could not be used, such as those
         of a frozen detector. With `silent_when_empty` it is known from silence, too, while all detectors are connected.
-        If a person is locked, nobody else counts.
+        Nobody must have left the view, see `absent_at`. If a person is locked, nobody else counts.
         """
         if not (self.enabled and self.inputs.has_camera) or self.locked is not None:
             return False
+        if self.absent_at(self.image_at(now_ns)[0]):
+            return False
         return self.scene.known_empty(now_ns, self.config, self.detector_connected)
+
+    def absent_at(self, stamp_ns: int) -> list[Absent]:
+        """Return who was tracked, and may be where no camera has looked since; nobody if it is unknown where they look.
+
+        stamp_ns: ns.
+        """
+        return self._out_of_view.at(stamp_ns, self.config.nobody_after)
 
     def untracked_at(self, stamp_ns: int) -> int:
         """Return the number of people who are in the newest images and are not tracked, at a stamp in ns.
@@ -237,6 +248,7 @@ class Session:
         self.inputs.reset_sets()
         self._order.reset()
         self.placement.reset()
+        self._out_of_view.reset()
         self.scene.reset()
         self.counts["resets"] += 1
 
@@ -396,11 +408,14 @@ class Session:
             if not placed:
                 return []
             self.placement.follow_mount(images[0])
-            frames = self.people.update(placed, frame_id, self.config.forget_after)
+            away = self._out_of_view.ids
+            frames = self.people.update(placed, frame_id, self.config.forget_after, away)
         except AdapterError as error:
             self.scene.refuse(image.camera.name for image in images)
             return self._refusal(stamp_ns, images[0].frame_id, arrival_ns, error.reason, str(error))
         self.scene.use(images, placed, arrival_ns, self.people, self.reported_lost_after)
+        if self.placement.places is not None:
+            self._out_of_view.update(frames, placed, self.config.forget_after, self.placement.jumps.newest)
         if self.config.several_cameras:
             frames = self._without_absences(frames, stamp_ns)
             self._note_residuals(frames)
