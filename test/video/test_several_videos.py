@@ -19,8 +19,8 @@ from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, read_cameras
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.video import several_videos
+from lassokin_ros.video.cameras.found_cameras import calibration_toml
 from lassokin_ros.video.command import main
-from lassokin_ros.video.found_cameras import calibration_toml
 from lassokin_ros.video.output_video import HEIGHT_OF_SEVERAL
 from lassokin_ros.video.rerun_scene import LONGEST_SIDE
 from lassokin_ros.video.sources import open_source
@@ -207,14 +207,6 @@ def test_all_people_in_several_videos_have_their_motion(short, monkeypatch):
             middle = EYES[0].pose_at(0).into_camera(TRUTH.positions[frames, 0])
             away = np.linalg.norm(motion["joint_positions"][mine, 0] - middle, axis=1)
             assert len(frames) > SHORT - 6 and np.abs(away - 0.6).max() < 0.1
-
-
-@pytest.mark.parametrize(("begin", "told"), [(0.0, False), (0.01, False), (0.5, True)])
-def test_files_whose_images_begin_at_different_times_are_named(begin, told):
-    places = {"left": 0.0, "right": begin}
-    cameras = [several_videos.Filmed(name, SimpleNamespace(begin=at), None, None) for name, at in places.items()]
-    words = several_videos._begins(cameras)
-    assert ("(left at 0.00 s, right at 0.50 s), but are tracked as if" in words) == told == bool(words)
 
 
 @pytest.mark.parametrize("bystander", [False, True])

@@ -94,6 +94,10 @@ class Calibration:
         Lens.from_intrinsics(intrinsics, rectified)
         return intrinsics
 
+    def lens(self) -> Lens:
+        """Return the lens of the raw image. Raises CameraError if there is none."""
+        return Lens.from_intrinsics(self.intrinsics(""))
+
 
 def read_calibration(path: Path) -> Calibration:
     """Read a calibration file. Of a file with several cameras one is chosen by its name: `camchain.yaml:cam1`.
@@ -131,8 +135,10 @@ def camera_names(file: Path) -> list[str]:
     return list(_cameras(values_in(file)))
 
 
-def read_cameras(file: Path, names: Sequence[str]) -> dict[str, tuple[Calibration, CameraPose]]:
+def read_cameras(file: Path, names: Sequence[str], any_unit: bool = False) -> dict[str, tuple[Calibration, CameraPose]]:
     """Read the calibrations and the poses of several cameras of one file, by name.
+
+    any_unit: the places may be in another unit than m, which the caller finds out.
 
     TOML of Pose2Sim, Anipose or caliscope; a camchain of Kalibr, whose poses are relative to the camera before; or a
     file of OpenCV's stereo calibration with R and T. Raises CameraError.
@@ -150,7 +156,8 @@ def read_cameras(file: Path, names: Sequence[str]) -> dict[str, tuple[Calibratio
             "Pose2Sim, Anipose or caliscope), T_cn_cnm1 (Kalibr), or R and T (OpenCV's stereo calibration)"
         ) from None
     found = {name: (_calibration(cameras[name], file), CameraPose(name, *poses[name])) for name in names}
-    _refuse_other_units([pose for _, pose in found.values()], file)
+    if not any_unit:
+        _refuse_other_units([pose for _, pose in found.values()], file)
     return found
 
 
