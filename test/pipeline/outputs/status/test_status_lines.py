@@ -13,7 +13,7 @@ from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.camera_images import NOBODY
 from lassokin_ros.pipeline.concerns.catalogue import say
 from lassokin_ros.pipeline.concerns.rejections import advice_for
-from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
+from lassokin_ros.pipeline.depth.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
