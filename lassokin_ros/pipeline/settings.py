@@ -124,6 +124,15 @@ class NodeSettings:
         live=True,
     )
     forget_after: float = setting(3.0, "a person who is not seen for this long has left", "s", 0.1, 3600.0, live=True)
+    nobody_after: float = setting(
+        30.0,
+        "longest time for which somebody who left the view may be where no camera has looked since; ~/state is not "
+        "nobody then; needs the places of the cameras (fixed_frame, cameras)",
+        "s",
+        0.0,
+        3600.0,
+        live=True,
+    )
     rep155: bool = setting(
         False, "several people's topics and frames as in REP-155: /humans/bodies/<id>/, the list as hri_msgs/IdsList"
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Protocol
 
@@ -27,9 +27,11 @@ CLASS_ID = "person"
 TRACKING, LOST = "tracking", "lost"
 LARGEST_NUMBER = 0x7FFFFFFF
 """Largest number of a person that a field of type int32 can have."""
+VELOCITY_COVARIANCE = tuple(f"v{name}" for name in COVARIANCE)
 POINT = np.dtype(
     [(name, "<f4") for name in (*MOTION, *COVARIANCE, "confidence", "age")]
-    + [(name, "<i4") for name in ("person", "tracked", "detector_id", "guessed", "doubtful", "locked")]
+    + [(name, "<i4") for name in ("person", "tracked", "detector_id", "guessed", "doubtful", "locked", "out_of_view")]
+    + [(name, "<f4") for name in VELOCITY_COVARIANCE]
 )
 DEFINITIONS: Mapping[str, str] = {
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
@@ -58,7 +60,8 @@ class PersonReport:
     Attributes
     ----------
     id: text.
-    tracked: False for a person who is lost. All other fields are then those of the last frame with the person.
+    tracked: False for a person who is lost. All other fields are then those of the last frame with the person, but for
+    the covariance, which grows as far as people walk.
     confidence: 0 to 1, that the pose is right; 0 for a person who is lost.
     position: (3,) m, of the pelvis; quaternion: (4,) x, y, z, w, of the body (x front, y left, z up).
     velocity: (3,) m/s, of the pelvis.
@@ -69,6 +72,8 @@ class PersonReport:
     guessed: True if the person was re-identified by position only after an absence, and may be somebody else.
     doubtful: True if the pose is likely wrong.
     locked: True if the person is locked.
+    out_of_view: True for a person who is lost, and at whose place no camera has looked since.
+    velocity_covariance: (3, 3), m^2/s^2.
     """
 
     id: str
@@ -84,6 +89,8 @@ class PersonReport:
     guessed: bool = False
     doubtful: bool = False
     locked: bool = False
+    out_of_view: bool = False
+    velocity_covariance: np.ndarray = field(default_factory=lambda: np.full((3, 3), np.nan))
 
     @property
     def number(self) -> int:
@@ -149,7 +156,8 @@ class DetectionsBuilder:
 class PeopleMsgsBuilder:
     """people_msgs/People. reliability: the confidence.
 
-    Tags: state, xx to zz of the position's covariance, age, detector_id, guessed, doubtful and locked (0 or 1).
+    Tags: state, xx to zz of the position's covariance, age, detector_id, guessed, doubtful, locked and out_of_view (0
+    or 1).
     """
 
     def __init__(self, backend: Backend) -> None:
@@ -169,9 +177,9 @@ class PeopleMsgsBuilder:
         place.x, place.y, place.z = person.position.tolist()
         velocity.x, velocity.y, velocity.z = person.velocity.tolist()
         variances = person.covariance[:3, :3].reshape(9)[UPPER]
-        message.tagnames = ["state", *COVARIANCE, "age", "detector_id", "guessed", "doubtful", "locked"]
+        message.tagnames = ["state", *COVARIANCE, "age", "detector_id", "guessed", "doubtful", "locked", "out_of_view"]
         tags = [person.state, *(f"{variance:.6g}" for variance in variances.tolist())]
-        flags = [str(int(flag)) for flag in (person.guessed, person.doubtful, person.locked)]
+        flags = [str(int(flag)) for flag in (person.guessed, person.doubtful, person.locked, person.out_of_view)]
         message.tags = [*tags, f"{person.age:.3f}", str(person.detector_id), *flags]
         return message
 
@@ -180,8 +188,9 @@ class PeopleCloudBuilder:
     """sensor_msgs/PointCloud2, one point per person.
 
     x, y, z in m, vx, vy, vz in m/s, xx, xy, xz, yy, yz, zz in m^2: pelvis; confidence; person: `PersonReport.number`;
-    tracked: 1, or 0 for a person who is lost. age, detector_id, guessed, doubtful, locked: as in PersonReport; a
-    detector_id above LARGEST_NUMBER is -1. People whose place is not known come last: NaN, tracked 0, person -1.
+    tracked: 1, or 0 for a person who is lost. age, detector_id, guessed, doubtful, locked, out_of_view: as in
+    PersonReport; vxx to vzz in m^2/s^2: of the velocity. A detector_id above LARGEST_NUMBER is -1. People whose place
+    is not known come last: NaN, tracked 0, person -1.
     """
 
     def __init__(self, backend: Backend, serialised: bool = False) -> None:
@@ -194,12 +203,12 @@ class PeopleCloudBuilder:
         points = np.zeros(len(people) + untracked, POINT)
         values = points.view("<f4").reshape(len(points), POINT.itemsize // 4)
         if untracked:
-            values[len(people) :, :12] = np.nan
+            values[len(people) :, :12] = values[len(people) :, -6:] = np.nan
             points["person"] = points["detector_id"] = -1
         for row, person in zip(values, people):
             row[:3], row[3:6] = person.position, person.velocity
             row[6:12] = person.covariance[:3, :3].take(UPPER)
-            row[12:14] = person.confidence, person.age
+            row[12:14], row[-6:] = (person.confidence, person.age), person.velocity_covariance.take(UPPER)
         numbers = points[: len(people)]
         numbers["person"] = [person.number for person in people]
         numbers["tracked"] = [person.tracked for person in people]
@@ -207,6 +216,7 @@ class PeopleCloudBuilder:
         numbers["guessed"] = [person.guessed for person in people]
         numbers["doubtful"] = [person.doubtful for person in people]
         numbers["locked"] = [person.locked for person in people]
+        numbers["out_of_view"] = [person.out_of_view for person in people]
         fill = self._fill if len(points) > 0 else self._cloud.fill
         return fill(stamp_ns, frame_id, points)
 

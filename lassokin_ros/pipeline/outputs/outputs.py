@@ -264,7 +264,8 @@ class Outputs:
             session = self._session
             limits = session.reported_lost_after, session.config.forget_after
             more = session.untracked_at(image[0]), session.locked
-            self._sink.write(self._people_out, self._newest.build(image, *limits, *more))
+            absent = session.absent_at(image[0])
+            self._sink.write(self._people_out, self._newest.build(image, *limits, *more, absent))
             self._people_at = now
 
     def write_cameras(self, stamp_ns: int, now: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,14 @@ from lassokin_ros.core.body.rotations import to_quaternion
 from lassokin_ros.core.observation import HERE, CameraPose
 from lassokin_ros.pipeline.frame_result import BODY_FROM_ROOT, FrameResult
 from lassokin_ros.pipeline.image_sets import LONGEST_LATE_NS
+from lassokin_ros.pipeline.people.out_of_view import Absent
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.people import PersonReport, people_builder
 
 Image = tuple[int, str]
 """Stamp in ns and frame_id of an image."""
+WALKING_M_S = 0.7
+"""m/s: growth of the standard deviation of the place of a person who is lost. Twice of it is the speed of a walk."""
 SINGLE_PERSON = "p1"
 """Id in the message if one person is followed."""
 
@@ -25,7 +29,7 @@ class PeopleMessages:
     """Stores the newest result of each person, and makes the messages.
 
     A person is `tracking` for `lost_after` s after the last accepted frame, then `lost`. A person who was not seen for
-    `forget_after` s, or is not among the people present, is left out.
+    `forget_after` s, or is not among the people present, is left out, unless they may be out of view.
     """
 
     def __init__(
@@ -68,12 +72,19 @@ class PeopleMessages:
         self._moved.clear()
 
     def build(
-        self, image: Image, lost_after: float, forget_after: float, untracked: int = 0, locked: str | None = None
+        self,
+        image: Image,
+        lost_after: float,
+        forget_after: float,
+        untracked: int = 0,
+        locked: str | None = None,
+        absent: Sequence[Absent] = (),
     ) -> Any:
         """Return the message.
 
         image: stamp in ns and frame_id of the keypoints; lost_after, forget_after: s. untracked: number of people who
-        are in the image and not tracked. locked: id of the locked person.
+        are in the image and not tracked. locked: id of the locked person. absent: see `Session.absent_at`; those who
+        were not seen for forget_after come last.
         """
         stamp_ns, frame_id = image
         only = self._newest.get("")
@@ -88,7 +99,26 @@ class PeopleMessages:
                 age_s += 0.0 if frame.estimate is None else frame.estimate.repeated
                 moved = self._moved.get(frame.person, HERE)
                 people.append(person_report(frame, age_s <= lost_after, age_s, id_of(frame) == locked, moved))
+        people = self._with_absent(people, absent, image, lost_after, locked)
         return self._builder.fill(stamp_ns, frame_id, people, untracked)
+
+    def _with_absent(
+        self,
+        people: Sequence[PersonReport],
+        absent: Sequence[Absent],
+        image: Image,
+        lost_after: float,
+        locked: str | None,
+    ) -> list[PersonReport]:
+        """Mark who is out of view, and add those who are not listed any more."""
+        listed = {one.id: one for one in people}
+        for one in absent:
+            person, age_s = id_of(one.frame), (image[0] - one.frame.stamp_ns) * 1e-9
+            if one.frame.frame_id != image[1] or age_s <= lost_after:
+                continue
+            known = listed.get(person) or person_report(one.frame, False, age_s, person == locked, one.moved)
+            listed[person] = replace(known, out_of_view=one.out_of_view and not known.tracked)
+        return list(listed.values())
 
 
 def images_of(frames: Sequence[FrameResult], newest: Image | None, held: bool) -> list[tuple[Image, list[FrameResult]]]:
@@ -125,6 +155,9 @@ def person_report(
     assert estimate is not None and estimate.pose is not None and frame.velocity is not None
     positions, quaternion, velocity = estimate.pose.positions, frame.quaternions[-1], frame.velocity
     covariance = frame.uncertainty.absolute.pelvis
+    if not tracked:
+        covariance = covariance.copy()
+        covariance[[0, 1, 2], [0, 1, 2]] += (WALKING_M_S * age_s) ** 2
     if moved is not HERE:
         turn = np.kron(np.eye(2), moved.rotation)
         positions, velocity = moved.into_camera(positions), moved.rotation @ velocity

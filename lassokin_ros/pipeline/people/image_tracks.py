@@ -58,7 +58,8 @@ class ImageTrack:
     detection: the newest one; points: (l, 2) normalised, the newest position of each landmark; seen_ns: stamp of the
     newest detection; velocity: (2,) 1/s; gap_s: s between the two newest detections; by_place: the newest detection
     was found by place, not by number and place; number: the detector's, None if it is not known (any more); run: number
-    of detections without two images in a row that miss the person; missed: number of images since the newest one.
+    of detections without two images in a row that miss the person; missed: number of images since the newest one;
+    silent_s: s since the newest detection in which the detector was silent, if these are no absence.
     """
 
     detection: Seen
@@ -70,6 +71,7 @@ class ImageTrack:
     number: int | None = None
     run: int = 1
     missed: int = 0
+    silent_s: float = 0.0
 
     def unseen_s(self, stamp_ns: int) -> float:
         """Return s since the newest detection."""
@@ -90,7 +92,7 @@ class ImageTrack:
         else:
             self.velocity = np.zeros(2)
         self.points = np.where(np.isfinite(detection.points), detection.points, self.points + step)
-        self.detection, self.seen_ns = detection, stamp_ns
+        self.detection, self.seen_ns, self.silent_s = detection, stamp_ns, 0.0
         self.run, self.missed = (self.run if self.missed <= MOST_MISSED else 0) + 1, 0
 
 
@@ -195,7 +197,7 @@ class ImageTracks:
         costs = pair_costs(np.stack(points), detections)
         unseen = np.array([track.unseen_s(stamp_ns) for track in tracks])
         reach = np.array([_reach(track, stamp_ns, track in guarded) for track in tracks])
-        reach[unseen > forget_after] = -1.0
+        reach[unseen - [track.silent_s for track in tracks] > forget_after] = -1.0
         same = same_numbers([t.number if believed else None for t in tracks], [one.number for one in detections])
         sure = same if self.numbers.proven else np.zeros_like(same)
         used = np.where((unseen > forget_after)[:, None], same, sure)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -217,12 +217,16 @@ class PeopleTracker:
         shown = {name: track.seen_ns for name, track in person.tracks.items() if track.seen_ns >= since_ns}
         return self._who.views[max(shown, key=lambda name: shown[name])] if shown else newest
 
-    def update(self, images: Sequence[Image], frame_id: str, forget_after: float) -> list[FrameResult]:
+    def update(
+        self, images: Sequence[Image], frame_id: str, forget_after: float, out_of_view: Collection[str] = ()
+    ) -> list[FrameResult]:
         """Track the people in one image, or in those of several cameras at one instant.
 
         frame_id: of the results. forget_after: s. If one person is followed, a refused message gives a result with the
-        reason; of several people accepted results only are returned, and rejections are counted.
+        reason; of several people accepted results only are returned, and rejections are counted. out_of_view: see
+        Roster.
         """
+        self._roster.out_of_view = out_of_view
         stamp_ns = self._roster.newest_ns = max(image.stamp_ns for image in images)
         for person in list(self._roster.people):
             if not self._roster.is_guarded(person) and person.body.unseen_s(stamp_ns) > forget_after:

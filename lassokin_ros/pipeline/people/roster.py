@@ -54,6 +54,7 @@ class Roster:
     locked: the person whom the lock holds; gone: True if that person was forgotten.
     newest_ns: stamp of the newest images.
     left: results of people who left, which waited for `smoothing_lag`.
+    out_of_view: ids of people at whose place no camera has looked since, so that they may come into view elsewhere.
     renumbered: True if a number of the detector may be another person's than before.
     """
 
@@ -65,6 +66,7 @@ class Roster:
         self.people = [Person(1, self.idle.pop())] if self.one else []
         self.locked: Person | None = None
         self.gone, self.renumbered = False, False
+        self.out_of_view: Collection[str] = ()
         self.newest_ns = 0
         self.left: list[FrameResult] = []
         self._next = 1

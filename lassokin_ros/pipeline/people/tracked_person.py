@@ -254,15 +254,17 @@ class TrackedPerson:
         lost = self.status is Status.TRACKING and self.unseen_s(stamp_ns) > self.tracker.config.lost_after
         return Status.LOST if lost else self.status
 
-    def predicted_landmarks(self, stamp_ns: int, camera: CameraPose = HERE) -> np.ndarray | None:
+    def predicted_landmarks(
+        self, stamp_ns: int, camera: CameraPose = HERE, walks_s: float = LONGEST_PREDICTION_S
+    ) -> np.ndarray | None:
         """Return the predicted landmarks (l, 2) in the image of a camera, normalised; None without a pose of it.
 
-        They are those of the last pose, moved with the velocity across the line of sight.
+        They are those of the last pose, moved with the velocity across the line of sight, for `walks_s` s at most.
         """
         camera = self._corrected(camera)
         if self._landmarks is None or not camera.known:
             return None
-        shift = self._velocity * min(self.unseen_s(stamp_ns), LONGEST_PREDICTION_S)
+        shift = self._velocity * min(self.unseen_s(stamp_ns), walks_s)
         shift = shift if camera.is_identity else camera.rotation @ shift
         shift[2] = 0.0  # depth from one camera is too noisy to extrapolate
         return project(camera.into_camera(self._landmarks) + shift)

@@ -29,6 +29,8 @@ CONFIRMING_MESSAGES = 3
 DOUBTFUL = 2.0
 """A person who is seen first by one camera is not added, if the cost of being somebody whom only other cameras see is
 below this times SAME_PERSON."""
+WALKED = (0.0, 0.5, 1.0)
+"""Shares of the time out of sight: a person whom no camera sees, as in a gap between two, walks on for one of these."""
 AT_ONCE_NS = 100_000_000
 """ns: images of several cameras within this time show the same people."""
 
@@ -74,7 +76,10 @@ class WhoIsWho:
             return self._identified(view, found)
         if self._roster.one and not image.numbered and self._roster.locked_id is None:
             return self._only_one(view, patience)
-        self._roster.renumbered |= view.tracks.hear(stamp_ns, [one.number for one in image.people], image.lasting)
+        if view.tracks.hear(stamp_ns, [one.number for one in image.people], image.lasting):
+            self._roster.renumbered = True
+            if (locked := self._roster.locked) is not None and (track := locked.tracks.get(name)) is not None:
+                track.silent_s = track.unseen_s(stamp_ns)  # who stands still is found by place, guessed
         own = self._own_tracks(image)
         numbers = {track.number for track in own} if image.lasting else ()
         usable = [one for one in image.people if self._roster.is_trackable(one)]
@@ -187,12 +192,16 @@ class WhoIsWho:
             size = body.tracker.learned.size_check
             sights = [Sight(image.stamp_ns, track.detection, image.lens, image.camera) for track in tracks]
             return np.array([cross_view_cost(elsewhere, sight, size) for sight in sights]) / SAME_PERSON
-        points = body.predicted_landmarks(image.stamp_ns, image.camera) if unseen_s <= patience else None
-        if points is None:
+        away = person.id in self._roster.out_of_view
+        if unseen_s > patience and not (away and person is self._roster.locked):
+            return np.full(len(tracks), np.inf)
+        stopped = (body.predicted_landmarks(image.stamp_ns, image.camera, unseen_s * share) for share in WALKED)
+        points = [one for one in stopped if one is not None]
+        if not points:
             return np.full(len(tracks), np.inf)
         reach = match_radius(unseen_s)
-        reach = min(reach, FARTHEST_GUARDED) if self._roster.is_guarded(person) else reach
-        return distances(points[None], [track.detection for track in tracks], 0.0)[0] / reach
+        reach = min(reach, FARTHEST_GUARDED) if self._roster.is_guarded(person) and not away else reach
+        return distances(np.stack(points), [track.detection for track in tracks], 0.0).min(axis=0) / reach
 
     def _nobodys(self, view: View) -> list[ImageTrack]:
         """Return the tracks in the newest image of a camera that are nobody's."""

@@ -99,6 +99,24 @@ def test_after_a_silence_of_the_detector_numbers_are_new():
     assert followed.tracker.presence_at(SECOND + 10 * PERIOD, 3.0).status is Status.TRACKING
 
 
+def test_who_stands_where_the_locked_person_stood_is_a_guess_after_a_silence_longer_than_forget_after():
+    followed = Followed()
+    for index in range(3):
+        assert followed.see(index, (4, 0.0, 0.9), (5, 2.0, 0.5)) == 0.0
+    followed.tracker.lock()
+    assert followed.see(80, (5, 2.0, 0.9), (4, 0.05, 0.5)) == 0.05 and followed.guessed
+    assert followed.see(81, (5, 2.0, 0.9)) == "person_absent"
+
+
+def test_an_absence_with_images_longer_than_forget_after_is_no_silence():
+    followed = Followed()
+    assert followed.see(0, (4, 0.0, 0.9), (5, 2.0, 0.5)) == 0.0
+    followed.tracker.lock()
+    for index in range(1, 80, 2):
+        assert followed.see(index, (5, 2.0, 0.5)) == "person_absent"
+    assert followed.see(81, (5, 2.0, 0.5), (6, 0.0, 0.9)) == "person_absent"
+
+
 def test_numbers_that_may_be_places_in_a_list_identify_nobody_who_was_away():
     followed = Followed()
     assert followed.see(0, (0, 0.0, 0.9), (1, 2.0, 0.5)) == 0.0
