@@ -77,10 +77,10 @@ def track(options: argparse.Namespace, detector: Detector | None = None) -> Trac
     if stored is not None:
         options.detector = source.name
     detector = detector or stored or make_detector(options.detector)
-    configs = _settings(options, source, detector)
-    first = Playback(Session(*configs))
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         stack.callback(detector.close)
+        configs = _settings(options, source, detector)
+        first = Playback(Session(*configs))
         camera = lens_of(options, source)
         outputs = TrackOutputs(options, source, camera, first, stack)
         outputs.remarks += [HEIGHT_ASSUMED] * (not height_given(options))
