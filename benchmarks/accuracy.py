@@ -47,9 +47,9 @@ from benchmarks.common.report import Record, data_folder, table, write_json
 from benchmarks.data.detections import detection_jobs, run_detections
 from benchmarks.data.recordings import recording_files
 from benchmarks.data.simulated_camera import Condition, rate_of
-from benchmarks.learn_prior import SEEN
 from benchmarks.methods.baselines import FOLLOWERS
 from lassokin_ros.core.errors import LassokinError
+from training.pose_prior import SEEN
 
 T = TypeVar("T")
 

@@ -14,9 +14,9 @@ from typing import Any, Callable, TypeVar
 
 from benchmarks.accuracy_run.experiment import Job
 from benchmarks.data.mocap import load_clip
-from benchmarks.learn_prior import Moments, combined, mapping, moments, same_take
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
+from training.pose_prior import Moments, combined, mapping, moments, same_take
 
 T = TypeVar("T")
 

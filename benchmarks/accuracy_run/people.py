@@ -6,9 +6,9 @@ from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 
-from benchmarks.learn_prior import SEEN
 from lassokin_ros.core.network.depth_network import load_weights
 from training.motion import LEFT_OUT_CLIPS, LEFT_OUT_KINDS, TEST, VALIDATION, sources
+from training.pose_prior import SEEN
 
 
 @cache

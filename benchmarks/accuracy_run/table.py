@@ -13,7 +13,7 @@ from benchmarks.common.report import Record, summarise, table
 from benchmarks.data.depth_images import SIZE, DepthCamera
 from benchmarks.data.recordings import counts_apart, recording_files, recording_group
 from benchmarks.data.simulated_camera import WANDERS
-from benchmarks.learn_prior import SEEN, TRAINING
+from training.pose_prior import SEEN, TRAINING
 
 COLUMNS = {
     "mpjpe_mm": ".1f",

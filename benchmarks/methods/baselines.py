@@ -1,7 +1,7 @@
 """Other methods on the same inputs, for comparison.
 
 All start with the shipped tracker's automatic initialisation, and initialise again if the person is behind the camera
-or outside the image. Their own constants (below) were chosen on the training clips of benchmarks/learn_prior.py at 60
+or outside the image. Their own constants (below) were chosen on the training clips of training/pose_prior.py at 60
 Hz and 2 px, each the best of a coarse grid by median MPJPE.
 
 - plain: the paper's plain lasso, closed loop, one alpha, all landmarks weighted equally, no prior.

@@ -16,7 +16,7 @@ from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.body.surface import surface_depths
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.depth_gating import of_own_surface
-from lassokin_ros.core.image.frame_data import FrameData, JointDepths, View
+from lassokin_ros.core.image.frame_data import NO_HANDS, FrameData, JointDepths, View
 from lassokin_ros.core.image.gating import gate_observation
 from lassokin_ros.core.image.measurement import Measurement, MeasurementFilter
 from lassokin_ros.core.image.projection import NEAREST_DEPTH, carried
@@ -24,6 +24,7 @@ from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
 from lassokin_ros.core.network.depth_network import shipped_network
+from lassokin_ros.core.network.hand_network import HandEstimator
 from lassokin_ros.core.observation import HERE, CameraPose, Observation, Rejection, has_passed, is_longer
 
 if TYPE_CHECKING:
@@ -40,9 +41,15 @@ SILENT_SHARE = 0.3
 class Camera:
     """One camera of a tracker."""
 
-    def __init__(self, kinematics: Kinematics, network: DepthEstimator | None, name: str | None = None) -> None:
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        network: DepthEstimator | None,
+        hands: HandEstimator | None,
+        name: str | None = None,
+    ) -> None:
         """name: None for the first camera until it is seen."""
-        self._kinematics, self.network, self.name = kinematics, network, name
+        self._kinematics, self.network, self._hands, self.name = kinematics, network, hands, name
         self.depth_noise = DepthNoise()
         self.measurements = MeasurementFilter(kinematics)
         self.pose = self._last_pose = HERE
@@ -106,8 +113,10 @@ class Camera:
                     up, mount = self.pose.rotation @ up, self.pose.rotation @ mount
                 known = up if vertical.known else None
                 self.network.update(measurement.stamp, measurement.points, measurement.used, known, mount)
-        weights = self._presence * measurement.weights
-        return View(measurement.points, weights, depth, depth_weights, self._joint_depths(), self.pose)
+        weights, hands = self._presence * measurement.weights, NO_HANDS
+        if self._hands is not None:
+            hands = self._hands.estimate(measurement.points, measurement.used, self.pose)
+        return View(measurement.points, weights, depth, depth_weights, self._joint_depths(), self.pose, hands)
 
     def predicted_view(self, stamp: float, body: BodyPose | None, model_error: float) -> View:
         """The view at a stamp, s, without an image."""
@@ -197,7 +206,8 @@ class Cameras(list[Camera]):
         """
         self._kinematics, self._learned, self._add_rows = kinematics, learned, add_rows
         self._with_network = with_network and DepthEstimator.fits(kinematics)
-        super().__init__([Camera(kinematics, self._estimator())])
+        self._hands = HandEstimator(kinematics) if with_network and HandEstimator.fits(kinematics) else None
+        super().__init__([Camera(kinematics, self._estimator(), self._hands)])
 
     def _estimator(self) -> DepthEstimator | None:
         return DepthEstimator(shipped_network(), self._kinematics) if self._with_network else None
@@ -217,7 +227,7 @@ class Cameras(list[Camera]):
             self[0].name, self[0].pose = pose.name, pose
         camera = self.named(pose.name)
         if camera is None:
-            camera = Camera(self._kinematics, self._estimator(), pose.name)
+            camera = Camera(self._kinematics, self._estimator(), self._hands, pose.name)
             camera.pose = pose
             self.append(camera)
             self.use_lengths()

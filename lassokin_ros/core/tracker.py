@@ -88,7 +88,7 @@ class Tracker:
         self._cameras = Cameras(self.kinematics, self.config.depth_prior, self.learned, self.frame_model.add_camera)
         self._increments = IncrementSolver(self.frame_model, prior, self.config.solver)
         places = None if self._cameras[0].network is None else self._cameras.network_places
-        self._starts = Starts(self.frame_model, prior, self.learned.vertical, places)
+        self._starts = Starts(self.frame_model, prior, self.learned.vertical, places, self.config.depth_prior)
         self._output_filter, self._lag = OutputFilter(self.kinematics.joint_count), FixedLag(self.kinematics)
         self.floor_below = None
         observed = ObservedJoints(body, self.layout.joints)
@@ -318,8 +318,7 @@ class Tracker:
 
     def _solve(self, start: Start, frame: FrameData, measurement: Measurement) -> Increment:
         """The frame's increment, with the feet that stand still held unless the pose does not continue the last one."""
-        with_network = self._cameras[0].network is not None
-        step = measurement.step if with_network and not start.initialised else 0.0
+        step = measurement.step if self._starts.with_network and not start.initialised else 0.0
         feet = self.learned.feet
         if feet.anchors is not None and not (start.initialised or self._replaced or measurement.repeated):
             frame = replace(frame, anchors=feet.anchors, anchor_deviation=feet.deviation)

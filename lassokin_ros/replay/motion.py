@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.common.array_spool import ArraySpool, Record
+from lassokin_ros.core.body.roles import is_finger
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -89,16 +90,15 @@ class Motion:
     def angles_observed(self) -> np.ndarray:
         """(f, n) bool: keypoints show which way a joint turns; otherwise the pose prior alone gives its angles.
 
-        A joint turns its children, so one of them must be observed. Of the joints without children, the head alone
-        carries keypoints beside its centre.
+        A joint turns its children, so one of them must be observed. Of the joints without children, the head and the
+        last ones of fingers carry keypoints beside their centre.
         """
         skeleton, result = self.skeleton, np.zeros_like(self.observed)
         for child, parent in enumerate(skeleton.parents):
             if parent >= 0:
                 result[:, parent] |= self.observed[:, child]
-        if FACE in skeleton.joint_names:
-            head = skeleton.index(FACE)
-            result[:, head] |= self.observed[:, head]
+        ends = [name == FACE or is_finger(name) and name.endswith("3") for name in skeleton.joint_names]
+        result[:, ends] |= self.observed[:, ends]
         return result
 
     @property

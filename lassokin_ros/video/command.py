@@ -68,6 +68,8 @@ def _run(options: argparse.Namespace) -> Tracked:
     several = len(options.sources) > 1 or options.cameras is not None
     if options.save_cameras is not None and not several:
         raise CameraError("--save-cameras is for several videos; expected two or more")
+    if options.offsets is not None and len(options.sources) < 2:
+        raise CameraError("--offsets is for several videos; expected two or more")
     check_output_paths(options)
     tracked = track_videos(options) if several else track(options)
     print_summary(tracked.summary)
@@ -95,11 +97,17 @@ def parser() -> argparse.ArgumentParser:
         "--cameras",
         type=Path,
         metavar="FILE",
-        help="lenses and poses of the cameras of several synchronised videos: TOML of Pose2Sim, Anipose or caliscope, "
-        "a camchain of Kalibr, or OpenCV's stereo calibration; without it, the places are found from the person",
+        help="lenses and poses of the cameras of several videos: TOML of Pose2Sim, Anipose or caliscope, a camchain of "
+        "Kalibr, OpenCV's stereo calibration, files of Panoptic or Qualisys, a folder of EasyMocap or OpenCap; without "
+        "it, the places are found from the person",
     )
     result.add_argument(
         "--save-cameras", type=Path, metavar="TOML", help="write lenses and places of several cameras, for --cameras"
+    )
+    result.add_argument(
+        "--offsets",
+        metavar="S,S,...",
+        help="s by which each of several videos begins after the first one; without it, they are found from the person",
     )
     result.add_argument(
         "--detector", default="mediapipe", metavar="NAME", help="mediapipe (default), or a .task or .onnx file"

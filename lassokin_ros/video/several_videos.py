@@ -11,7 +11,7 @@ import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -19,6 +19,7 @@ import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
+from lassokin_ros.common.summary_output import print_note
 from lassokin_ros.core.config import CHECK, TrackerConfig
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.observation import CameraPose
@@ -31,41 +32,53 @@ from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.replay.passes.passes import Bodies, learn
 from lassokin_ros.replay.playback import Playback
+from lassokin_ros.video import PROGRAM
+from lassokin_ros.video.cameras.found_cameras import calibration_toml, found_poses, where_in_words
+from lassokin_ros.video.cameras.synchrony import Timing, checked_places, given_offsets, set_up_of, synchronised
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
-from lassokin_ros.video.found_cameras import calibration_toml, found_poses, where_in_words
+from lassokin_ros.video.keypoint_files.source import open_input
 from lassokin_ros.video.people import ALL, LARGEST, MOST_PEOPLE, PersonError, people_in
-from lassokin_ros.video.sources import Image, Source, SourceError, open_source
+from lassokin_ros.video.sources import Image, Source, SourceError
 from lassokin_ros.video.track import HEIGHT_ASSUMED, NO_TOPICS, RAW_IMAGES, Tracked, height_given, lens_of, stop_flag
 from lassokin_ros.video.track_outputs import TrackOutputs
-
-LARGEST_DIFFERENCE_S = 0.02
-"""s, half of the time between two images: files whose images begin with a larger difference are named."""
 
 
 @dataclass
 class Filmed:
-    """One camera: its name in the topics, its video, lens and pose, and the keypoints of its images."""
+    """One camera: its name in the topics, its video, lens and pose, the keypoints of its images, and its clock.
+
+    stored: the detector that a file of keypoints stands for.
+    """
 
     name: str
     source: Source
     calibration: Calibration
     pose: CameraPose
     detections: Detections | None = None
+    timing: Timing = field(default_factory=Timing)
+    stored: Detector | None = None
 
 
 def track_videos(options: argparse.Namespace) -> Tracked:
     """Track the videos `options.sources` with the cameras of `options.cameras`. Raises a LassokinError."""
     began = time.monotonic()
     cameras = _cameras(options)
+    offsets = None if options.offsets is None else given_offsets(options.offsets, len(cameras))
     height = [] if options.height is None else [f"height:={options.height}"]
-    detector = make_detector(options.detector)
+    stored = [camera.stored for camera in cameras if camera.stored is not None]
+    if stored:
+        options.detector = cameras[0].source.name
+    detector = stored[0] if stored else make_detector(options.detector)
+    if any(one.landmarks != detector.landmarks for one in stored) or 0 < len(stored) < len(cameras):
+        raise SourceError("some sources have other keypoints, or are videos; expected one kind of keypoints for all")
     names = f"cameras:={json.dumps([camera.name for camera in cameras])}"  # quoted: `no` is a truth value in YAML
     unplaced = options.cameras is None
     search = ["extrinsics:=learn"] if unplaced else []
     who = [f"max_people:={MOST_PEOPLE}"] if options.person == ALL else []
     chosen = [f"landmarks:={detector.landmarks}", names, RAW_IMAGES, *search, *who, *options.p, *height, *NO_TOPICS]
     tracker_config, node_config = offline_settings(options.params_file, chosen, {} if options.causal else WHOLE_FILE)
-    _check(options, node_config, [camera.name for camera in cameras], detector.several)
+    several = detector.several or any(one.several for one in stored)
+    _check(options, node_config, [camera.name for camera in cameras], several)
     if unplaced and tracker_config.height == 0:
         raise CameraError("height is 0, and without the places of the cameras nothing shows the size; give --height")
     poses = {camera.name: camera.pose for camera in cameras}
@@ -81,14 +94,22 @@ def track_videos(options: argparse.Namespace) -> Tracked:
             outputs.remarks.append(HEIGHT_ASSUMED)
         with stop_flag() as stopped:
             for number, camera in enumerate(cameras):
-                if number:
-                    detector = make_detector(options.detector)  # it follows the person from image to image
+                if number:  # a detector follows the person from image to image
+                    detector = camera.stored or make_detector(options.detector)
                 _detect(camera, detector, outputs, stopped)
         if stopped:
             _keep_common_part(cameras)
         everybody = node_config.several_people
-        remarks = [_begins(cameras)]
-        if detector.several and not everybody:
+        remarks = _synchronise(cameras, offsets, outputs)
+        if not unplaced:
+            session = first.session
+            words = _check_places(cameras, session, node_config.fixed_frame)
+            remarks += words
+            poses |= {camera.name: camera.pose for camera in cameras}
+            first = Playback(make(tracker_config))  # with the places in m
+        for remark in remarks:
+            print_note(f"{PROGRAM}: {remark}")
+        if several and not everybody:
             remarks += map(_keep_largest, cameras)
         outputs.remarks += filter(None, remarks)
         if (unplaced or tracker_config.calibrate and tracker_config.height > 0) and not options.causal:
@@ -163,15 +184,17 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
         raise CameraError(
             f"'{options.cameras}' has the cameras {', '.join(known)}; expected one for each of {len(stems)} videos"
         )
-    found = read_cameras(options.cameras, names)
+    found = read_cameras(options.cameras, names, any_unit=True)
     cameras = []
     for name, path in zip(names, options.sources):
-        source, (calibration, pose) = open_source(path, options.fps, options.slow_motion), found[name]
+        calibration, pose = found[name]
+        source, stored = _opened(options, path, calibration.size)
         if source.live:
             raise SourceError(f"{path} is live; expected synchronised files with --cameras")
         topic = _topic(name)
         scaled = calibration.scaled_to(source.size, f"{options.cameras}:{name}")
-        cameras.append(Filmed(topic, source, scaled, CameraPose(topic, pose.rotation, pose.translation)))
+        placed = CameraPose(topic, pose.rotation, pose.translation)
+        cameras.append(Filmed(topic, source, scaled, placed, stored=stored))
     return cameras
 
 
@@ -180,13 +203,23 @@ def _unplaced_cameras(options: argparse.Namespace) -> list[Filmed]:
     _refuse_same(names)
     cameras: list[Filmed] = []
     for name, path in zip(names, options.sources):
-        source = open_source(path, options.fps, options.slow_motion)
+        source, stored = _opened(options, path)
         if source.live:
-            raise SourceError(f"{path} is live; expected synchronised files")
-        cameras.append(
-            Filmed(name, source, lens_of(options, source, quiet=bool(cameras)), CameraPose(name, known=not cameras))
-        )
+            raise SourceError(f"{path} is live; expected files")
+        lens = lens_of(options, source, quiet=bool(cameras))
+        cameras.append(Filmed(name, source, lens, CameraPose(name, known=not cameras), stored=stored))
     return cameras
+
+
+def _opened(options: argparse.Namespace, path: str, size: tuple[int, int] = (0, 0)) -> tuple[Source, Detector | None]:
+    """Return a video, or a file of keypoints and the detector that it stands for. size: of its images by calibration.
+
+    Raises SourceError.
+    """
+    one = argparse.Namespace(**{**vars(options), "source": path})
+    if one.image_size is None and size != (0, 0):
+        one.image_size = f"{size[0]}x{size[1]}"
+    return open_input(one)
 
 
 def _refuse_same(names: Sequence[str]) -> None:
@@ -212,13 +245,31 @@ def _detect(camera: Filmed, detector: Detector, outputs: TrackOutputs, stopped: 
         detector.close()
 
 
-def _begins(cameras: Sequence[Filmed]) -> str:
-    """Return that the images of the files begin at different times; empty if they begin together."""
-    begins = {camera.name: camera.source.begin for camera in cameras}
-    if max(begins.values()) - min(begins.values()) <= LARGEST_DIFFERENCE_S:
-        return ""
-    times = ", ".join(f"{name} at {begin:.2f} s" for name, begin in begins.items())
-    return f"The images begin at different times of their files ({times}), but are tracked as if they began together."
+def _synchronise(cameras: Sequence[Filmed], given: Sequence[float] | None, outputs: TrackOutputs) -> list[str]:
+    """Put the keypoints of all videos on the clock of the first one, and return what to say about it.
+
+    given: the offsets of --offsets; None to find them from the people.
+    """
+    kept = [camera.detections for camera in cameras if camera.detections is not None]
+    found = synchronised([camera.name for camera in cameras], [one.found for one in kept], given)
+    for number, (camera, detections) in enumerate(zip(cameras, kept)):
+        camera.timing = found.timings[number]
+        detections.found = found.shifted(number, detections.found)
+        outputs.move_report_images(camera.name, camera.timing.of_first)
+    return [f"{remark[0].upper()}{remark[1:]}." for remark in found.remarks]
+
+
+def _check_places(cameras: Sequence[Filmed], session: Session, frame: str) -> list[str]:
+    """Compare the given places with the person; put them into m. Return what is wrong, a sentence each."""
+    names, skeleton = session.tracker.layout.names, session.tracker.skeleton
+    rest = skeleton.rest_positions[session.tracker.layout.joints] + session.tracker.layout.offsets
+    kept = [camera.detections.found for camera in cameras if camera.detections is not None]
+    given = [camera.pose for camera in cameras]
+    found = set_up_of(kept, [camera.calibration for camera in cameras], given, names, rest)
+    poses, words = checked_places(found, given, frame)
+    for camera, pose in zip(cameras, poses):
+        camera.pose = pose
+    return words
 
 
 def _keep_largest(camera: Filmed) -> str:
@@ -260,14 +311,19 @@ def _images_together(cameras: list[Filmed], options: argparse.Namespace) -> Iter
 
     A source that has ended keeps its last image.
     """
-    sources = [open_source(path, options.fps, options.slow_motion) for path in options.sources]
-    first, *others = (source.images for source in sources)
+    sources = [_opened(options, path, one.source.size)[0] for one, path in zip(cameras, options.sources)]
+    first, *others = (_on_first_clock(camera, source) for camera, source in zip(cameras, sources))
     present, following = [next(images) for images in others], [next(images, None) for images in others]
     for image in first:
         for number, images in enumerate(others):
             while (after := following[number]) is not None and _is_nearer(after, present[number], image):
                 present[number], following[number] = after, next(images, None)
         yield {camera.name: one for camera, one in zip(cameras, [image, *present])}
+
+
+def _on_first_clock(camera: Filmed, source: Source) -> Iterator[Image]:
+    for image in source.images:
+        yield replace(image, seconds=float(camera.timing.of_first(np.array([image.seconds]))[0]))
 
 
 def _is_nearer(one: Image, than: Image, to: Image) -> bool:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+
+import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.summary_output import print_note
@@ -91,6 +93,13 @@ class TrackOutputs:
         """Keep an image for the report. camera: its name, if there are several."""
         if camera in self._report_images:
             self._report_images[camera].add(stamp_of(image.seconds), lambda: image.rgb)
+
+    def move_report_images(self, camera: str, moved: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Move the images of a camera to other times. moved: returns the new times (k,) s of given ones."""
+        if camera in self._report_images:
+            self._report_images[camera].move(
+                lambda stamp_ns: stamp_of(float(moved(np.array([(stamp_ns - FIRST_STAMP_NS) * 1e-9]))[0]))
+            )
 
     def follow(self, tracker: Playback) -> None:
         """Take the results of a tracker from now on."""

@@ -11,11 +11,11 @@ from benchmarks.accuracy_run.experiment import Job, bone_scales, run, scene_of
 from benchmarks.common.report import data_folder
 from benchmarks.data.detections import height_of, measured
 from benchmarks.data.simulated_camera import Condition
-from benchmarks.learn_prior import TRAINING
 from benchmarks.methods import smplify
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
+from training.pose_prior import TRAINING
 
 ROOT = Path(__file__).resolve().parents[2]
 MOCAP, DETECTIONS = data_folder() / "mocap", data_folder() / "detections"

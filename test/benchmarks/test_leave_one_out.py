@@ -17,9 +17,9 @@ from benchmarks.accuracy_run.leave_one_out import prior_in_force, prior_without,
 from benchmarks.accuracy_run.options import parser
 from benchmarks.common.report import data_folder
 from benchmarks.data.mocap import load_clips
-from benchmarks.learn_prior import SAME_TAKE, SEEN, TRAINING, learn, mapping, rotation_vectors, write
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
+from training.pose_prior import SAME_TAKE, SEEN, TRAINING, learn, mapping, rotation_vectors, write
 
 ROOT = Path(__file__).resolve().parents[2]
 MOCAP = data_folder() / "mocap"

@@ -9,11 +9,11 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from benchmarks import agreement, drift  # noqa: E402
+from benchmarks.numerics import agreement, drift  # noqa: E402
 
 
 def test_rotations_stay_rotations_over_ten_million_retractions():
-    """24 joints of 50 bodies, 8400 successive steps; benchmarks/drift.py computes 10 million steps of one body."""
+    """24 joints of 50 bodies, 8400 successive steps; benchmarks/numerics/drift.py computes 10 million of one body."""
     gram, det = drift.retracted(50, 8400)
     assert gram < 1e-14 and det < 1e-14
 
@@ -26,9 +26,8 @@ def test_drift_without_correction_is_detected():
 def test_the_sequence_for_comparing_versions_is_deterministic(tmp_path):
     """Computed in another process and here: the same bytes, a difference of 0."""
     file = tmp_path / "there.npz"
-    subprocess.run(
-        [sys.executable, ROOT / "benchmarks" / "agreement.py", "--save", file], check=True, capture_output=True
-    )
+    script = ROOT / "benchmarks" / "numerics" / "agreement.py"
+    subprocess.run([sys.executable, script, "--save", file], check=True, capture_output=True)
     here = agreement.joints()
     versions, there = agreement.load(file)
     assert versions == agreement.versions() and np.isfinite(here).all()

@@ -14,13 +14,15 @@ from camera_rig import eye, pixels, truth_at
 from messages import FOCAL, HEIGHT, WIDTH
 from scipy.spatial.transform import Rotation
 
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.learned import camera_finder
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, read_cameras
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.video import several_videos
+from lassokin_ros.video.cameras.found_cameras import calibration_toml
 from lassokin_ros.video.command import main
-from lassokin_ros.video.found_cameras import calibration_toml
 from lassokin_ros.video.output_video import HEIGHT_OF_SEVERAL
 from lassokin_ros.video.rerun_scene import LONGEST_SIDE
 from lassokin_ros.video.sources import open_source
@@ -85,7 +87,7 @@ def short(rig, tmp_path):
     return rig
 
 
-def write_calibration(path, names):
+def write_calibration(path, names, unit=1):
     lines = []
     for name, camera in zip(names, EYES):
         pose = camera.pose_at(0)
@@ -93,7 +95,7 @@ def write_calibration(path, names):
                   f"matrix = [[{FOCAL}, 0.0, {WIDTH / 2}], [0.0, {FOCAL}, {HEIGHT / 2}], [0.0, 0.0, 1.0]]",
                   "distortions = [0.0, 0.0, 0.0, 0.0]",
                   f"rotation = {Rotation.from_matrix(pose.rotation).as_rotvec().tolist()}",
-                  f"translation = {pose.translation.tolist()}"]  # fmt: skip
+                  f"translation = {(unit * pose.translation).tolist()}"]  # fmt: skip
     path.write_text("\n".join(lines) + "\n")
 
 
@@ -209,12 +211,30 @@ def test_all_people_in_several_videos_have_their_motion(short, monkeypatch):
             assert len(frames) > SHORT - 6 and np.abs(away - 0.6).max() < 0.1
 
 
-@pytest.mark.parametrize(("begin", "told"), [(0.0, False), (0.01, False), (0.5, True)])
-def test_files_whose_images_begin_at_different_times_are_named(begin, told):
-    places = {"left": 0.0, "right": begin}
-    cameras = [several_videos.Filmed(name, SimpleNamespace(begin=at), None, None) for name, at in places.items()]
-    words = several_videos._begins(cameras)
-    assert ("(left at 0.00 s, right at 0.50 s), but are tracked as if" in words) == told == bool(words)
+def test_files_of_keypoints_of_several_cameras_are_put_on_one_clock(tmp_path, monkeypatch, capsys):
+    """The second one begins half a second later, and the places are in mm, as those of FreeMoCap are."""
+    monkeypatch.chdir(tmp_path)
+    write_calibration(tmp_path / "calib.toml", ["left", "right"], unit=1000)
+    for camera, first in zip(EYES, (0, 15)):
+        random = np.random.default_rng(0)
+        points = [pixels(camera, 0.0, marks, random) for marks in TRUTH.landmarks[first:105]]
+        names = Layout.load("coco17", Skeleton.load("anthropometric", 1.75)).names
+        np.savez(f"{camera.name}.npz", kp2d=np.array(points), keypoint_names=np.array(names), fps=30.0)
+    command = ["left.npz", "right.npz", "--cameras", "calib.toml", "--height", "1.75", "--causal"]
+    assert main([*command, "--export", "walk.npz"]) == 0
+    said, noted = capsys.readouterr()
+    (late,) = re.findall(r"'right' begins (\d\.\d+) s \(\+- \d+ ms\) after the first video", said)
+    assert abs(float(late) - 0.5) < 0.02 and "The places of the cameras are in mm" in noted
+    with np.load("walk.npz") as motion:
+        frames = np.round(motion["stamp_ns"] * 30e-9).astype(int)
+        places = motion["joint_positions"]
+    frames = frames - frames[0]
+    middle = EYES[0].pose_at(0).into_camera(TRUTH.positions[frames, 0])
+    assert np.median(np.linalg.norm(places[:, 0] - middle, axis=1)[30:]) < 0.05
+    with pytest.raises(SystemExit):
+        main(["--offsets"])
+    assert main([*command, "--offsets", "0,a"]) == 2
+    assert "expected 2 numbers, s by which each video begins after" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("bystander", [False, True])

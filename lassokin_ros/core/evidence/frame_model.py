@@ -8,13 +8,14 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.proportions import LengthMotion
-from lassokin_ros.core.body.roles import ANKLES
+from lassokin_ros.core.body.roles import ANKLES, SIDES
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.evidence.balance import Balance
 from lassokin_ros.core.evidence.compiled import CompiledEvidence
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.evidence.floor import Floor
 from lassokin_ros.core.evidence.foot_contact import FootContact
+from lassokin_ros.core.evidence.hand_depth import HandDepth
 from lassokin_ros.core.evidence.image_points import ImagePoints
 from lassokin_ros.core.evidence.learned_depth import LearnedDepth
 from lassokin_ros.core.evidence.measured_depth import MeasuredDepth
@@ -22,6 +23,7 @@ from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.evidence.users import UsersEvidence
 from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.network.hand_network import hand_index
 from lassokin_ros.core.record import record
 
 
@@ -53,9 +55,10 @@ class FrameModel:
         self.foot_contact = FootContact(kinematics) if with_ankles else None
         self.floor = Floor(kinematics) if with_ankles else None
         self._users = [UsersEvidence(evidence) for evidence in users]
+        self._hands = [side for side in SIDES if hand_index(kinematics, side) is not None]
         built_in = self.image, self.prior, self.upright, self.balance, self.measured_depth, self.learned_depth
         self.pieces: dict[str, Evidence] = {
-            piece.name: piece for piece in (*built_in, self.foot_contact, self.floor) if piece
+            piece.name: piece for piece in (*built_in, self.foot_contact, self.floor, *self._hand_depths(0)) if piece
         }
         reserved = tuple(self.pieces)
         for own in self._users:
@@ -82,6 +85,10 @@ class FrameModel:
         self.image_pieces.append(image)
         self._compiled.add_camera(image, depth)
         self.pieces |= {piece.name: piece for piece in (image, MeasuredDepth(count, camera), depth) if piece}
+        self.pieces |= {piece.name: piece for piece in self._hand_depths(camera)}
+
+    def _hand_depths(self, camera: int) -> list[HandDepth]:
+        return [HandDepth(self.kinematics, side, camera) for side in self._hands]
 
     def image_rows(self, rows: Mapping[str, slice]) -> slice | np.ndarray:
         """The rows of all cameras' images among those of a frame."""

@@ -64,7 +64,7 @@ class LearnedDepth(Evidence):
         given, pose = self._given(about.frame), about.states.pose
         points = self._points(pose)
         whitened = self._whitened(points, given)
-        weight = _robust_weight(whitened)
+        weight = robust_weight(whitened)
         wrenches = np.empty((*points.shape[:-1], 6))
         np.matmul(points - pose.positions[..., :1, :], hat(given.sight), out=wrenches[..., :3])
         wrenches[..., 3:] = given.sight
@@ -78,7 +78,7 @@ class LearnedDepth(Evidence):
     ) -> np.ndarray:
         """(DEPTHS, p): how the depths relative to the hips change."""
         given = self._given(frame)
-        weight = _robust_weight(self._whitened(self._points(states.pose), given))
+        weight = robust_weight(self._whitened(self._points(states.pose), given))
         depths = np.tensordot(given.sight, motion.joints.take(self.joints, axis=0), axes=(0, 1))
         return np.asarray(weight[:, None] * (given.whitening @ self._relative @ depths))
 
@@ -113,6 +113,6 @@ class LearnedDepth(Evidence):
         return np.asarray((given.depths - depths).dot(given.whitening.T))
 
 
-def _robust_weight(whitened: np.ndarray) -> np.ndarray:
+def robust_weight(whitened: np.ndarray) -> np.ndarray:
     """Factors on rows with these residuals, for Student's t distribution."""
     return np.asarray(np.sqrt((TAIL + 1) / (TAIL + whitened * whitened)))

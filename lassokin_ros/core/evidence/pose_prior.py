@@ -1,5 +1,5 @@
 """The pose prior: a Gaussian on the rotation vectors of all joints except the root, learned from motion capture
-(benchmarks/learn_prior.py). Its rows, linearised like the image's, are
+(training/pose_prior.py). Its rows, linearised like the image's, are
 
     || W (theta(R exp(Omega)) - mean) ||^2,   W^T W = Sigma^-1.
 """
@@ -16,6 +16,7 @@ from lassokin_ros.core.body.rotations import logarithm, right_jacobian, right_ja
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint, Posture
+from lassokin_ros.core.evidence.hand_prior import add_hands
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.kernel import kernel
@@ -42,6 +43,7 @@ class PoseDistribution:
     def load(cls, skeleton: Skeleton) -> PoseDistribution:
         """Load the shipped prior for the joints of `skeleton`, matched by name; 0 for locked axes."""
         prior = cls.from_mapping(shipped_mapping("lassokin_ros.core.evidence", "priors/cmu.yaml"), skeleton)
+        add_hands(skeleton, prior.mean, prior.covariance, prior.motion)
         locked = list(skeleton.locked)
         prior.mean.reshape(-1)[locked] = 0.0
         prior.covariance[locked] = prior.covariance[:, locked] = 0.0

@@ -38,6 +38,23 @@ class JointDepths:
 
 
 @record
+class HandDepths:
+    """Depths of a hand's points relative to its wrist, as the hand network estimates them.
+
+    sight: (3,) unit vector along which depths are measured, in the frame of the skeleton. ratios: (k,) difference to
+    the wrist's depth from the camera, as a share of it. whitening: (k, k): whitening @ (ratios - truth) has independent
+    errors of unit scale.
+    """
+
+    sight: np.ndarray
+    ratios: np.ndarray
+    whitening: np.ndarray
+
+
+NO_HANDS: tuple[HandDepths | None, HandDepths | None] = (None, None)
+
+
+@record
 class View:
     """What one camera sees of the person.
 
@@ -45,6 +62,7 @@ class View:
     weights: (l,) 1 / standard deviation in that unit, 0 = missing.
     depth: (l,) m, of each landmark along the optical axis, and depth_weights: (l,) 1 / standard deviation, 0 = not
     measured; None in a frame without any. joint_depths: the network's estimate; None without one. camera: its pose.
+    hands: the network's estimates of the left and the right hand.
     """
 
     points: np.ndarray
@@ -53,6 +71,7 @@ class View:
     depth_weights: np.ndarray | None = None
     joint_depths: JointDepths | None = None
     camera: CameraPose = HERE
+    hands: tuple[HandDepths | None, HandDepths | None] = NO_HANDS
 
     @cached_property
     def point_count(self) -> int:

@@ -53,13 +53,11 @@ FOLLOWING = 0.1
 """Share of the way to the solution that a correction moves in PERIOD_S, so that the body does not jump."""
 MOVED = math.radians(1.5), 0.05
 """rad, m: corrections beyond which a camera is said to have been moved. From exact poses they reach 1 degree, 3 cm."""
-WRONG, RIGHT = 0.15, 0.1
-"""Misfit of a pose (the median distance from the epipolar lines, as a fraction of the person's size in the image, and
-half the logarithm of the person's size in space), above which it is said to be wrong, and below which another
-explanation is right. A detector's errors cause 0.01, an unknown height 0.05."""
 FOUND = 0.015
-"""Misfit below which a pose that was found from the person is used. It is at most 0.011 in validation and for the
-pairs of cameras of Shelf's recording, and 0.02 or more (42 pairs of people) if each camera sees another person."""
+"""Misfit of a pose (the median distance from the epipolar lines, as a fraction of the person's size in the image, and
+half the logarithm of the person's size in space) below which a pose that was found from the person is used. It is at
+most 0.011 in validation and for the pairs of cameras of Shelf's recording, and 0.02 or more (42 pairs of people) if
+each camera sees another person."""
 LEAST_SHARE = 0.5
 """Share of the limbs that must have a plausible length, so that an explanation counts."""
 
@@ -108,8 +106,6 @@ class Extrinsics:
         self._frames: dict[str, deque[Pairs]] = {}
         self._finders: dict[str, CameraFinder] = {}
         self._newest, self.frame_count = -math.inf, 0
-        self.wrong: dict[str, str] = {}
-        """What is wrong with the pose of a camera, in words, by name; empty if it fits."""
 
     def adopt(self, other: Extrinsics) -> None:
         """Begin with what was learned about the same cameras."""
@@ -190,10 +186,10 @@ class Extrinsics:
         return None if found is None else _size(found)
 
     def in_words(self, name: str) -> str:
-        """Return what is wrong with the given pose of a camera; empty if nothing is."""
+        """Return by how much the given pose of a camera is off; empty if it is not."""
         moved = self.moved(name)
-        if self.wrong.get(name) or moved is None or name in self.found:
-            return self.wrong.get(name, "")
+        if moved is None or name in self.found:
+            return ""
         if self._used:
             off, done = f"{math.degrees(moved[0]):.1f} degrees and {moved[1]:.2f} m", ""
         else:
@@ -234,7 +230,6 @@ class Extrinsics:
                 found = name in self.found
                 deviation = FOUND_DEVIATION if found else GIVEN_DEVIATION
                 self._solutions[name] = self._solved(pairs, before, deviation, found or self.size_known)
-                self.wrong[name] = self._what_is_wrong(pairs, first.camera.name, name)
                 if not self._used and self.moved(name) is not None:
                     self._explain(_stacked(list(frames)[::THINNED]), name)
         for name, solution in self._solutions.items():
@@ -252,21 +247,8 @@ class Extrinsics:
             return next((view for view, pose in zip(views, given) if pose and pose.is_identity), views[0])
         return next((view for view in views if view.camera.name == self.anchor), None)
 
-    def _what_is_wrong(self, pairs: Pairs, first: str, name: str) -> str:
-        """Return why the given pose of a camera cannot be right; empty if it can."""
-        if self._misfit(pairs) < WRONG:
-            return ""
-        words = f"keypoints of '{first}' and '{name}' do not fit the poses of the cameras"
-        inverse = self._given[name].inverse.relative_to(self._given[first])
-        rotation, translation = (np.stack(len(pairs.a) * [part]) for part in (inverse.rotation, inverse.translation))
-        if self._misfit(pairs._replace(rotation=rotation, translation=translation)) < RIGHT:
-            return f"{words}, but the inverse transform: expected the pose of the camera, x_frame = R x_camera + t"
-        if self._misfit(pairs._replace(a=pairs.b, b=pairs.a)) < RIGHT:
-            return f"{words}, but if '{first}' and '{name}' are exchanged: check the topics"
-        return f"{words}: check them (TF or a file, m), and that keypoints and lens are those of the camera"
-
     def _misfit(self, pairs: Pairs) -> float:
-        """Return the misfit of a pose, see WRONG; infinite if half of the limbs have no plausible length."""
+        """Return the misfit of a pose, see FOUND; infinite if half of the limbs have no plausible length."""
         distances, size, plausible = self._residuals(pairs, np.zeros(6))
         seen = pairs.weights > 0
         if plausible < LEAST_SHARE:

@@ -187,7 +187,11 @@ def _virtual_camera(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
     on_trunk = seen * _IS_TRUNK
     weights = np.where(on_trunk.sum(-1, keepdims=True) >= 2, on_trunk, seen)
     weights = weights / np.maximum(weights.sum(-1, keepdims=True), 1.0)
-    centre = (weights[..., None, :] @ points)[..., 0, :]
+    return camera_towards((weights[..., None, :] @ points)[..., 0, :])
+
+
+def camera_towards(centre: np.ndarray) -> np.ndarray:
+    """(..., 3, 3): the smallest rotation that brings a normalised point of the image (..., 2) onto the optical axis."""
     x, y = centre[..., 0], centre[..., 1]
     z = 1 / np.sqrt(1 + x * x + y * y)
     across = centre * z[..., None]

@@ -17,7 +17,7 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.roles import SIDES
 from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.output.uncertainty import JointUncertainty, Posterior
+from lassokin_ros.core.output.uncertainty import HAND_FACTOR, JointUncertainty, Posterior
 from lassokin_ros.core.record import record
 from lassokin_ros.core.scipy_functions import lapack
 
@@ -72,7 +72,6 @@ class HandPoints:
         self.sides = tuple(side for side in SIDES if f"{side}_hand_wrist" in places)
         self._rows = [places[f"{side}_hand_wrist"] + np.arange(COUNT) for side in self.sides]
         self._eyes = [places[eye] for eye in EYES if eye in places]
-        self._joints = layout.joints
         self._moved = skeleton.ancestors[layout.joints]  # (l, n), joint j moves landmark l
         below = skeleton.ancestors & ~np.eye(skeleton.joint_count, dtype=bool)
         #: (n,) bool for each hand, the joints of its fingers.
@@ -98,7 +97,7 @@ class HandPoints:
         axes, wrist = hand_axes(places), places[WRIST]
         points = (places - wrist) @ axes
         lever = levers(rows, self._moved[rows] & self._fingers[hand])
-        covariance = axes.T @ _covariance(posterior, lever, self._joints[rows]) @ axes
+        covariance = axes.T @ _covariance(posterior, lever) @ axes
         covariance += SIZE_DEVIATION**2 * points[:, :, None] * points[:, None, :]
         covariance += PLACE_DEVIATION**2 * np.eye(3)
         covariance[WRIST] = 0.0
@@ -112,19 +111,19 @@ class HandPoints:
         lever = levers(ends, self._moved[ends])
         apart = pose.landmarks[ends[-1]] - pose.landmarks[ends[:-1]].mean(axis=0)
         change = lever[-1:] - lever[:-1].mean(axis=0)
-        covariance = _covariance(posterior, change, self._joints[ends[-1:]])[0]
+        covariance = _covariance(posterior, change)[0]
         length = max(float(np.linalg.norm(apart)), 1e-6)
         ray = apart / length
         across = float(np.trace(covariance) - ray @ covariance @ ray) / 2 + 2 * PLACE_DEVIATION**2
         return ray, float(np.sqrt(max(across, 0.0)) / length)
 
 
-def _covariance(posterior: Posterior, levers: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return (k, 3, 3) m^2 of points by their levers (k, 3, live); joints: (k,), whose factors are used."""
+def _covariance(posterior: Posterior, levers: np.ndarray) -> np.ndarray:
+    """Return (k, 3, 3) m^2 of points by their levers (k, 3, live)."""
     count = levers.shape[-1]
     seen, _ = lapack.dtrtrs(posterior.lower, levers.reshape(-1, count).T, lower=1)
     seen = seen.T.reshape(levers.shape)
-    return np.asarray(posterior.factor[joints, None, None] ** 2 * (seen @ seen.swapaxes(1, 2)))
+    return np.asarray(HAND_FACTOR**2 * (seen @ seen.swapaxes(1, 2)))
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

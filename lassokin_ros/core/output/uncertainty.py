@@ -49,6 +49,8 @@ FACTOR_WITH_DEPTH = 0.8
 FACTOR_OF_SEVERAL = 1.0
 """The same, for several cameras, which observe the lengths: their deviation does not count. Errors within one and two
 deviations: 65 and 96 % with two cameras at 30 degrees, 79 and 99 % at 90 degrees."""
+HAND_FACTOR = 1.0
+"""The same, for a hand alone and for fingers relative to their wrist."""
 FACTOR_BELOW_LAST_KEYPOINT = 1.5
 """Further factor for positions and rotations of joints beyond the last visible keypoint of a limb."""
 USUAL_DISAGREEMENT = 0.06
@@ -57,8 +59,8 @@ RANGE = 0.05, 5.0
 """Limits of the disagreement, in units of the usual one."""
 POWER = 0.25
 """Power of the disagreement in the factor."""
-LENGTHS_FACTOR = 3.0
-"""Factor on the standard deviation of the log-lengths."""
+LENGTHS_FACTOR, HAND_LENGTH_FACTOR = 3.0, 1.0
+"""Factors on the standard deviation of the log-lengths: of a body, and of a hand's one length."""
 SMALLEST_BIAS = 0.01
 """As a fraction of the height: smallest constant error of a keypoint, in each direction. The constant error of real
 detectors is 11 to 17 mm. The pose follows the keypoints, so the residuals do not contain all of this error."""
@@ -180,6 +182,7 @@ class UncertaintyModel:
         self._proportions, self.observed, self._learned_depth = proportions, observed, frame_model.learned_depth
         self._pieces = frame_model.pieces
         names = kinematics.skeleton.joint_names
+        self._hand_alone = names[0] in sided("wrist")
         still = np.isin(names, [name for part in STILL for name in sided(part)])
         self.least_rotation = np.sqrt(3) * STILL_DEVIATION * still
         self._knees = [names.index(name) for name in sided("knee") if name in names]
@@ -229,6 +232,8 @@ class UncertaintyModel:
 
     def _factor(self, estimate: Estimate, pose: BodyPose) -> float:
         """Factor on the posterior's standard deviations."""
+        if self._hand_alone:
+            return HAND_FACTOR
         if estimate.depth_covers:
             return FACTOR_WITH_DEPTH
         if estimate.cameras > 1:
@@ -241,7 +246,8 @@ class UncertaintyModel:
     def _by_lengths(self, estimate: Estimate, pose: BodyPose) -> np.ndarray:
         """(n,) m^2: variance of each joint by that of the lengths. Several cameras observe the lengths."""
         by_length = self._proportions.motion(pose, np.zeros(self._proportions.count)).joints
-        by_length *= LENGTHS_FACTOR * (estimate.length_deviation if estimate.cameras == 1 else 0.0)
+        factor = HAND_LENGTH_FACTOR if self._hand_alone else LENGTHS_FACTOR
+        by_length *= factor * (estimate.length_deviation if estimate.cameras == 1 else 0.0)
         return squared_norm(by_length.reshape(len(by_length), -1))
 
     def _least(self, hidden: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces
 from lassokin_ros.pipeline.camera.camera_selection import View
 from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
+from lassokin_ros.pipeline.camera.rig_check import RigCheck
 from lassokin_ros.pipeline.camera.transforms import Transforms
 from lassokin_ros.pipeline.image_sets import stamp_of_set
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
@@ -53,8 +54,12 @@ class Placement:
         self._fixed, self.floor = bool(config.fixed_frame), config.floor
         self.jumps = PoseJumps()
         """Jumps of all cameras in their fixed frame."""
-        self.agreement = CameraAgreement(people[0].tracker.layout.names)
+        self.agreement = CameraAgreement()
         """Which of several cameras contradicts the others about the one person who is followed."""
+        layout, skeleton = people[0].tracker.layout, people[0].tracker.skeleton
+        rest = skeleton.rest_positions[layout.joints] + layout.offsets
+        self.rig = RigCheck(self._names, layout.names, rest, config.fixed_frame)
+        """What this person says about the places and the clocks of the cameras."""
         for tracked in people:
             if (extrinsics := tracked.tracker.learned.extrinsics) is not None and config.several_cameras:
                 extrinsics.anchor = self._names[0]
@@ -62,6 +67,7 @@ class Placement:
     def reset(self) -> None:
         """Forget the people: what they have shown about the cameras."""
         self.agreement.reset()
+        self.rig.reset()
         self.jumps.reset()
 
     @property
@@ -163,13 +169,13 @@ class Placement:
             return images
         sights, learned = [], self._people[0].tracker.learned
         for image in images:
-            if not self.agreement.is_due(image.camera.name, image.stamp_ns):
-                continue
             people = [one for one in image.people if is_trackable(one, self._people[0].tracker.config)]
             pose = image.camera if learned.extrinsics is None else learned.extrinsics.corrected(image.camera)
             if len(people) == 1 and pose.known:
                 sights.append(Sight(image.stamp_ns, people[0], image.lens, pose))
-        self.agreement.update(sights, learned.size_check)
+        self.rig.add(sights)
+        due = [sight for sight in sights if self.agreement.is_due(sight.camera.name, sight.stamp_ns)]
+        self.agreement.update(due, learned.size_check)
         for image in images:
             self.counts[f"{image.camera.name}: {LEFT_OUT}"] += image.camera.name in self.agreement.left_out
         return [image for image in images if image.camera.name not in self.agreement.left_out]

@@ -16,18 +16,13 @@ APART_S = 0.06
 def wrong_cameras(session: Session, learned: bool = True) -> Iterator[Raised]:
     """Yield which cameras are wrong, as the person shows: they contradict the others, or their poses are off.
 
-    That cameras contradict each other is said without naming the wrong one, if no pose is known to be off. learned:
-    also yield poses whose error is small enough to be learned.
+    learned: also yield poses whose error is small enough to be learned, unless the set-up is wrong.
     """
-    extrinsics, words = session.extrinsics, list(session.placement.agreement.left_out.values())
-    poses = []
-    if extrinsics is not None:
-        poses = [extrinsics.in_words(name) if learned else extrinsics.wrong.get(name, "") for name in session.cameras]
-    agreement = session.placement.agreement
-    if agreement.shows_mirrored or not any(poses):  # a mirrored person makes the poses seem to be off
-        words += agreement.undecided()
-    else:
-        words += filter(None, poses)
+    agreement, extrinsics = session.placement.agreement, session.extrinsics
+    words = [*agreement.left_out.values(), *agreement.same_keypoints()]
+    words += [] if any(agreement.same_keypoints()) else session.placement.rig.set_up
+    if learned and not words and extrinsics is not None:
+        words += filter(None, (extrinsics.in_words(name) for name in session.cameras))
     return (say("camera_wrong", fault=fault) for fault in words)
 
 
@@ -48,6 +43,8 @@ def camera_concerns(session: Session, sending: Sequence[str], silent_s: Callable
         elif not silent and silent_s(name) > SILENCE_S:
             yield say("camera_silent", camera=name, limit=SILENCE_S)
     yield from _clocks(session, sending)
+    for fault in session.placement.rig.clocks:
+        yield say("camera_clock", fault=fault)
     yield from wrong_cameras(session)
 
 

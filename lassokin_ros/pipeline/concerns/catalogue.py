@@ -220,6 +220,7 @@ CONCERNS: dict[str, Concern] = {
     "cameras_share_frame": Concern(PROBLEM, LIVE, "{fault}"),
     "image_size": Concern(PROBLEM, LOGGED, "{fault}"),
     "camera_wrong": Concern(PROBLEM, LIVE, "{fault}"),
+    "camera_clock": Concern(PROBLEM, LIVE, "{fault}"),
     "camera_late": Concern(
         PROBLEM,
         LIVE,

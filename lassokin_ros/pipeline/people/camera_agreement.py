@@ -2,20 +2,20 @@
 
 Each pair of cameras that sees one person is compared as in `cross_view.py`. A camera that fits no other one, while
 others fit each other, is left out until it fits again: its images are another camera's, its pose or its lens is wrong.
-Of two cameras alone it cannot be told which one is wrong. If two cameras are level and equally far from the person, and
-their images are exchanged, they fit, but the person is mirrored: the nose is behind the trunk.
+Of two cameras alone it cannot be told which one is wrong. What is wrong is said by `pipeline/camera/rig_check.py`.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
 
 from lassokin_ros.core.learned.size_check import SizeCheck
+from lassokin_ros.pipeline.camera.rig_check import CHECK
 from lassokin_ros.pipeline.people.cross_view import compared, triangulated
 from lassokin_ros.pipeline.seen import Sight
 
@@ -33,24 +33,14 @@ WORSE = 1.5
 SAME_PX = 1.0
 """px: median distance of the keypoints of two cameras below which they are of one image."""
 
-MIRRORED = 9
-"""Of JUDGED comparisons: number with a mirrored person from which the images are exchanged. With right cameras it is
-reached in 0 of 708 periods, with exchanged ones in 481 of 639 (Shelf, Wildflower)."""
-TRUNK = ("nose", "left_shoulder", "right_shoulder", "left_hip", "right_hip")
-CHECK = "check the places (TF or a file, m), and that keypoints and lens are those of the camera"
-
 
 @dataclass
 class _Pair:
-    """The last comparisons of two cameras. newest_ns: ns, of the last one; same: whether the keypoints were equal.
-
-    mirrored: whether the person was, of comparisons that show it.
-    """
+    """The last comparisons of two cameras. newest_ns: ns, of the last one; same: whether the keypoints were equal."""
 
     newest_ns: int = 0
     costs: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
     same: deque[bool] = field(default_factory=lambda: deque(maxlen=JUDGED))
-    mirrored: deque[bool] = field(default_factory=lambda: deque(maxlen=JUDGED))
 
     @property
     def cost(self) -> float | None:
@@ -72,18 +62,11 @@ class _Pair:
         """Whether both cameras have the same keypoints."""
         return len(self.same) == JUDGED and sum(self.same) > JUDGED // 2
 
-    @property
-    def is_mirrored(self) -> bool:
-        """Whether the person whom both cameras see is mirrored."""
-        return sum(self.mirrored) >= MIRRORED
-
 
 class CameraAgreement:
     """Compares the sights of one person by several cameras."""
 
-    def __init__(self, landmarks: Sequence[str]) -> None:
-        """landmarks: l names in layout order."""
-        self._trunk = [list(landmarks).index(name) for name in TRUNK] if set(TRUNK) <= set(landmarks) else []
+    def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
@@ -105,7 +88,7 @@ class CameraAgreement:
                 if name != sight.camera.name and abs(sight.stamp_ns - other.stamp_ns) <= LONGEST_APART_NS:
                     self._compare(sight, other, size)
         if sights:
-            self.left_out = {name: words for name in self._newest if (words := self._why_left_out(name, size))}
+            self.left_out = {name: words for name in self._newest if (words := self._why_left_out(name))}
 
     def _compare(self, one: Sight, other: Sight, size: SizeCheck) -> None:
         pair = self._pairs.setdefault(frozenset((one.camera.name, other.camera.name)), _Pair())
@@ -118,13 +101,11 @@ class CameraAgreement:
         pair.newest_ns = one.stamp_ns
         pair.same.append(same)
         pair.costs.append(np.inf if cost is None or same else cost)
-        if self._trunk and not np.isnan(volume := _volume(places[self._trunk])):
-            pair.mirrored.append(volume < 0)
 
     def _pair(self, one: str, other: str) -> _Pair:
         return self._pairs.get(frozenset((one, other)), _Pair())
 
-    def _why_left_out(self, name: str, size: SizeCheck) -> str:
+    def _why_left_out(self, name: str) -> str:
         """Return why a camera is wrong, as others that fit each other show, in words; empty if they do not."""
         others = [other for other in self._newest if self._pair(name, other).cost is not None]
         fitting = [pair for pair in combinations(others, 2) if self._pair(*pair).is_right]
@@ -133,7 +114,12 @@ class CameraAgreement:
             fitting = [pair for pair in fitting if twin in pair and self._fits_worse(name, *pair)]
         if not fitting or (twin is None and not all(self._pair(name, other).is_wrong for other in others)):
             return ""
-        return self._words(name, fitting[0], twin, size)
+        first, second = fitting[0]
+        hint = CHECK if twin is None else f"they are those of '{twin}': check its topics"
+        return (
+            f"camera '{name}' is not used: its keypoints do not fit those of '{first}' and '{second}', which fit each "
+            f"other; {hint}"
+        )
 
     def _fits_worse(self, name: str, one: str, other: str) -> bool:
         """Whether a camera fits neither of two others as well as they fit each other."""
@@ -141,52 +127,15 @@ class CameraAgreement:
         costs = [self._pair(name, third).cost for third in (one, other)]
         return cost is not None and all(own is None or own > worse * cost for own in costs)
 
-    def _words(self, name: str, fitting: tuple[str, str], twin: str | None, size: SizeCheck) -> str:
-        first, sight = self._newest[fitting[0]], self._newest[name]
-        hint = CHECK
-        if twin is not None:
-            hint = f"they are those of '{twin}': check its topics"
-        elif (cost := _inverted(first, sight, size)) is not None:
-            if cost < RIGHT:
-                hint = "they do with the inverse transform: expected the pose of the camera, x_frame = R x_camera + t"
-        return (
-            f"camera '{name}' is not used: its keypoints do not fit those of '{fitting[0]}' and '{fitting[1]}', which "
-            f"fit each other; {hint}"
-        )
-
-    @property
-    def shows_mirrored(self) -> bool:
-        """Whether two cameras that fit each other show a mirrored person: their images are exchanged."""
-        return any(pair.is_mirrored and not pair.is_wrong for pair in self._pairs.values())
-
-    def undecided(self) -> Iterator[str]:
-        """Yield which cameras contradict each other if it cannot be told which one is wrong, in words."""
+    def same_keypoints(self) -> Iterator[str]:
+        """Yield which cameras have the same keypoints if it cannot be told which one is wrong, in words."""
         for names, pair in self._pairs.items():
             one, other = sorted(names)
-            if names & self.left_out.keys() or not (pair.is_wrong or pair.is_mirrored):
-                continue
-            if pair.is_mirrored and not pair.is_wrong:
-                yield (
-                    f"the person whom '{one}' and '{other}' see is mirrored: check that the topics of the two cameras "
-                    "are not exchanged"
-                )
-            elif pair.is_same:
+            if pair.is_same and not names & self.left_out.keys():
                 yield (
                     f"cameras '{one}' and '{other}' have the same keypoints: check that each detector has a camera of "
                     "its own"
                 )
-            else:
-                yield (
-                    f"keypoints of '{one}' and '{other}' do not fit each other, and it cannot be told which camera is "
-                    f"wrong: {CHECK}"
-                )
-
-
-def _volume(trunk: np.ndarray) -> float:
-    """m^3, above 0 if the nose is before the trunk; NaN if one of them is unknown. trunk: (5, 3) m, those of TRUNK."""
-    nose, *corners = trunk
-    across, up = np.array([1, -1, 1, -1]) @ corners, np.array([0.5, 0.5, -0.5, -0.5]) @ corners
-    return float(np.cross(across, up) @ (nose - 0.5 * (corners[0] + corners[1])))
 
 
 def _same_keypoints(one: Sight, other: Sight) -> bool:
@@ -195,9 +144,3 @@ def _same_keypoints(one: Sight, other: Sight) -> bool:
     apart = np.linalg.norm(one.seen.pixels - other.seen.pixels, axis=1)
     known = apart[np.isfinite(apart)]
     return len(known) > 0 and float(np.median(known)) < SAME_PX
-
-
-def _inverted(one: Sight, other: Sight, size: SizeCheck) -> float | None:
-    """Return the cost with the inverse transform of the other camera."""
-    inverted = replace(other, camera=other.camera.inverse)
-    return compared(one, inverted, size, triangulated(one, inverted))

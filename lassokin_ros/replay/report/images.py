@@ -35,6 +35,10 @@ class ReportImages:
             self._images = dict(list(self._images.items())[::2])
             self._stride *= 2
 
+    def move(self, moved: Callable[[int], int]) -> None:
+        """Give the images other stamps. moved: returns the new stamp of an old one, ns."""
+        self._images = {moved(stamp_ns): image for stamp_ns, image in self._images.items()}
+
     def data(self, times: Mapping[int, float], apart_ns: int = 0) -> dict[str, Any]:
         """Return the data for the page. times: s on the page's axis by stamp in ns; images without a time are left out.
 

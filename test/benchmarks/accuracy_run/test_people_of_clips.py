@@ -9,8 +9,8 @@ from benchmarks.accuracy_run.options import parser
 from benchmarks.accuracy_run.people import person_of, seen_by_network
 from benchmarks.accuracy_run.table import COLUMNS, person_table
 from benchmarks.common.report import data_folder
-from benchmarks.learn_prior import SEEN
 from training.motion import TEST, VALIDATION
+from training.pose_prior import SEEN
 
 needs_data = pytest.mark.skipif(
     not (data_folder() / "corpus").is_dir(), reason=f"no corpus in {data_folder()}: set LASSOKIN_DATA"

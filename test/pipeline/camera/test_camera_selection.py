@@ -55,8 +55,8 @@ def test_an_unlikely_matrix_is_a_warning_with_numbers(session, fx, fy, cx, cy, t
 def test_a_matrix_that_is_certainly_wrong_is_refused_with_numbers(session, fx, fy, cx, cy, size, text):
     message = camera_info(BACKEND, k=np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0]), width=size[0], height=size[1])
     assert session.set_camera(message) == "camera_uncalibrated"
-    assert text in session.camera_fault and f"fx = {fx:g}" in session.camera_fault
-    assert not session.has_camera
+    assert text in session.inputs.camera_fault and f"fx = {fx:g}" in session.inputs.camera_fault
+    assert not session.inputs.has_camera
 
 
 def test_a_fisheye_has_a_short_focal_length(session):
@@ -143,7 +143,7 @@ def test_an_ignored_camera_that_cannot_be_used_is_refused_later(session):
         session.set_camera(camera_info(BACKEND, (600.0, 1200.0)[change % 2]))
     session.set_camera(camera_info(BACKEND, 0.0))
     assert images(session, LASTING + 5) == (LASTING + 5) * [600.0]
-    assert "not calibrated" in session.camera_fault
+    assert "not calibrated" in session.inputs.camera_fault
 
 
 @pytest.mark.parametrize("publishers, noticed", [(0, False), (1, False), (2, True)])

@@ -19,7 +19,7 @@ from lassokin_ros.pipeline.answers import frames_of
 from lassokin_ros.pipeline.camera.camera_selection import Camera
 from lassokin_ros.pipeline.camera.placement import JUMPS
 from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
-from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
+from lassokin_ros.pipeline.depth.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, camera_commands, save_cameras
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics

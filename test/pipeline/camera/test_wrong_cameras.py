@@ -1,6 +1,7 @@
 """One of several cameras is wrong: it is named, and not used if it can be told which one it is."""
 
 import gc
+import re
 from collections import Counter
 from types import BuiltinFunctionType, FunctionType, ModuleType
 
@@ -12,10 +13,12 @@ from messages import camera_info, cloud, rosbags_backend
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.hypotheses.start import Starts
 from lassokin_ros.core.observation import CameraPose
+from lassokin_ros.pipeline.concerns.cameras import camera_concerns
 from lassokin_ros.pipeline.outputs.camera_markers import CameraMarkers
 from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, save_cameras
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT
+from lassokin_ros.pipeline.seen import Seen, Sight
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
@@ -80,7 +83,7 @@ def turned(one, degrees):
 
 WRONG = {
     "images of another camera": ({"instead": {"right": "back"}}, {}, "they are those of 'back': check its topics"),
-    "inverse transform": ({}, {"right": inverse(RIGHT)}, "they do with the inverse transform"),
+    "inverse transform": ({}, {"right": inverse(RIGHT)}, "the keypoints fit the inverse transform of 'right'"),
     "another pose": ({}, {"right": turned(RIGHT, 40)}, "check the places (TF or a file, m), and that"),
 }
 
@@ -130,14 +133,55 @@ def test_good_cameras_and_a_small_error_of_a_pose_are_used(poses):
     "how, poses, words",
     [
         ({"instead": {"right": "left"}}, {}, "cameras 'left' and 'right' have the same keypoints"),
-        ({}, {"right": inverse(RIGHT)}, "keypoints of 'left' and 'right' do not fit"),
-        ({}, {"right": turned(RIGHT, 40)}, "'left' and 'right' do not fit"),
+        ({}, {"right": inverse(RIGHT)}, "the keypoints fit the inverse transform of 'right', not the given one"),
+        ({}, {"right": turned(RIGHT, 40)}, "the keypoints of 'left' and 'right' do not fit the given places"),
         ({"late": {"right": 0.1}}, {}, "keypoints of 'right' arrive 0.10 s later after their stamps than"),
     ],
 )
 def test_of_two_cameras_both_are_named_and_used_because_it_cannot_be_told_which_is_wrong(how, poses, words):
     rig = Rig(LEFT, RIGHT, poses=poses).send(0.0, 3.0, **how)
     assert words in rig.said(3.0) and not rig.left_out
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda R, t: (R, 1000 * t), "the places of the cameras are in mm, as the person's size shows; expected m"),
+        (lambda R, t: (R, 100 * t), "the places of the cameras are in cm"),
+        (lambda R, t: (R @ np.diag([1.0, -1, -1]), t), "the person stands upright along -z of 'map'; expected a frame"),
+    ],
+)
+def test_the_unit_and_the_vertical_of_the_places_are_said(change, words):
+    poses = {one.name: CameraPose(one.name, *change(p.rotation, p.translation)) for one in (LEFT, RIGHT)
+             for p in [one.pose_at(0)]}  # fmt: skip
+    rig = Rig(LEFT, RIGHT, poses=poses).send(0.0, 1.5)
+    assert [words in said for said in rig.session.placement.rig.set_up] == [True]
+
+
+@pytest.mark.parametrize("late", [0.05, 0.0])
+def test_stamps_of_a_camera_that_are_off_are_said_in_ms(late):
+    """A webcam that stamps its images 50 ms too early; nothing is changed."""
+    rig = Rig(LEFT, RIGHT)
+    check, random = rig.session.placement.rig, np.random.default_rng(0)
+    for index in range(21 * 30):
+        now, sights = index / 30, []
+        for one in rig.eyes.values():
+            points = pixels(one, now, truth_at([now % 12.0]).landmarks[0], random, 2.0)
+            stamp_ns = START_NS + round(1e9 * (now - late * (one is RIGHT)))
+            lens = rig.session.cameras[one.name].camera.view.lens
+            seen = Seen(lens.normalise(points), np.ones(17), pixels=points)
+            sights.append(Sight(stamp_ns, seen, lens, one.pose_at(0)))
+        check.add(sights)
+        if index == 15 * 30:
+            assert not check.clocks  # one comparison is not enough
+    assert not check.set_up
+    if late:
+        (words,) = check.clocks
+        (ms,) = re.findall(r"are (\d+) ms \(\+- \d+\) too early; nothing is changed", words)
+        assert 44 <= int(ms) <= 56
+        assert words in [raised.text for raised in camera_concerns(rig.session, [], lambda _: 0.0)]
+    else:
+        assert not check.clocks
 
 
 def test_cameras_that_contradict_each_other_do_not_need_a_search_in_each_frame(monkeypatch):
@@ -152,7 +196,7 @@ def test_cameras_that_contradict_each_other_do_not_need_a_search_in_each_frame(m
 def test_cameras_with_exchanged_images_are_named():
     near = eye("near", 90, 2.6)
     rig = Rig(LEFT, near).send(0.0, 3.0, instead={"left": "near", "near": "left"})
-    assert "but if 'left' and 'near' are exchanged: check the topics" in rig.said(3.0)
+    assert "those of 'left' fit 'near', those of 'near' fit 'left': check topics" in rig.said(3.0)
 
 
 @pytest.mark.parametrize("angle", [60, 90, 120])
@@ -160,15 +204,15 @@ def test_a_mirrored_person_shows_that_cameras_at_equal_distances_are_exchanged(a
     """The places fit: a standing person has the same heights in both images."""
     other = eye("right", angle)
     exchanged = Rig(LEFT, other).send(0.0, 2.0, instead={"left": "right", "right": "left"})
-    assert "the person whom 'left' and 'right' see is mirrored" in exchanged.said(2.0)
-    assert "mirrored" not in Rig(LEFT, other).send(0.0, 2.0).said(2.0)
+    assert "the keypoints are exchanged between cameras: those of 'left' fit 'right'" in exchanged.said(2.0)
+    assert "exchanged" not in Rig(LEFT, other).send(0.0, 2.0).said(2.0)
 
 
 EXCHANGED = {"instead": {"left": "right", "right": "left"}}
 NOT_SAVED = {
-    "inverse transform": ((LEFT, RIGHT), {}, {"right": inverse(RIGHT)}, "do not fit .*, but the inverse transform"),
+    "inverse transform": ((LEFT, RIGHT), {}, {"right": inverse(RIGHT)}, "fit the inverse transform of 'right'"),
     "another pose": ((LEFT, RIGHT), {}, {"right": turned(RIGHT, 40)}, "keypoints of 'left' and 'right' do not fit"),
-    "exchanged images": ((LEFT, RIGHT), EXCHANGED, {}, "'left' and 'right' see is mirrored"),
+    "exchanged images": ((LEFT, RIGHT), EXCHANGED, {}, "those of 'left' fit 'right'"),
     "one of three": ((LEFT, RIGHT, BACK), {}, {"right": inverse(RIGHT)}, "camera 'right' is not used"),
 }
 

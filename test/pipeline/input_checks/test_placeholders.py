@@ -144,7 +144,7 @@ def test_fractions_of_the_image_are_refused_with_the_factors():
     assert (
         frame.rejection == "fractions" and f"width ({WIDTH})" in frame.detail and f"height ({HEIGHT})" in frame.detail
     )
-    assert not session.nobody_in_view
+    assert not session.inputs.nobody_in_view
     below = PIXELS[0] / [WIDTH, HEIGHT] + [0.0, 0.4]  # the legs are below the image
     assert below.max() > 1.1 and session.process(cloud(BACKEND, 10**9, below), 0).rejection == "fractions"
 

@@ -70,27 +70,27 @@ def test_a_camera_that_sends_nothing_while_nobody_is_in_view_is_no_warning():
 
 def test_nobody_is_in_view_of_the_cameras_that_send():
     session = Scene().session
-    assert not session.nobody_in_view
+    assert not session.inputs.nobody_in_view
     session.frames(crowd(BACKEND, START_NS, [], [], frame_id="left_optical"), START_NS, "left")
-    assert session.nobody_in_view
+    assert session.inputs.nobody_in_view
     session.frames(
         keypoints(BACKEND, EYES["right"], START_NS, 0, TRUTH.landmarks[0], np.random.default_rng(0)), START_NS, "right"
     )
-    assert not session.nobody_in_view
+    assert not session.inputs.nobody_in_view
     for later_ns, right_is_silent in ((399_000_000, False), (401_000_000, True)):  # stale_after is 0.4 s
         later_ns += START_NS
         session.frames(crowd(BACKEND, later_ns, [], [], frame_id="left_optical"), later_ns, "left")
-        assert session.nobody_in_view is right_is_silent
+        assert session.inputs.nobody_in_view is right_is_silent
 
 
 def test_nobody_is_in_view_of_the_camera_that_still_sends_after_simulated_time_jumped_back():
     scene = Scene()
     scene.second()
-    assert not scene.session.nobody_in_view
+    assert not scene.session.inputs.nobody_in_view
     scene.session.reset()
     early_ns = START_NS - 90 * 10**9
     scene.session.frames(crowd(BACKEND, early_ns, [], [], frame_id="left_optical"), early_ns, "left")
-    assert scene.session.nobody_in_view
+    assert scene.session.inputs.nobody_in_view
 
 
 def test_an_old_recording_of_cameras_with_different_rates_has_one_clock():

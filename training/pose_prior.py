@@ -1,6 +1,6 @@
 """Learn the shipped pose prior from the training clips, and write it with its provenance.
 
-    python -m benchmarks.learn_prior --data DIR --output lassokin_ros/core/evidence/priors/cmu.yaml
+    python -m training.pose_prior --data DIR --output lassokin_ros/core/evidence/priors/cmu.yaml
 
 All clips have equal weight, and each pose is also used mirrored. The training clips are never used for a reported
 accuracy.
@@ -119,7 +119,7 @@ def write(path: Path, clips: list[Clip], prior: Mapping[str, Any]) -> None:
     """Write the format of `mapping` as YAML, rounded."""
     lines = [
         "# A Gaussian on the rotation vectors (rad, SMPL's tree and T-pose) of all joints but the pelvis, and the mean",
-        "# size of their change per frame at 60 Hz (rad). Written by benchmarks/learn_prior.py; do not edit.",
+        "# size of their change per frame at 60 Hz (rad). Written by training/pose_prior.py; do not edit.",
         "# The data used in this project was obtained from mocap.cs.cmu.edu. The database was created with funding",
         "# from NSF EIA-0196217.",
         f"# Training clips, each with its mirror image, of equal weight: {', '.join(c.name for c in clips)}",

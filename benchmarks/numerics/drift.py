@@ -1,7 +1,7 @@
 """Deviation of the state's rotations from rotation matrices after many retractions, as in a long run of the tracker.
 
-    python benchmarks/drift.py                     # one body, 10 million steps one after another: some minutes
-    python benchmarks/drift.py --bodies 500 --steps 20000
+    python benchmarks/numerics/drift.py                     # one body, 10 million steps one after another: some minutes
+    python benchmarks/numerics/drift.py --bodies 500 --steps 20000
 
 A step is the update of an accepted frame: R <- R exp(Omega), then one Newton step towards SO(3), for all joints of all
 bodies at once. The same is also computed without the Newton step. The table gives the length of the longest chain,
@@ -15,7 +15,7 @@ import sys
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np  # noqa: E402
 

@@ -1,0 +1,1 @@
+"""Numerical properties: agreement of versions, drift over hours."""

@@ -1,0 +1,1 @@
+"""Several videos: where their cameras are, and their clocks."""
