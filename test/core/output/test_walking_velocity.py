@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lassokin_ros.pipeline.people.walking_velocity import WalkingVelocity
+from lassokin_ros.core.output.walking_velocity import WalkingVelocity
 
 UP = np.array([0.0, 0.0, 1.0])
 AHEAD = np.array([1.0, 0.0, 0.0])
