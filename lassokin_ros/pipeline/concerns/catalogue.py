@@ -251,7 +251,8 @@ CONCERNS: dict[str, Concern] = {
         NOTE,
         NOW,
         "the body has pointed to the side in the image {when} (the depth network gets a turned image)",
-        "the person lies, or the camera or the image is turned; then set camera_roll",
+        "the person lies, or the camera or the image is turned (then set camera_roll), or the detector's x and y are "
+        "exchanged",
     ),
     "upside_down": Concern(
         PROBLEM,
@@ -292,7 +293,8 @@ CONCERNS: dict[str, Concern] = {
         PROBLEM,
         LIVE,
         "the keypoints' own depths are not near the person",
-        "check that they are in m, along the optical axis of the camera, and that the person is within its range",
+        "check that they are in m, along the optical axis from the camera (not from the hips, as MediaPipe's z), and "
+        "that the person is within its range",
     ),
     "depth_frozen": Concern(
         PROBLEM,
