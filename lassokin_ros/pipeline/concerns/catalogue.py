@@ -260,6 +260,13 @@ CONCERNS: dict[str, Concern] = {
         "the body has pointed down in the image {when}",
         UPRIGHT_ADVICE + "; for a camera that hangs upside down set camera_roll to 3.14",
     ),
+    "no_optical_frame": Concern(
+        PROBLEM,
+        LIVE,
+        "people stand upright in the image of a camera that looks up or down in fixed_frame by TF",
+        "expected keypoints and camera_info in the camera's optical frame (z forward, x right, y down), and a "
+        "fixed_frame with z up; one of them is the other kind of frame",
+    ),
     "turned_in_frame": Concern(NOTE, NOW, "the body has pointed to the side {when}", TURNED_ADVICE),
     "turned_down_in_frame": Concern(PROBLEM, LIVE, "the body has pointed down {when}", TURNED_ADVICE),
     # Depth and size.
