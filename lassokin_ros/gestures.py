@@ -1,4 +1,5 @@
-"""Gestures of a hand from its 21 points: fist, open palm, pointing, thumbs up, victory, or another one.
+"""Gestures of a hand from its 21 points: fist, open palm, pointing, thumbs up, victory, or another one; and the floor
+where it points.
 
     probabilities = gesture_probabilities(points, up)      # points (21, 3) in any frame and unit
     watch = GestureWatch()
@@ -6,14 +7,17 @@
 
 Each finger is straight or bent, by the angles at its first two joints; the thumb is stretched out or not, by the
 distance of its tip from the little finger's knuckle. The probability of a gesture is the product of those of its
-fingers; what remains is "other". Numpy alone is needed, so the points may also be those of another tracker.
+fingers; what remains is "other". The points may also be those of another tracker.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from typing import Any
 
 import numpy as np
+
+from lassokin_ros.core.body.rotations import from_quaternion
 
 GESTURES = ("other", "fist", "open_palm", "pointing", "thumbs_up", "victory")
 """Names; a gesture's number is its place."""
@@ -35,8 +39,8 @@ HELD_S, SURE = 0.3, 0.5
 """s over which probabilities are averaged, and the mean from which on a gesture is said."""
 LONGEST_GAP_S = 0.5
 """s: after a longer time without a hand the average begins again."""
-THUMB, FINGERS = (1, 2, 3, 4), np.array([[5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16], [17, 18, 19, 20]])
-"""Points of the thumb, and of the index, middle, ring and pinky finger."""
+INDEX_TIP, FINGERS = 8, np.array([[5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16], [17, 18, 19, 20]])
+"""Point at the tip of the index finger, and those of the index, middle, ring and pinky finger."""
 
 
 def finger_bends(points: np.ndarray) -> np.ndarray:
@@ -101,6 +105,31 @@ class GestureWatch:
         if mean[best] < SURE or stamp - self._seen[0][0] < HELD_S / 2:
             return GESTURES[0], float(1 - mean[1:].max())
         return GESTURES[best], float(mean[best])
+
+
+def hand_points(hand: Any) -> np.ndarray:
+    """Return the 21 points of a hand of ~/hands, (21, 3) m in the frame of the message. hand: its (21,) points."""
+    along = np.stack([hand[axis] for axis in "xyz"], axis=1).astype(float)
+    first = hand[0]
+    turn = from_quaternion(np.array([first[name] for name in ("qx", "qy", "qz", "qw")], dtype=float))
+    return along @ turn.T + [float(first[f"wrist_{axis}"]) for axis in "xyz"]
+
+
+def on_floor(hand: Any, floor: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return where on the floor a hand of ~/hands points, (2,) m, and its covariance (2, 2) m^2.
+
+    hand: its (21,) points, of a message whose frame has z up; floor: m, its z. The deviation of the ray's angle grows
+    with the distance, and along a flat ray. A ray that does not meet the floor has NaN.
+    """
+    tip, first = hand_points(hand)[INDEX_TIP], hand[0]
+    ray = np.array([first[f"ray_{axis}"] for axis in "xyz"], dtype=float)
+    if ray[2] >= 0 or tip[2] <= floor:
+        return np.full(2, np.nan), np.full((2, 2), np.nan)
+    length = (floor - tip[2]) / ray[2]
+    across = length * float(first["ray_deviation"])
+    flat = ray[:2] / max(float(np.linalg.norm(ray[:2])), 1e-9)
+    covariance = across**2 * (np.eye(2) + (1 / ray[2] ** 2 - 1) * np.outer(flat, flat))
+    return tip[:2] + length * ray[:2], covariance
 
 
 def _step(values: np.ndarray, middle: float, width: float) -> np.ndarray:

@@ -51,7 +51,7 @@ KINDS = {PointField.FLOAT32: "<f4", PointField.INT32: "<i4"}
 
 
 def points(message: PointCloud2) -> np.ndarray:
-    """Return the points of ~/people, ~/skeleton, ~/skeletons or ~/limbs as a structured array (k,)."""
+    """Return the points of ~/people, ~/skeleton, ~/skeletons, ~/limbs or ~/hands as a structured array (k,)."""
     kind = np.dtype([(field.name, KINDS[field.datatype]) for field in message.fields])
     return np.frombuffer(bytes(message.data), kind)
 
@@ -59,6 +59,11 @@ def points(message: PointCloud2) -> np.ndarray:
 def position(point: Any) -> np.ndarray:
     """Return the position (3,) m of one point, or (3, k) of k points."""
     return np.array([point[name] for name in "xyz"], dtype=float)
+
+
+def seconds(message: Any) -> float:
+    """Return the stamp of a message, s."""
+    return Time.from_msg(message.header.stamp).nanoseconds * 1e-9
 
 
 def covariance(point: Any) -> np.ndarray:
@@ -215,10 +220,11 @@ class PeopleWatch:
         self._heard = False
 
     def subscribe(self, output: str, callback: Callable[[Any], None]) -> None:
-        """Call back with the messages of ~/skeleton or ~/limbs that are fresh and whose person is certain.
+        """Call back with the messages of ~/skeleton, ~/limbs or ~/hands that are fresh and whose person is certain.
 
-        output: "skeleton" or "limbs". The person is certain if ~/people of the same image says so, see `is_certain`;
-        either message may come first. With `max_people` above 1 they are those of the locked person, see ~/lock.
+        output: "skeleton", "limbs" or "hands". The person is certain if ~/people of the same image says so, see
+        `is_certain`; either message may come first. With `max_people` above 1 they are those of the locked person, see
+        ~/lock.
         """
         topic = f"{self._tracker}/{output}"
         self._outputs[topic] = False

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.common.array_spool import ArraySpool, Record
+from lassokin_ros.core.body.roles import is_finger
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -16,6 +17,8 @@ from lassokin_ros.replay.analysis.floor import floor_height
 from lassokin_ros.replay.report.wrong_spans import marked_frames
 
 FACE = "head"
+ASSUMED, GIVEN = "assumed", "given"
+"""Where lens and height come from."""
 DETECTED, REPROJECTED = "detected", "reprojected"
 
 
@@ -57,6 +60,7 @@ class Motion:
     cameras: what each of several cameras saw, by name; empty with one camera.
     smoothing: s, time constant of the smoothing with later frames, which flattens fast motion; 0 without.
     start_ns: stamp at which the recording begins for all people: that of the first frame, 0 of a video's first image.
+    lens, height_from: `ASSUMED` or `GIVEN`, the field of view or camera_info, and the person's height.
     """
 
     person: str
@@ -84,21 +88,22 @@ class Motion:
     cameras: Mapping[str, Seen] = field(default_factory=dict)
     smoothing: float = 0.0
     start_ns: int = 0
+    lens: str = GIVEN
+    height_from: str = GIVEN
 
     @property
     def angles_observed(self) -> np.ndarray:
         """(f, n) bool: keypoints show which way a joint turns; otherwise the pose prior alone gives its angles.
 
-        A joint turns its children, so one of them must be observed. Of the joints without children, the head alone
-        carries keypoints beside its centre.
+        A joint turns its children, so one of them must be observed. Of the joints without children, the head and the
+        last ones of fingers carry keypoints beside their centre.
         """
         skeleton, result = self.skeleton, np.zeros_like(self.observed)
         for child, parent in enumerate(skeleton.parents):
             if parent >= 0:
                 result[:, parent] |= self.observed[:, child]
-        if FACE in skeleton.joint_names:
-            head = skeleton.index(FACE)
-            result[:, head] |= self.observed[:, head]
+        ends = [name == FACE or is_finger(name) and name.endswith("3") for name in skeleton.joint_names]
+        result[:, ends] |= self.observed[:, ends]
         return result
 
     @property
@@ -180,14 +185,18 @@ class MotionRecorder:
         level: Callable[[], np.ndarray],
         origin_ns: int = 0,
         cameras: Sequence[str] = (),
+        lens: str = GIVEN,
+        height_from: str = GIVEN,
     ) -> None:
         """landmark_names: l names. config: of the tracker. level: returns (3, 3), see `Motion`, after the last frame.
 
-        origin_ns: stamp that becomes 0. cameras: names of several cameras.
+        origin_ns: stamp that becomes 0. cameras: names of several cameras. lens, height_from: see
+        `Motion`.
         """
         self._cameras = tuple(cameras) if len(cameras) > 1 else ()
         self._landmark_names, self._level, self._origin_ns = tuple(landmark_names), level, origin_ns
-        self._smoothing = config.smoothing if config.smoothing_lag > 0 else 0.0
+        smoothing = config.smoothing if config.smoothing_lag > 0 else 0.0
+        self._sources = {"lens": lens, "height_from": height_from, "smoothing": smoothing}
         self._spool = ArraySpool()
         self._people: dict[str, _Rows] = {}
 
@@ -209,7 +218,7 @@ class MotionRecorder:
             names, level = self._landmark_names, self._level()
             pairs = {name: [columns.pop(f"{name} {what}") for what in (DETECTED, REPROJECTED)] for name in rows.cameras}
             seen = {name: Seen(*pair) for name, pair in pairs.items()}
-            rest: dict[str, Any] = {**columns, "level": level, "cameras": seen, "smoothing": self._smoothing}
+            rest: dict[str, Any] = {**columns, "level": level, "cameras": seen, **self._sources}
             motions.append(Motion(person, rows.frame_id, rows.skeleton, names, **rest))
         floor = np.array([_floor(motion) for motion in motions])
         common = float(np.median(floor[np.isfinite(floor)])) if np.isfinite(floor).any() else 0.0

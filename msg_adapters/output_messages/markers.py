@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Sequence
+from collections.abc import Collection, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from msg_adapters.backends import Backend
 from msg_adapters.output_messages.builders import StampedBuilder
 
 SPHERE, LINE_LIST, SPHERE_LIST, TEXT = 2, 5, 7, 9  # visualization_msgs/Marker
-JOINT_SIZE, BONE_SIZE = 0.05, 0.025  # m
+JOINT_SIZE, BONE_SIZE, FINGER_SIZE = 0.05, 0.025, 0.012  # m
 JOINT_COLOUR, BONE_COLOUR, TEXT_COLOUR = (0.10, 0.45, 0.85, 1.0), (0.95, 0.60, 0.10, 1.0), (1.0, 1.0, 1.0, 1.0)
 LIFETIME_NS = 1_000_000_000
 """Lifetime of a marker. The markers of a lost person disappear, and those of a person who is tracked twice per second
@@ -20,15 +21,25 @@ do not flicker."""
 class SkeletonMarkersBuilder(StampedBuilder):
     """The message object is reused; each frame changes its points."""
 
-    def __init__(self, backend: Backend, parents: Sequence[int], prefix: str = "") -> None:
-        """parents: (n,) index of each joint's parent, -1 for the root; prefix: of the markers' namespaces."""
+    def __init__(
+        self, backend: Backend, parents: Sequence[int], prefix: str = "", fingers: Collection[int] = ()
+    ) -> None:
+        """parents: (n,) index of each joint's parent, -1 for the root; prefix: of the markers' namespaces.
+
+        fingers: indices of joints of fingers, whose bones are thin lines without spheres.
+        """
         message = backend.make("visualization_msgs/msg/MarkerArray")
-        ends = [joint for child, parent in enumerate(parents) if parent >= 0 for joint in (int(parent), child)]
-        bones = marker(backend, 0, f"{prefix}bones", LINE_LIST, BONE_SIZE, BONE_COLOUR, len(ends))
-        joints = marker(backend, 1, f"{prefix}joints", SPHERE_LIST, JOINT_SIZE, JOINT_COLOUR, len(parents))
+        pairs = [(int(parent), child) for child, parent in enumerate(parents) if parent >= 0]
+        thick = [joint for pair in pairs if pair[1] not in fingers for joint in pair]
+        thin = [joint for pair in pairs if pair[1] in fingers for joint in pair]
+        spheres = [joint for joint in range(len(parents)) if joint not in fingers]
+        bones = marker(backend, 0, f"{prefix}bones", LINE_LIST, BONE_SIZE, BONE_COLOUR, len(thick))
+        joints = marker(backend, 1, f"{prefix}joints", SPHERE_LIST, JOINT_SIZE, JOINT_COLOUR, len(spheres))
         message.markers = [bones, joints]
-        self._order = np.array([*ends, *range(len(parents))])
-        self._targets = [*bones.points, *joints.points]
+        if thin:
+            message.markers += [marker(backend, 2, f"{prefix}fingers", LINE_LIST, FINGER_SIZE, BONE_COLOUR, len(thin))]
+        self._order = np.array([*thick, *spheres, *thin])
+        self._targets = [point for made in message.markers for point in made.points]
         super().__init__(message, [marker.header for marker in message.markers])
 
     def numbers(self, positions: np.ndarray) -> np.ndarray:

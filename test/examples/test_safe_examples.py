@@ -31,7 +31,15 @@ DEADLINE_S, STOP_S = 40.0, 0.6
 PIXELS = pixels_of_motion(40, 20.0)
 NEAR = PIXELS.mean(axis=1, keepdims=True) + 1.5 * (PIXELS - PIXELS.mean(axis=1, keepdims=True))
 NOWHERE = np.full((17, 2), np.nan)
-MOST_LINES = {"follow_person": 25, "safety_zone": 35, "imitate_arm": 35, "wrist_in_base": 40, "two_cameras": 40}
+MOST_LINES = {
+    "follow_person": 25,
+    "safety_zone": 35,
+    "imitate_arm": 35,
+    "wrist_in_base": 40,
+    "two_cameras": 40,
+    "pointing": 35,
+    "retarget_hand": 35,
+}
 
 
 def drives(command):

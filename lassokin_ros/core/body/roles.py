@@ -70,6 +70,12 @@ FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 FINGER_JOINTS = tuple(f"{finger}{number}" for finger in FINGERS for number in (1, 2, 3))
 """The joints of a hand in SMPL-H's order, from the knuckle outwards (of the thumb from its base), without the side."""
 
+
+def is_finger(joint: str) -> bool:
+    """Whether a joint is one of a finger."""
+    return joint != without_side(joint) and without_side(joint) in FINGER_JOINTS
+
+
 THICKNESS = {
     "hip": 0.055, "knee": 0.034, "ankle": 0.021, "foot": 0.018, "neck": 0.036, "head": 0.045, "shoulder": 0.040,
     "elbow": 0.025, "wrist": 0.016, "hand": 0.010, "pelvis": 0.060, "spine1": 0.060, "spine2": 0.060, "spine3": 0.060,

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from lassokin_ros.core.body.roles import is_finger
 from lassokin_ros.core.body.rotations import hat, to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import project
@@ -108,7 +109,8 @@ class FrameMessages:
         extend = (lambda values: values) if mapped is None else mapped.extend
         translation = self._fill(PointStampedBuilder(backend))
         joints = self._fill(PoseArrayBuilder(backend, skeleton.joint_count))
-        markers = self._fill(SkeletonMarkersBuilder(backend, parents, prefix))
+        fingers = [joint for joint, name in enumerate(skeleton.joint_names) if is_finger(name)]
+        markers = self._fill(SkeletonMarkersBuilder(backend, parents, prefix, fingers))
         self._builders |= {
             topics.JOINT_STATES: lambda t, f, frame, _: joint_states(
                 t, f, extend(frame.positions), extend(frame.velocities)

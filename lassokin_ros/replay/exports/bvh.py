@@ -79,8 +79,10 @@ def _joint(skeleton: Skeleton, joint: int, depth: int) -> Iterator[str]:
 
 
 def _tip(bone: np.ndarray) -> np.ndarray:
-    long_enough = np.linalg.norm(bone) * TIP >= SMALLEST_TIP
-    return bone * TIP if long_enough else np.array([0.0, SMALLEST_TIP, 0.0])
+    length = float(np.linalg.norm(bone))
+    if length * TIP >= SMALLEST_TIP:
+        return bone * TIP
+    return bone * (SMALLEST_TIP / length) if length > 0 else np.array([0.0, SMALLEST_TIP, 0.0])
 
 
 def _numbers(values: np.ndarray) -> str:

@@ -1,7 +1,8 @@
 """Angles in degrees as people name them: flexion and abduction of the limbs, and the lean of the trunk.
 
-They are computed from joint positions, so they do not depend on the axes of a skeleton's joints. In a T-pose all angles
-are 0 but the abduction of the shoulders (90).
+They are computed from joint positions, so they do not depend on the axes of a skeleton's joints; those of fingers and,
+with fingers, of the wrists from their joints' rotations. In a T-pose all angles are 0 but the abduction of the
+shoulders (90).
 """
 
 from __future__ import annotations
@@ -11,14 +12,45 @@ from functools import partial
 
 import numpy as np
 
+from lassokin_ros.core.body.roles import is_finger
+from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.replay.motion import Motion
 
 SIDES = {"left": 1.0, "right": -1.0}
+HAND_ANGLES = {
+    "wrist": (("flexion", 2, -1.0), ("radial deviation", 1, -1.0)),
+    "finger1": (("MCP flexion", 2, -1.0), ("MCP deviation", 1, -1.0)),
+    "finger2": (("PIP flexion", 2, -1.0),),
+    "finger3": (("DIP flexion", 2, -1.0),),
+    "thumb1": (("CMC flexion", 1, 1.0), ("CMC palmar abduction", 0, 1.0)),
+    "thumb2": (("MCP flexion", 1, 1.0),),
+    "thumb3": (("IP flexion", 1, 1.0),),
+}
+"""Name, axis (x, y, z) and sign of the angles of a joint of the left hand; the right one has y and z mirrored.
+Deviations are positive to the thumb's side."""
 
 
 def named_angles(motion: Motion) -> dict[str, np.ndarray]:
-    """Return (f,) degrees by name, see `angles_of`."""
-    return angles_of(motion.skeleton.joint_names, motion.positions @ motion.level.T)
+    """Return (f,) degrees by name, see `angles_of` and `finger_angles`."""
+    names = motion.skeleton.joint_names
+    angles = angles_of(names, motion.positions @ motion.level.T)
+    return angles | finger_angles(names, motion.rotations) if any(map(is_finger, names)) else angles
+
+
+def finger_angles(names: Sequence[str], rotations: np.ndarray) -> dict[str, np.ndarray]:
+    """Return (f,) degrees by the names of hand surgeons, such as "left_index PIP flexion".
+
+    names: of n joints. rotations: (f, n, 3, 3), of each in its parent's frame.
+    """
+    angles: dict[str, np.ndarray] = {}
+    for joint, name in enumerate(names):
+        side, _, part = name.partition("_")
+        if not is_finger(name) and part != "wrist":
+            continue
+        turn = np.degrees(logarithm(rotations[:, joint])) * [1.0, SIDES[side], SIDES[side]]
+        for what, axis, sign in HAND_ANGLES.get(part) or HAND_ANGLES[f"finger{part[-1]}"]:
+            angles[f"{name.rstrip('123')} {what}"] = sign * turn[:, axis]
+    return angles
 
 
 def angles_of(names: Sequence[str], positions: np.ndarray) -> dict[str, np.ndarray]:

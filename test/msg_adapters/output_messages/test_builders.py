@@ -209,6 +209,16 @@ def test_skeleton_markers(backend):
     assert [marker.ns for marker in plain.markers] == ["bones", "joints"]
 
 
+def test_fingers_are_thin_lines_without_spheres(backend):
+    positions = np.arange(12.0).reshape(4, 3)
+    message = markers.SkeletonMarkersBuilder(backend, [-1, 0, 1, 2], "", (2, 3)).fill(STAMP, FRAME, positions)
+    bones, joints, fingers = message.markers
+    assert (fingers.ns, fingers.id, fingers.type, fingers.scale.x) == ("fingers", 2, 5, markers.FINGER_SIZE)
+    assert [vector(point) for point in bones.points] == positions[[0, 1]].tolist()
+    assert [vector(point) for point in joints.points] == positions[[0, 1]].tolist()
+    assert [vector(point) for point in fingers.points] == positions[[1, 2, 2, 3]].tolist()
+
+
 def test_image_and_keypoint_markers(backend):
     detected, back = np.array([[10.0, 20], [np.nan, 0]]), np.array([[30.0, 40], [50, 60]])
     marker = image_markers.ImageMarkerBuilder(backend, [-1, 0]).fill(STAMP, FRAME, back, detected, back)

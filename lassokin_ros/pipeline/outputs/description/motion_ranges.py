@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+FINGERS = ("index", "middle", "ring", "pinky")
 MARGIN = 10.0
 """Degrees."""
 SPINE = {"x": (-12.5, 40.0), "y": (-22.5, 22.5), "z": (-17.5, 17.5)}
@@ -31,13 +32,20 @@ RANGES: dict[str, dict[str, tuple[float, float]]] = {
     "elbow": {"x": (-80.0, 80.0), "y": (-150.0, 0.0), "z": (0.0, 20.0)},
     "wrist": {"x": (0.0, 0.0), "y": (-20.0, 30.0), "z": (-80.0, 70.0)},
     "hand": {"x": (0.0, 0.0), "y": (0.0, 0.0), "z": (-90.0, 45.0)},
+    **{f"{finger}1": {"x": (0.0, 0.0), "y": (-25.0, 25.0), "z": (-90.0, 45.0)} for finger in FINGERS},
+    **{f"{finger}2": {"x": (0.0, 0.0), "y": (0.0, 0.0), "z": (-100.0, 0.0)} for finger in FINGERS},
+    **{f"{finger}3": {"x": (0.0, 0.0), "y": (0.0, 0.0), "z": (-90.0, 10.0)} for finger in FINGERS},
+    "thumb1": {"x": (-15.0, 70.0), "y": (-50.0, 50.0), "z": (-45.0, 45.0)},
+    "thumb2": {"x": (0.0, 0.0), "y": (-10.0, 50.0), "z": (0.0, 0.0)},
+    "thumb3": {"x": (0.0, 0.0), "y": (-15.0, 80.0), "z": (0.0, 0.0)},
 }
 """Degrees about x (left), y (up) and z (front) of the T-pose, for the left side. The right side has y and z mirrored.
 
 Hip, x: flexion, extension; y: inwards, outwards; z: adduction, abduction. Knee, x: flexion. Ankle, x: dorsal, plantar;
 z: inversion, eversion. Shoulder, x: rotation outwards, inwards; y: across the chest 135, back 45, but with a hanging
 arm it is the arm's rotation, 90; z: down to the side 90 and on to the other side 45, up 90. Elbow, x: rotation of the
-forearm; y: flexion; z: carrying angle. Wrist, y: to the thumb, to the little finger; z: flexion, extension."""
+forearm; y: flexion; z: carrying angle. Wrist, y: to the thumb, to the little finger; z: flexion, extension. Fingers, z:
+flexion, extension; y: to the thumb, to the little finger. Thumb, y: extension, flexion; x of its root: abduction."""
 
 
 def range_of(joint: str, axis: str) -> tuple[float, float] | None:

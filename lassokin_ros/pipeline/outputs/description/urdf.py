@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from lassokin_ros.core.body.roles import is_finger
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.pipeline.outputs import rep155
@@ -28,6 +29,8 @@ _TURNS = -200 * np.pi, 200 * np.pi  # rad: published angles are continuous and g
 _REACH = -1000.0, 1000.0  # m
 SHORTEST_BONE = 1e-6
 """m: a shorter bone has no cylinder."""
+FINGER = 0.0045
+"""/ height, radius of a finger and of its joints."""
 _SIZE = "\0"
 """Placeholder of a size in the document; XML allows no such character in names."""
 _HERE = "0 0 0"
@@ -110,11 +113,12 @@ def _sizes(skeleton: Skeleton, tree: Tree) -> Iterator[str]:
     # a cylinder's axis is z: pitch, then yaw, rotate z to the bone
     pitches = np.arccos(np.clip(skeleton.offsets[:, 2] / np.maximum(lengths, SHORTEST_BONE), -1, 1)).tolist()
     yaws = np.arctan2(skeleton.offsets[:, 1], skeleton.offsets[:, 0]).tolist()
-    radii = np.clip(0.12 * lengths, 0.008 * height, 0.025 * height).tolist()
+    fingers = [is_finger(name) for name in tree.joint_names]
+    radii = np.where(fingers, FINGER * height, np.clip(0.12 * lengths, 0.008 * height, 0.025 * height)).tolist()
     offsets, middles = skeleton.offsets.tolist(), (skeleton.offsets / 2).tolist()
     for joint, name in enumerate(tree.joint_names):
         yield "%.12g %.12g %.12g" % tuple(offsets[joint])
-        yield f"{0.02 * height:.6g}"
+        yield f"{(FINGER if fingers[joint] else 0.02) * height:.6g}"
         if name == "head":
             yield f"0 {0.045 * height:.12g} {0.02 * height:.12g}"
             yield f"{0.055 * height:.6g}"
