@@ -137,8 +137,8 @@ def test_without_a_calibration_the_places_are_found_and_written(rig, capsys, tmp
     assert main(["left", "right", "--cameras", "found.toml", "--height", "1.75", "--export", "again.npz"]) == 0
 
 
-@pytest.mark.parametrize("names", [("vidéo accent", "on"), ("./1", "2.b")])
-def test_written_places_are_read_again_whatever_the_videos_are_called(rig, names):
+def test_written_places_are_read_again_whatever_the_videos_are_called(rig):
+    names = ("vidéo accent", "./2.b")
     for camera, name in zip(EYES, names):
         Path(camera.name).rename(name)
     command = [*names, "--height", "1.75", "--export", "walk.npz", "--force"]
@@ -300,11 +300,10 @@ def test_report_and_video_show_the_images_of_both_with_the_skeleton(short):
         assert np.median(apart) < 3 and 300 < len(drawn) < 0.1 * half.shape[0] * half.shape[1]
 
 
-@pytest.mark.parametrize("frame", [[], ["-p", "fixed_frame:=world"]])
-def test_the_view_shows_the_skeleton_in_the_image_of_each_camera_and_where_the_cameras_are(short, tmp_path, frame):
+def test_the_view_shows_the_skeleton_in_the_image_of_each_camera_and_where_the_cameras_are(short, tmp_path):
     pytest.importorskip("rerun", reason="--view needs rerun-sdk")
     command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--causal", "--view", "walk.rrd"]
-    assert main([*command, *frame]) == 0
+    assert main([*command, "-p", "fixed_frame:=world"]) == 0
     reader = pytest.importorskip("rerun.chunk", reason="this rerun-sdk cannot read recordings").RrdReader
     counts, columns = {}, {}
     for chunk in reader(tmp_path / "walk.rrd").stream().to_chunks():
@@ -318,20 +317,14 @@ def test_the_view_shows_the_skeleton_in_the_image_of_each_camera_and_where_the_c
         path = f"/camera/{camera.name}"
         assert counts[f"{path}/image"] == SHORT
         assert min(counts[f"{path}/image/{part}"] for part in ("keypoints", "skeleton")) > SHORT - 4
-        pose, origin = camera.pose_at(0), EYES[0].pose_at(0)
-        rotation, where = (pose.rotation, pose.centre) if frame else relative(origin, pose)
+        pose = camera.pose_at(0)
         centre, axes = (columns[path][f"Transform3D:{part}"][-1][0] for part in ("translation", "mat3x3"))
-        assert np.allclose(centre, where, atol=1e-3)
-        assert np.allclose(np.reshape(axes, (3, 3)), rotation, atol=1e-3)  # Rerun's matrices are column-major
+        assert np.allclose(centre, pose.centre, atol=1e-3)
+        assert np.allclose(np.reshape(axes, (3, 3)), pose.rotation, atol=1e-3)  # Rerun's matrices are column-major
         outline = np.array(columns[f"{path}/image/skeleton"]["LineStrips2D:strips"][-1])
         joints = pixels(camera, 0, TRUTH.positions[SHORT - 1], np.random.default_rng(0), 0.0)
         scale = min(1.0, LONGEST_SIDE / max(WIDTH, HEIGHT))
         assert np.median(np.linalg.norm(outline[:, None, 1] - scale * joints, axis=-1).min(axis=1)) < 6
-
-
-def relative(origin, pose):
-    """Rotation and centre of a camera in the frame of another one."""
-    return pose.rotation @ origin.rotation.T, origin.into_camera(pose.centre)
 
 
 @pytest.mark.parametrize(
