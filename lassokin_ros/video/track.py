@@ -50,8 +50,11 @@ from msg_adapters.keypoints import Keypoints
 Configs = tuple[TrackerConfig, NodeSettings]
 Images = Iterator[tuple[float, Keypoints]]
 """Time in s and keypoints of each image."""
+ASSUMED_HEIGHT = 1.75
+"""m: height of the person in a video that does not show the size, if none is given. It is not measured, so that the
+lengths can be learned, and the video can be tracked backward."""
 HEIGHT_ASSUMED = (
-    f"The person is taken to be {TrackerConfig().height:g} m tall. The images do not show the size: with another "
+    f"The person is taken to be {ASSUMED_HEIGHT:g} m tall. The images do not show the size: with another "
     "height, all lengths and the distance change by the same factor; set `--height`."
 )
 NO_TOPICS = ("depth:=''", f"keypoints_type:={NodeSettings().keypoints_type}")
@@ -108,7 +111,7 @@ def _settings(options: argparse.Namespace, source: Source, detector: Detector) -
     height = [] if options.height is None else [f"height:={options.height}"]
     layout = f"landmarks:={detector.landmarks}"
     live = _is_live(options, source)
-    defaults = {} if live else WHOLE_FILE
+    defaults = {"height": ASSUMED_HEIGHT, **({} if live else WHOLE_FILE)}
     who = []
     if detector.several:
         who = settings_for(options.person or (NEAREST if live else LARGEST), live)
@@ -126,8 +129,8 @@ def _settings(options: argparse.Namespace, source: Source, detector: Detector) -
             _note(f"{name} is not used, since a video has no TF; set camera_pitch and camera_roll")
     if tracker.height == 0 and not (tracker.camera_height and tracker.tilt_deviation):
         raise CameraError(
-            "height is 0, but one video shows the size only by the floor, with camera_height and tilt_deviation above "
-            "0; expected both, or --height"
+            "height is 0, but one video shows the size only by the floor, with camera_height above 0; expected it, or "
+            "--height"
         )
     if not detector.several and node.several_people:
         _note(f"max_people and rep155 are not used, since {options.detector} finds one person")
@@ -319,7 +322,7 @@ def _height_line(tracker: Playback, options: argparse.Namespace) -> str:
         return "; ".join(measured)
     if height_given(options):
         return session.tracker.config.height_text
-    return f"{TrackerConfig().height:g} m is assumed; sizes and distances scale with it, set --height"
+    return f"{ASSUMED_HEIGHT:g} m is assumed; sizes and distances scale with it, set --height"
 
 
 @contextmanager

@@ -152,7 +152,8 @@ class TrackedPerson:
         self.seen_by = {sight.camera.name: sight.stamp_ns for sight in sights}
         tracker, walk = self.tracker, self._walk
         motion = {"velocity": walk.velocity, "velocity_covariance": walk.velocity_covariance}
-        made = partial(frame, **motion, measure=tracker.uncertainty, observe=tracker.observed)
+        doubts = tracker.learned.doubts
+        made = partial(frame, **motion, measure=tracker.uncertainty, observe=tracker.observed, doubts=doubts)
         points, confident = first.seen.points, first.seen.confidence >= tracker.config.min_confidence
         signs = partial(
             signs_of,
