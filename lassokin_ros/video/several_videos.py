@@ -39,8 +39,8 @@ from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.keypoint_files.source import open_input
 from lassokin_ros.video.people import ALL, LARGEST, MOST_PEOPLE, PersonError, people_in
 from lassokin_ros.video.sources import Image, Source, SourceError
-from lassokin_ros.video.track import HEIGHT_ASSUMED, NO_TOPICS, RAW_IMAGES, Tracked, height_given, lens_of, stop_flag
-from lassokin_ros.video.track_outputs import TrackOutputs
+from lassokin_ros.video.track import HEIGHT_ASSUMED, NO_TOPICS, RAW_IMAGES, Tracked, lens_of, stop_flag
+from lassokin_ros.video.track_outputs import TrackOutputs, height_given
 
 
 @dataclass

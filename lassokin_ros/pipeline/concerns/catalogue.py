@@ -260,6 +260,13 @@ CONCERNS: dict[str, Concern] = {
         "the body has pointed down in the image {when}",
         UPRIGHT_ADVICE + "; for a camera that hangs upside down set camera_roll to 3.14",
     ),
+    "no_optical_frame": Concern(
+        PROBLEM,
+        LIVE,
+        "people stand upright in the image of a camera that looks up or down in fixed_frame by TF",
+        "expected keypoints and camera_info in the camera's optical frame (z forward, x right, y down), and a "
+        "fixed_frame with z up; one of them is the other kind of frame",
+    ),
     "turned_in_frame": Concern(NOTE, NOW, "the body has pointed to the side {when}", TURNED_ADVICE),
     "turned_down_in_frame": Concern(PROBLEM, LIVE, "the body has pointed down {when}", TURNED_ADVICE),
     # Depth and size.
@@ -348,6 +355,11 @@ CONCERNS: dict[str, Concern] = {
         "Nobody was tracked in {count} images. The detector needs a person who is "
         "in view, and about a tenth of the image high or more",
     ),
+    "probably_nobody": Concern(
+        DOUBT,
+        PAGE,
+        "probably nobody is in the images: a skeleton fits {share:.0%} of them, never for longer than {longest:.1f} s",
+    ),
     "refused": Concern(PROBLEM, PAGE, "{count} {what} rejected: {name}", "{remedy}"),
     "untracked": Concern(PROBLEM, PAGE, "{who} tracked {when}: {reasons}"),
     "absent": Concern(NOTE, PAGE, "{who} in view {when}"),
@@ -367,7 +379,7 @@ CONCERNS: dict[str, Concern] = {
         DOUBT,
         PAGE,
         "The skeleton lies {median:.0f} px from the detected points in the median, "
-        "{share:.1%} of its height in the image: the pose follows them poorly",
+        "{share:.1%} of its size in the image: the pose follows them poorly",
     ),
     "far_landmarks": Concern(
         PROBLEM,
@@ -394,8 +406,8 @@ CONCERNS: dict[str, Concern] = {
         DOUBT,
         PAGE,
         "even the straighter knee stays bent, by {degrees:.0f} degrees in the median. "
-        "If the person stands or walks upright, this is an error: the skeleton bends its knees if its legs are longer "
-        "than the person's, in relation to the trunk",
+        "If the person stands or walks upright, this is an error: legs that are too long for the trunk, or an "
+        "ambiguous view of them",
     ),
     "bones": Concern(
         NOTE,

@@ -199,6 +199,27 @@ def test_a_camera_that_jumps_alone_was_moved_and_the_person_was_not():
     assert not play.session.counts[JUMPS] and len(play.results) == 60
 
 
+@pytest.mark.parametrize("hz, metres, seen", [(10, 0.28, True), (30, 0.28, True), (10, 0.08, False)])
+def test_a_jump_below_the_speed_of_a_robot_is_seen_if_the_camera_moved_steadily_before(hz, metres, seen):
+    """A robot at 1 m/s; 0.28 m at 10 Hz are 3.8 m/s."""
+    jumps, rotation = PoseJumps(), LEFT.pose_at(0).rotation
+    for i in range(20):
+        centre = np.array([i / hz + metres * (i >= 10), 0.0, 1.0])
+        moved = jumps.update(round(1e9 * i / hz), [CameraPose("left", rotation, -rotation @ centre)])
+        assert (moved is not None) == (seen and i == 10), i
+
+
+@pytest.mark.parametrize("hz", [5, 10, 30])
+def test_a_robot_that_starts_stops_and_turns_back_hard_is_no_jump(hz):
+    jumps, rotation, place, speed = PoseJumps(), LEFT.pose_at(0).rotation, 0.0, 0.0
+    for i in range(6 * hz):
+        wanted = 2.0 if i // hz % 2 else -2.0
+        speed += float(np.clip(wanted - speed, -10 / hz, 10 / hz))  # 10 m/s^2
+        place += speed / hz
+        centre = np.array([place, 0.0, 1.0])
+        assert jumps.update(round(1e9 * i / hz), [CameraPose("left", rotation, -rotation @ centre)]) is None
+
+
 def test_a_late_image_from_before_a_jump_is_no_second_jump():
     jumps, turned = PoseJumps(), jumping(LEFT, 90, (0.0, 0.0, 0.0))
     stamps = (0.9, 1.0, 0.95, 1.05)
