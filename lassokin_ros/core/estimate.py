@@ -34,7 +34,8 @@ class Estimate:
     the first of them, in the skeleton's frame. joint_depths: what the depth network estimates from its keypoints.
     still: (n,) bool, ankles of feet that stand still. contacts: (n,) bool, those of them that are on the floor, see
     `foot_contacts.on_floor`. up: (3,) unit vector, the vertical in the skeleton's frame: given by a fixed frame or the
-    camera's mount, learned from the person otherwise. prior_cost: of the pose prior for `solved`, with weight 1.
+    camera's mount, learned from the person otherwise. prior_cost: of the pose prior for `solved`, with weight 1,
+    without the fingers.
     network_distance: m, mean distance of the depth network's joints from those of `solved`, relative to the hips; NaN
     without the network.
     """

@@ -380,7 +380,7 @@ class Tracker:
             still=self.learned.still,
             contacts=self.learned.contacts(pose.positions),
             up=self.learned.vertical.direction,
-            prior_cost=0.5 * float(squared_norm(solved.posture.residual)),
+            prior_cost=0.5 * float(squared_norm(solved.posture.residual[: self.frame_model.prior.body_rows])),
             network_distance=math.nan if network_pose is None else network_pose.distance(solved.pose),
         )
 

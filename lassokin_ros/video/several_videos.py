@@ -20,6 +20,7 @@ import numpy as np
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
+from lassokin_ros.core.body.landmarks import skeleton_of
 from lassokin_ros.core.config import CHECK, TrackerConfig
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.observation import CameraPose
@@ -66,7 +67,8 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     search = ["extrinsics:=learn"] if unplaced else []
     who = [f"max_people:={MOST_PEOPLE}"] if options.person == ALL else []
     chosen = [f"landmarks:={detector.landmarks}", names, RAW_IMAGES, *search, *who, *options.p, *height, *NO_TOPICS]
-    tracker_config, node_config = offline_settings(options.params_file, chosen, {} if options.causal else WHOLE_FILE)
+    defaults = {"skeleton": skeleton_of(detector.landmarks), **({} if options.causal else WHOLE_FILE)}
+    tracker_config, node_config = offline_settings(options.params_file, chosen, defaults)
     _check(options, node_config, [camera.name for camera in cameras], detector.several)
     if unplaced and tracker_config.height == 0:
         raise CameraError("height is 0, and without the places of the cameras nothing shows the size; give --height")

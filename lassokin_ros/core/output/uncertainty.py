@@ -25,7 +25,7 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, twists
 from lassokin_ros.core.body.proportions import Proportions
-from lassokin_ros.core.body.roles import sided
+from lassokin_ros.core.body.roles import is_finger, sided
 from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.estimate import Estimate
@@ -186,13 +186,16 @@ class UncertaintyModel:
         still = np.isin(names, [name for part in STILL for name in sided(part)])
         self.least_rotation = np.sqrt(3) * STILL_DEVIATION * still
         self._knees = [names.index(name) for name in sided("knee") if name in names]
+        body = [joint for joint, name in enumerate(names) if joint and not is_finger(name)]
+        self._body = body or list(range(1, len(names)))
 
     def evaluate(self, estimate: Estimate) -> JointUncertainty:
         """The uncertainty of an accepted estimate."""
         posterior = self._posterior(estimate)
         covariance = posterior.scaled(posterior.relative)
         deviation = np.sqrt(covariance.trace(axis1=1, axis2=2))
-        mean, cost = float(deviation[1:].sum()) / (len(deviation) - 1), estimate.cost / max(estimate.measurements, 1)
+        mean = float(deviation[self._body].sum()) / len(self._body)
+        cost = estimate.cost / max(estimate.measurements, 1)
         probability = failure_probability(mean, estimate.keypoint_error_ratio, cost)
         return JointUncertainty(covariance, deviation, probability, posterior)
 
