@@ -164,4 +164,8 @@ def check_setting(name: str, value: Any, metadata: Mapping[str, Any], kind: type
         raise ConfigurationError(f"{name} is {value!r}; expected one of: {', '.join(metadata['choices'])}")
     low, high = metadata["low"], metadata["high"]
     if low is not None and not low <= value <= high:
-        raise ConfigurationError(f"{name} is {value}; expected {low:g} to {high:g} {metadata['unit']}".rstrip())
+        in_cm = (
+            f" ({value:g} cm are {value / 100:g} m)" if metadata["unit"] == "m" and 50 <= value <= 100 * high else ""
+        )
+        expected = f"expected {low:g} to {high:g} {metadata['unit']}".rstrip()
+        raise ConfigurationError(f"{name} is {value}; {expected}{in_cm}")

@@ -60,7 +60,8 @@ class FrameResult:
     skeleton: the skeleton with the lengths used for this result. None if the message was refused before tracking.
     earlier: s since the result before, and its joint positions (n, 3) m; see `joint_velocities`. None after
     initialisation, and for a step of the stamps below 1 ms.
-    velocity: (3,) m/s, velocity of the pelvis, averaged over 0.2 s. None if rejected.
+    velocity: (3,) m/s, velocity of the pelvis, and its covariance (3, 3) m^2/s^2, see `walking_velocity.py`. None if
+    rejected.
     measure: computes the joint uncertainty, see `uncertainty`.
     observe: computes which joints are observed, see `observed`.
     joint_states: computes `positions` and `velocities`.
@@ -86,6 +87,7 @@ class FrameResult:
     skeleton: Skeleton | None = None
     earlier: tuple[float, np.ndarray] | None = None
     velocity: np.ndarray | None = None
+    velocity_covariance: np.ndarray | None = None
     measure: Callable[[Estimate], JointUncertainty] | None = None
     observe: Callable[[Estimate], np.ndarray] | None = None
     joint_states: Callable[[], tuple[np.ndarray, np.ndarray]] | None = None

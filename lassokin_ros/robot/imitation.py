@@ -27,8 +27,8 @@ DOUBT_S = 3.0
 """s: of a hold after a motion that no person makes."""
 TURN, SWING = 10.0, 30.0
 """rad/s: largest speeds of a person's heading and of a limb's bone."""
-DAMPING, SMOOTH = 1e-6, 0.7
-"""Weights: of the step, and of its change, 1/rad."""
+DAMPING, SMOOTH, SMOOTH_BASE = 1e-6, 0.7, 4.0
+"""Weights: of the step; of its change, 1/rad, of joints and of a free base (1/m, too)."""
 
 
 class Imitation:
@@ -117,6 +117,10 @@ class Imitation:
         self._person = person
         return ""
 
+    def trust(self) -> None:
+        """Follow the next person, however far from the last one."""
+        self._shown, self._doubt = None, 0.0
+
     def hold(self) -> None:
         """Stop within the limits of acceleration, and stay. The next person is approached slowly from there."""
         self._shown = None
@@ -132,7 +136,9 @@ class Imitation:
             self._move(self.speed - np.clip(self.speed, -change, change))
             return self.configuration.q
         places = self._course.advance(self.period)
-        self._targets.aim(self.configuration, posture(places, self._person.up), self._person, self._heading)
+        self._targets.aim(
+            self.configuration, posture(places, self._person.up), self._person, self._heading, self.period
+        )
         self.engaged += self.period
         low, high = self.box(self.share)
         problem = build_ik(self.configuration, [self._targets], self.period, DAMPING, limits=[])
@@ -142,10 +148,11 @@ class Imitation:
         return self.configuration.q
 
     def _smooth(self, problem: Any) -> None:
-        """Add the weight of a change of the joints' steps."""
-        at = slice(self.model.v_at, None)
-        problem.P[at, at] += SMOOTH**2 * np.eye(len(self.speeds))
-        problem.q[at] -= SMOOTH**2 * self.speeds * self.period
+        """Add the weight of a change of the step."""
+        weights = np.full(len(self.speed), SMOOTH**2)
+        weights[: self.model.v_at] = SMOOTH_BASE**2
+        problem.P[np.diag_indices(len(weights))] += weights
+        problem.q -= weights * self.speed * self.period
 
     def _solve(self, problem: Any) -> np.ndarray:
         """Return the speeds (nv,) of the solution; without one those that brake, counted in `unsolved`."""

@@ -57,7 +57,7 @@ def retarget(poses: Poses, model: RobotModel, rate: float, progress: Progress) -
         raise RobotError(f"the motion has {len(poses.names)} joints; expected one of the built-in skeleton")
     robot = Imitation(model, rate)
     period = float(np.median(np.diff(poses.seconds)))
-    ahead = period + 2 * Course.DAMPING / Course.FREQUENCY  # s, by which the robot would be late
+    ahead = period + Course.LAG  # s, by which the robot would be late
     ticks = np.arange(-START_S, poses.seconds[-1] - poses.seconds[0], 1 / rate) + poses.seconds[0]
     observed = np.ones(poses.positions.shape[:2], dtype=bool) if poses.observed is None else poses.observed
     contacts = np.zeros_like(observed) if poses.contacts is None else poses.contacts

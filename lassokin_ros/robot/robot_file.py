@@ -37,6 +37,8 @@ BONES = tuple(
 ARM_BONES = len(BONES) // 2
 SETTINGS = {"sole": 0.0, "speed": 6.0, "acceleration": 100.0}
 """m, rad/s, rad/s^2: the numbers of a robot's file, and what they are without it."""
+PARTS = ("trunk", "forearm", "thigh", "shin")
+"""Capsules that are kept apart."""
 SHIPPED = ("g1", "h1", "h1_2", "talos")
 
 
@@ -51,7 +53,8 @@ class RobotFile:
     links: the link at each of PLACES. offsets: m, (3,) in the axes of the link, of places that are not at its origin.
     lock: joints that do not move; joints that move none of the places never do. rest: rad (m) of joints; 0 for others.
     limits: rad (m), lowest and highest position of joints, in place of the URDF's. sole: m, height of the ankles above
-    the floor. speed, acceleration: rad/s and rad/s^2, largest ones of all joints; the URDF's speeds hold too.
+    the floor. speed, acceleration: rad/s and rad/s^2, largest ones of all joints; the URDF's speeds hold too. radii: m,
+    of the capsules of PARTS that are kept apart.
     """
 
     name: str
@@ -63,6 +66,7 @@ class RobotFile:
     sole: float = SETTINGS["sole"]
     speed: float = SETTINGS["speed"]
     acceleration: float = SETTINGS["acceleration"]
+    radii: Mapping[str, float] = field(default_factory=dict)
 
 
 def load_robot(name: str) -> RobotFile:
@@ -82,7 +86,7 @@ def load_robot(name: str) -> RobotFile:
 def parse_robot(text: str, source: str) -> RobotFile:
     """Return the robot of a file's text. source: its name, for errors. Raises RobotError."""
     data = load_mapping(text, source, RobotError)
-    check_keys(data, (*PLACES, "lock", "rest", "limits", *SETTINGS), source, RobotError)
+    check_keys(data, (*PLACES, "lock", "rest", "limits", "radii", *SETTINGS), source, RobotError)
     lacking = [place for place in PLACES if place not in data]
     if lacking:
         raise RobotError(f"{source} has no {', '.join(lacking)}; expected the name of a link for each of 14 places")
@@ -98,11 +102,15 @@ def parse_robot(text: str, source: str) -> RobotFile:
         name: _numbers([value], 1, f"{source}: rest of {name}")[0] for name, value in _mapping(data, "rest", source)
     }
     limits = {name: _range(value, f"{source}: limits of {name}") for name, value in _mapping(data, "limits", source)}
+    radii = {
+        name: _numbers([value], 1, f"{source}: radii of {name}")[0] for name, value in _mapping(data, "radii", source)
+    }
+    check_keys(radii, PARTS, f"{source}: radii", RobotError)
     settings = {name: _numbers([data.get(name, value)], 1, f"{source}: {name}")[0] for name, value in SETTINGS.items()}
     for name, least in (("speed", 0.0), ("acceleration", 0.0)):
         if settings[name] <= least:
             raise RobotError(f"{source}: {name} is {settings[name]:g}; expected more than 0")
-    return RobotFile(Path(source).stem, links, offsets, tuple(lock), rest, limits, **settings)
+    return RobotFile(Path(source).stem, links, offsets, tuple(lock), rest, limits, radii=radii, **settings)
 
 
 def _link(value: Any, where: str) -> tuple[str, tuple[float, ...] | None]:

@@ -97,8 +97,9 @@ def parser() -> argparse.ArgumentParser:
         "--cameras",
         type=Path,
         metavar="FILE",
-        help="lenses and poses of the cameras of several synchronised videos: TOML of Pose2Sim, Anipose or caliscope, "
-        "a camchain of Kalibr, or OpenCV's stereo calibration; without it, the places are found from the person",
+        help="lenses and poses of the cameras of several videos: TOML of Pose2Sim, Anipose or caliscope, a camchain of "
+        "Kalibr, OpenCV's stereo calibration, files of Panoptic or Qualisys, a folder of EasyMocap or OpenCap; without "
+        "it, the places are found from the person",
     )
     result.add_argument(
         "--save-cameras", type=Path, metavar="TOML", help="write lenses and places of several cameras, for --cameras"
@@ -146,7 +147,7 @@ def parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="FILE",
-        help=".csv, .npz, .bvh, .amass.npz, .trc or .c3d",
+        help=".csv, .npz, .bvh, .amass.npz, .trc, .c3d or .glb",
     )
     result.add_argument("--video", type=Path, metavar="MP4", help="write the images with the skeleton as a video")
     result.add_argument(

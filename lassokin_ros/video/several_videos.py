@@ -37,15 +37,19 @@ from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.cameras.found_cameras import calibration_toml, found_poses, where_in_words
 from lassokin_ros.video.cameras.synchrony import Timing, checked_places, given_offsets, set_up_of, synchronised
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
+from lassokin_ros.video.keypoint_files.source import open_input
 from lassokin_ros.video.people import ALL, LARGEST, MOST_PEOPLE, PersonError, people_in
-from lassokin_ros.video.sources import Image, Source, SourceError, open_source
-from lassokin_ros.video.track import HEIGHT_ASSUMED, NO_TOPICS, RAW_IMAGES, Tracked, height_given, lens_of, stop_flag
-from lassokin_ros.video.track_outputs import TrackOutputs
+from lassokin_ros.video.sources import Image, Source, SourceError
+from lassokin_ros.video.track import HEIGHT_ASSUMED, NO_TOPICS, RAW_IMAGES, Tracked, lens_of, stop_flag
+from lassokin_ros.video.track_outputs import TrackOutputs, height_given
 
 
 @dataclass
 class Filmed:
-    """One camera: its name in the topics, its video, lens and pose, the keypoints of its images, and its clock."""
+    """One camera: its name in the topics, its video, lens and pose, the keypoints of its images, and its clock.
+
+    stored: the detector that a file of keypoints stands for.
+    """
 
     name: str
     source: Source
@@ -53,6 +57,7 @@ class Filmed:
     pose: CameraPose
     detections: Detections | None = None
     timing: Timing = field(default_factory=Timing)
+    stored: Detector | None = None
 
 
 def track_videos(options: argparse.Namespace) -> Tracked:
@@ -61,7 +66,12 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     cameras = _cameras(options)
     offsets = None if options.offsets is None else given_offsets(options.offsets, len(cameras))
     height = [] if options.height is None else [f"height:={options.height}"]
-    detector = make_detector(options.detector)
+    stored = [camera.stored for camera in cameras if camera.stored is not None]
+    if stored:
+        options.detector = cameras[0].source.name
+    detector = stored[0] if stored else make_detector(options.detector)
+    if any(one.landmarks != detector.landmarks for one in stored) or 0 < len(stored) < len(cameras):
+        raise SourceError("some sources have other keypoints, or are videos; expected one kind of keypoints for all")
     names = f"cameras:={json.dumps([camera.name for camera in cameras])}"  # quoted: `no` is a truth value in YAML
     unplaced = options.cameras is None
     search = ["extrinsics:=learn"] if unplaced else []
@@ -69,7 +79,8 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     chosen = [f"landmarks:={detector.landmarks}", names, RAW_IMAGES, *search, *who, *options.p, *height, *NO_TOPICS]
     defaults = {"skeleton": skeleton_of(detector.landmarks), **({} if options.causal else WHOLE_FILE)}
     tracker_config, node_config = offline_settings(options.params_file, chosen, defaults)
-    _check(options, node_config, [camera.name for camera in cameras], detector.several)
+    several = detector.several or any(one.several for one in stored)
+    _check(options, node_config, [camera.name for camera in cameras], several)
     if unplaced and tracker_config.height == 0:
         raise CameraError("height is 0, and without the places of the cameras nothing shows the size; give --height")
     poses = {camera.name: camera.pose for camera in cameras}
@@ -85,8 +96,8 @@ def track_videos(options: argparse.Namespace) -> Tracked:
             outputs.remarks.append(HEIGHT_ASSUMED)
         with stop_flag() as stopped:
             for number, camera in enumerate(cameras):
-                if number:
-                    detector = make_detector(options.detector)  # it follows the person from image to image
+                if number:  # a detector follows the person from image to image
+                    detector = camera.stored or make_detector(options.detector)
                 _detect(camera, detector, outputs, stopped)
         if stopped:
             _keep_common_part(cameras)
@@ -100,7 +111,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
             first = Playback(make(tracker_config))  # with the places in m
         for remark in remarks:
             print_note(f"{PROGRAM}: {remark}")
-        if detector.several and not everybody:
+        if several and not everybody:
             remarks += map(_keep_largest, cameras)
         outputs.remarks += filter(None, remarks)
         if (unplaced or tracker_config.calibrate and tracker_config.height > 0) and not options.causal:
@@ -178,12 +189,14 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
     found = read_cameras(options.cameras, names, any_unit=True)
     cameras = []
     for name, path in zip(names, options.sources):
-        source, (calibration, pose) = open_source(path, options.fps, options.slow_motion), found[name]
+        calibration, pose = found[name]
+        source, stored = _opened(options, path, calibration.size)
         if source.live:
             raise SourceError(f"{path} is live; expected synchronised files with --cameras")
         topic = _topic(name)
         scaled = calibration.scaled_to(source.size, f"{options.cameras}:{name}")
-        cameras.append(Filmed(topic, source, scaled, CameraPose(topic, pose.rotation, pose.translation)))
+        placed = CameraPose(topic, pose.rotation, pose.translation)
+        cameras.append(Filmed(topic, source, scaled, placed, stored=stored))
     return cameras
 
 
@@ -192,13 +205,23 @@ def _unplaced_cameras(options: argparse.Namespace) -> list[Filmed]:
     _refuse_same(names)
     cameras: list[Filmed] = []
     for name, path in zip(names, options.sources):
-        source = open_source(path, options.fps, options.slow_motion)
+        source, stored = _opened(options, path)
         if source.live:
-            raise SourceError(f"{path} is live; expected synchronised files")
-        cameras.append(
-            Filmed(name, source, lens_of(options, source, quiet=bool(cameras)), CameraPose(name, known=not cameras))
-        )
+            raise SourceError(f"{path} is live; expected files")
+        lens = lens_of(options, source, quiet=bool(cameras))
+        cameras.append(Filmed(name, source, lens, CameraPose(name, known=not cameras), stored=stored))
     return cameras
+
+
+def _opened(options: argparse.Namespace, path: str, size: tuple[int, int] = (0, 0)) -> tuple[Source, Detector | None]:
+    """Return a video, or a file of keypoints and the detector that it stands for. size: of its images by calibration.
+
+    Raises SourceError.
+    """
+    one = argparse.Namespace(**{**vars(options), "source": path})
+    if one.image_size is None and size != (0, 0):
+        one.image_size = f"{size[0]}x{size[1]}"
+    return open_input(one)
 
 
 def _refuse_same(names: Sequence[str]) -> None:
@@ -290,7 +313,7 @@ def _images_together(cameras: list[Filmed], options: argparse.Namespace) -> Iter
 
     A source that has ended keeps its last image.
     """
-    sources = [open_source(path, options.fps, options.slow_motion) for path in options.sources]
+    sources = [_opened(options, path, one.source.size)[0] for one, path in zip(cameras, options.sources)]
     first, *others = (_on_first_clock(camera, source) for camera, source in zip(cameras, sources))
     present, following = [next(images) for images in others], [next(images, None) for images in others]
     for image in first:

@@ -44,7 +44,7 @@ from lassokin_ros.video.people import (
     settings_for,
 )
 from lassokin_ros.video.sources import Source, SourceError
-from lassokin_ros.video.track_outputs import TrackOutputs
+from lassokin_ros.video.track_outputs import TrackOutputs, height_given
 from msg_adapters.keypoints import Keypoints
 
 Configs = tuple[TrackerConfig, NodeSettings]
@@ -78,13 +78,16 @@ def track(options: argparse.Namespace, detector: Detector | None = None) -> Trac
     if stored is not None:
         options.detector = source.name
     detector = detector or stored or make_detector(options.detector)
-    configs = _settings(options, source, detector)
-    first = Playback(Session(*configs))
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         stack.callback(detector.close)
+        configs = _settings(options, source, detector)
+        first = Playback(Session(*configs))
         camera = lens_of(options, source)
         outputs = TrackOutputs(options, source, camera, first, stack)
         outputs.remarks += [HEIGHT_ASSUMED] * (not height_given(options))
+        if options.fov is None and options.camera_info is None:
+            remedy = assumed_fov_warning("`--fov` or `--camera-info`")
+            outputs.remarks.append(remedy[0].upper() + remedy[1:])
         run = Run(source, detector, camera, outputs)
         tracker = run.live(first) if _is_live(options, source) else run.whole_file(first, configs, options)
         written = outputs.write(files)
@@ -272,12 +275,6 @@ def _height_line(tracker: Playback, options: argparse.Namespace) -> str:
     if height_given(options):
         return session.tracker.config.height_text
     return f"{TrackerConfig().height:g} m is assumed; sizes and distances scale with it, set --height"
-
-
-def height_given(options: argparse.Namespace) -> bool:
-    """Return whether the options give the person's height, or settings that may."""
-    named = any(parameter.startswith("height:=") for parameter in options.p)
-    return options.height is not None or bool(options.params_file) or named
 
 
 @contextmanager

@@ -63,6 +63,8 @@ class Recorded(SimpleNamespace):
 def launch_file(monkeypatch):
     """The launch file as a module, with recording replacements if launch is not installed (it is not on PyPI)."""
     for name, members in {
+        "ament_index_python": (),
+        "ament_index_python.packages": ("get_package_prefix",),
         "launch": ("LaunchContext", "LaunchDescription"),
         "launch.actions": ("DeclareLaunchArgument", "ExecuteProcess", "LogInfo", "OpaqueFunction"),
         "launch_ros": (),
@@ -105,6 +107,16 @@ def test_launch_starts_the_default_nodes(launch_file):
     assert frames.parameters[0]["robot_description"].args[0] == own_urdf()
     assert ("joint_states", "tracker/joint_states") in frames.remappings
     assert not hasattr(tracker, "namespace")
+
+
+def test_the_tracker_publishes_all_frames_if_robot_state_publisher_is_not_installed(launch_file, monkeypatch):
+    def missing(package):
+        raise LookupError(package)
+
+    monkeypatch.setattr(launch_file, "get_package_prefix", missing)
+    started = start(launch_file)
+    assert started["lassokin_ros"].parameters[1] == {"publish_tf": "all"}
+    assert set(started) == {"lassokin_ros", "bag"} and "not installed" in started["bag"].msg
 
 
 def test_launch_passes_its_arguments(launch_file, tmp_path):

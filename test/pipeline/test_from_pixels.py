@@ -98,6 +98,9 @@ def test_other_shapes_and_units_are_refused(points, words):
         observation_from_pixels(0.0, POINTS[0], LENS, ["far"] * 17)
     with pytest.raises(LassokinError, match=r"depth has the shape \(3,\); expected \(17,\)"):
         observation_from_pixels(0.0, POINTS[0], LENS, np.ones(3))
+    with pytest.raises(LassokinError, match="up to 3770; expected m: divide mm by 1000"):
+        observation_from_pixels(0.0, POINTS[0], LENS, np.where(np.arange(17) < 9, 3770, 0))
+    assert observation_from_pixels(0.0, POINTS[0], LENS, np.where(np.arange(17) < 8, 65.5e3, 3.7)).depth is not None
 
 
 @pytest.mark.parametrize("shape", [(0,), (0, 3), (0, 17, 3), (1, 0), (1, 0, 3)])
@@ -133,6 +136,16 @@ def test_stamps_in_ms_are_a_warning_of_the_tracker():
         with pytest.raises(UserWarning, match=r"33.3333 s apart.*divide a time in ms by 1000"):
             tracker.track(observation_from_pixels(1e3 * 10 / 30, POINTS[10], LENS))
         tracker.track(observation_from_pixels(1e3 * 11 / 30, POINTS[11], LENS))  # once
+
+
+def test_numbers_of_frames_as_stamps_are_a_warning_of_the_tracker():
+    tracker = Tracker(TrackerConfig())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for i in range(10):
+            tracker.track(observation_from_pixels(i, POINTS[i], LENS))
+        with pytest.raises(UserWarning, match="whole numbers, 1 apart.*divide the number of a frame by the frame rate"):
+            tracker.track(observation_from_pixels(10, POINTS[10], LENS))
 
 
 def test_percent_are_recognised_only_until_larger_coordinates_were_seen():

@@ -69,18 +69,18 @@ def test_an_accepted_message(session):
     assert counts == {"received": 1, "accepted": 1} and frame.accepted
     assert session.scene.image == (START_NS, FRAME) and session.status is Status.TRACKING and session.ids is None
     assert (frame.stamp_ns, frame.frame_id, frame.rejection, frame.detail) == (START_NS, FRAME, None, "")
-    assert session.calibrations() == {"": session.tracker.learned.lengths} and not session.nobody_in_view
+    assert session.calibrations() == {"": session.tracker.learned.lengths} and not session.inputs.nobody_in_view
 
 
 def test_before_the_camera_messages_are_refused():
     session = Session(TrackerConfig(), NodeSettings())
-    assert not session.has_camera and session.camera_fault == ""
+    assert not session.inputs.has_camera and session.inputs.camera_fault == ""
     counts, (frame,) = changes(session, message(0), arrival_ns=77)
     assert counts == {"received": 1, "rejected: no_camera_info": 1}
     assert (frame.rejection, frame.stamp_ns, frame.frame_id, frame.estimate) == ("no_camera_info", 77, "", None)
     assert frame.detail == "no camera_info received yet" and session.scene.image is None
     assert session.set_camera(camera_info(BACKEND, 0.0)) == "camera_uncalibrated"
-    assert session.counts["rejected: camera_uncalibrated"] == 1 and session.camera_fault
+    assert session.counts["rejected: camera_uncalibrated"] == 1 and session.inputs.camera_fault
 
 
 def test_a_disabled_pipeline_counts_and_does_nothing(session):
@@ -92,14 +92,14 @@ def test_a_disabled_pipeline_counts_and_does_nothing(session):
 def test_a_message_without_anybody(session):
     counts, (frame,) = changes(session, message(0, confidence=np.full(17, 0.19)))
     assert counts == {"received": 1, "rejected: too_few_landmarks": 1, NOBODY: 1, UNUSED: 1}
-    assert session.unused_confidence == pytest.approx(0.19)
-    assert session.nobody_in_view and frame.estimate is not None
+    assert session.inputs.unused_confidence == pytest.approx(0.19)
+    assert session.inputs.nobody_in_view and frame.estimate is not None
     counts, _ = changes(session, message(1, confidence=np.where(np.arange(17) == 3, 0.2, 0.1)))
-    assert NOBODY not in counts and not session.nobody_in_view
+    assert NOBODY not in counts and not session.inputs.nobody_in_view
     session.frames(message(2, confidence=np.zeros(17)), 5)
-    assert session.nobody_in_view
+    assert session.inputs.nobody_in_view
     session.frames(message(2, stamp_ns=-(10**9) + 2 * 10**9), 5)  # whatever it is
-    assert not session.nobody_in_view
+    assert not session.inputs.nobody_in_view
 
 
 @pytest.mark.parametrize("max_people", [1, 2])
@@ -108,7 +108,7 @@ def test_a_default_cloud_shows_nobody(max_people):
     session.set_camera(camera_info(BACKEND))
     empty = raw_cloud(BACKEND, START_NS + PERIOD_NS, b"", [], 0, 0)
     assert [frame.rejection for frame in session.frames(empty, 5)] == ["too_few_landmarks"] * (max_people == 1)
-    assert session.nobody_in_view and session.scene_known_empty(5)
+    assert session.inputs.nobody_in_view and session.scene_known_empty(5)
 
 
 def test_placeholders_and_points_outside_are_counted(session):
@@ -168,7 +168,7 @@ def test_a_loop_that_begins_with_an_empty_scene_is_tracked_again(session, monkey
 def test_reset_forgets_people_and_stamps_and_keeps_camera_and_counts(session):
     session.frames(message(5), 5)
     session.reset()
-    assert session.status is Status.SEARCHING and session.scene.image is None and session.has_camera
+    assert session.status is Status.SEARCHING and session.scene.image is None and session.inputs.has_camera
     assert session.counts["resets"] == 1 and session.counts["received"] == 1
     counts, (frame,) = changes(session, message(0))  # an earlier stamp is no old one
     assert counts == {"received": 1, "accepted": 1} and frame.estimate.initialised

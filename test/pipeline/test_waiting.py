@@ -12,7 +12,7 @@ from depth_camera import depth_message  # noqa: E402
 from messages import camera_info, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.pipeline.depth_images import DepthImages  # noqa: E402
+from lassokin_ros.pipeline.depth.depth_images import DepthImages  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from lassokin_ros.pipeline.waiting import MOST_FAILED_WAITS, Wait, Waiting  # noqa: E402

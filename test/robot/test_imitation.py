@@ -9,9 +9,11 @@ from scipy.spatial.transform import Rotation
 
 pytest.importorskip("pink", reason="needs the extra robot: pip install lassokin_ros[robot]")
 
+from benchmarks.robots.fuzz import fuzzed  # noqa: E402
 from lassokin_ros import joints  # noqa: E402
 from lassokin_ros.robot import imitation  # noqa: E402
 from lassokin_ros.robot.check import bone_angles, people  # noqa: E402
+from lassokin_ros.robot.clearance import Clearance, closest  # noqa: E402
 from lassokin_ros.robot.imitation import DOUBT_S, RAMP_S, Imitation  # noqa: E402
 from lassokin_ros.robot.model import RobotModel  # noqa: E402
 from lassokin_ros.robot.person import ANKLES, Course, Person  # noqa: E402
@@ -72,30 +74,9 @@ def test_an_arm_that_is_not_seen_stays():
 
 @pytest.mark.parametrize("model", [FIXED, FREE], ids=["fixed", "free"])
 def test_limits_hold_for_any_targets_and_each_tick_has_a_solution(model):
-    robot, random = Imitation(model, RATE), np.random.default_rng(1)
-    last = robot.speeds.copy()
-    worst = {"angle": 0.0, "speed": 0.0, "acceleration": 0.0}
-
-    def look():
-        nonlocal last
-        beyond = np.maximum(robot.positions - model.highest, model.lowest - robot.positions).max()
-        most = model.speed[model.v_at :]
-        worst["angle"] = max(worst["angle"], beyond)
-        worst["speed"] = max(worst["speed"], (np.abs(robot.speeds) - most).max())
-        worst["acceleration"] = max(worst["acceleration"], np.abs(robot.speeds - last).max() * RATE)
-        last = robot.speeds.copy()
-
-    for _ in range(25):
-        view = PEOPLE[random.choice(list(PEOPLE))]
-        places = view.places + random.normal(size=view.places.shape) * random.choice([0.0, 0.05, 0.3])
-        flags = random.random(2) < 0.5
-        robot._doubt = 0.0  # fuzzed people turn faster than people
-        robot._shown = None  # so that they are followed
-        follow(robot, [replace(view, places=places, contacts=flags)], 0.3, look)
-        if random.random() < 0.1:
-            robot.hold()
-    assert worst["angle"] == 0 and worst["speed"] < 1e-9 and robot.unsolved == 0
-    assert worst["acceleration"] < model.robot.acceleration * (1 + 1e-6)
+    worst = fuzzed(model, 6.0, seed=1)
+    assert worst.ticks == 600 and worst.followed > 300 and worst.unsolved == worst.nan == 0
+    assert worst.angle <= 0 and worst.speed < 1e-9 and worst.acceleration < 1e-6 * model.robot.acceleration
 
 
 def test_a_hold_stops_at_once_and_the_return_is_slow():
@@ -177,6 +158,54 @@ def test_who_jumps_stands_on_the_lower_foot():
     assert heights[0] == pytest.approx(FREE.robot.sole, abs=2e-3) and heights[1] > heights[0] + 0.1
 
 
+def test_a_foot_that_leaves_or_touches_the_floor_causes_no_jolt():
+    robot, steps = Imitation(FREE, RATE), []
+    follow(robot, [DOWN], 2.5)
+    flags = [np.array([True, True]), np.array([True, False])] * 4
+    follow(
+        robot, [replace(DOWN, contacts=each) for each in flags for _ in range(4)], 0, lambda: steps.append(robot.speeds)
+    )
+    assert np.abs(np.diff(steps, 2, axis=0)).max() * RATE**2 < 300  # rad/s^3
+
+
+def test_forearms_stay_off_the_trunk_as_far_as_the_radii_say():
+    wide = replace(toy_robot.robot(), radii={"trunk": 0.12, "forearm": 0.05})
+    crossed = PEOPLE["elbows bent"]
+    places = crossed.places.copy()
+    for side, other in (("LEFT", "RIGHT"), ("RIGHT", "LEFT")):
+        places[getattr(joints, f"{side}_WRIST")] = places[getattr(joints, f"{other}_HIP")] + (0.0, 0.15, 0.0)
+    view, gaps = replace(crossed, places=places), []
+    for file in (toy_robot.robot(), wide):
+        robot = follow(Imitation(RobotModel(URDF, file), RATE), [view], 3.0)
+        gaps.append(Clearance(RobotModel(URDF, wide)).gaps(robot.configuration).min())
+        assert robot.unsolved == 0
+    assert gaps[0] < -0.02 and gaps[1] > -0.002
+
+
+def test_closest_points_of_segments_are_those_of_a_fine_search():
+    ends = np.random.default_rng(2).normal(size=(4, 50, 3))
+    ends[3, :5] = ends[2, :5] + ends[1, :5] - ends[0, :5]  # parallel
+    ends[1, 5:10] = ends[0, 5:10]  # a point
+    s, t = closest(*ends)
+    a, b, c, d = ends
+    found = np.linalg.norm(a + s[:, None] * (b - a) - c - t[:, None] * (d - c), axis=1)
+    u = np.linspace(0, 1, 101)[:, None, None, None]
+    apart = np.linalg.norm(a + u * (b - a) - (c + u[:, 0] * (d - c))[:, None].swapaxes(0, 1), axis=-1)
+    assert (found <= apart.min(axis=(0, 1)) + 1e-9).all() and (found > apart.min(axis=(0, 1)) - 0.05).all()
+
+
+def test_the_centre_of_mass_goes_over_the_feet_that_stand():
+    mass = '<inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    heavy = URDF.replace('<link name="chest"/>', f'<link name="chest">{mass.format(20)}</link>')
+    off = []
+    for urdf in (URDF, heavy):
+        robot = follow(Imitation(RobotModel(urdf, toy_robot.robot(), free=True), RATE), [ONE_LEG], 4.0)
+        at = robot.configuration.data.oMf
+        chest, ankle = (at[robot.model.frames[place]].translation for place in ("torso", "left_ankle"))
+        off.append(np.linalg.norm(chest[:2] - ankle[:2]))
+    assert off[1] < off[0] - 0.02
+
+
 def test_without_a_solution_it_brakes_and_counts(monkeypatch):
     robot = follow(Imitation(FIXED, RATE), between(DOWN, BENT, 0.5))
 
@@ -194,7 +223,7 @@ def test_a_course_reaches_each_image_one_image_later_and_follows_a_line_with_its
     for image in range(60):
         course.add(image / FPS * speed, 1 / FPS)
         places += [course.advance(1 / 90)[0] for _ in range(3)]
-    lag = 1 / FPS + 2 * Course.DAMPING / Course.FREQUENCY
+    lag = 1 / FPS + Course.LAG
     now = 60 / FPS
     assert np.allclose(places[-1], (now - lag) * speed[0], atol=2e-3)
     jumps = np.diff(places[90:], 2, axis=0)

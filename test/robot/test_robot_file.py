@@ -59,6 +59,8 @@ def test_a_file_has_14_places_and_may_have_offsets_and_settings():
         (GOOD + "limits: {waist: [1, 1]}\n", "lock joints that stay"),
         (GOOD + "speed: .nan\n", "expected a finite number"),
         (GOOD + "acceleration: 0\n", "expected more than 0"),
+        (GOOD + "radii: {arm: 0.1}\n", "radii has the key 'arm', which is none of: trunk, forearm"),
+        (GOOD + "radii: {trunk: wide}\n", "radii of trunk is 'wide'; expected a finite number"),
         ("[]", "expected a mapping"),
     ],
 )

@@ -14,6 +14,8 @@ from camera_rig import eye, pixels, truth_at
 from messages import FOCAL, HEIGHT, WIDTH
 from scipy.spatial.transform import Rotation
 
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.learned import camera_finder
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, read_cameras
@@ -85,7 +87,7 @@ def short(rig, tmp_path):
     return rig
 
 
-def write_calibration(path, names):
+def write_calibration(path, names, unit=1):
     lines = []
     for name, camera in zip(names, EYES):
         pose = camera.pose_at(0)
@@ -93,7 +95,7 @@ def write_calibration(path, names):
                   f"matrix = [[{FOCAL}, 0.0, {WIDTH / 2}], [0.0, {FOCAL}, {HEIGHT / 2}], [0.0, 0.0, 1.0]]",
                   "distortions = [0.0, 0.0, 0.0, 0.0]",
                   f"rotation = {Rotation.from_matrix(pose.rotation).as_rotvec().tolist()}",
-                  f"translation = {pose.translation.tolist()}"]  # fmt: skip
+                  f"translation = {(unit * pose.translation).tolist()}"]  # fmt: skip
     path.write_text("\n".join(lines) + "\n")
 
 
@@ -135,8 +137,8 @@ def test_without_a_calibration_the_places_are_found_and_written(rig, capsys, tmp
     assert main(["left", "right", "--cameras", "found.toml", "--height", "1.75", "--export", "again.npz"]) == 0
 
 
-@pytest.mark.parametrize("names", [("vidéo accent", "on"), ("./1", "2.b")])
-def test_written_places_are_read_again_whatever_the_videos_are_called(rig, names):
+def test_written_places_are_read_again_whatever_the_videos_are_called(rig):
+    names = ("vidéo accent", "./2.b")
     for camera, name in zip(EYES, names):
         Path(camera.name).rename(name)
     command = [*names, "--height", "1.75", "--export", "walk.npz", "--force"]
@@ -209,6 +211,32 @@ def test_all_people_in_several_videos_have_their_motion(short, monkeypatch):
             assert len(frames) > SHORT - 6 and np.abs(away - 0.6).max() < 0.1
 
 
+def test_files_of_keypoints_of_several_cameras_are_put_on_one_clock(tmp_path, monkeypatch, capsys):
+    """The second one begins half a second later, and the places are in mm, as those of FreeMoCap are."""
+    monkeypatch.chdir(tmp_path)
+    write_calibration(tmp_path / "calib.toml", ["left", "right"], unit=1000)
+    for camera, first in zip(EYES, (0, 15)):
+        random = np.random.default_rng(0)
+        points = [pixels(camera, 0.0, marks, random) for marks in TRUTH.landmarks[first:105]]
+        names = Layout.load("coco17", Skeleton.load("anthropometric", 1.75)).names
+        np.savez(f"{camera.name}.npz", kp2d=np.array(points), keypoint_names=np.array(names), fps=30.0)
+    command = ["left.npz", "right.npz", "--cameras", "calib.toml", "--height", "1.75", "--causal"]
+    assert main([*command, "--export", "walk.npz"]) == 0
+    said, noted = capsys.readouterr()
+    (late,) = re.findall(r"'right' begins (\d\.\d+) s \(\+- \d+ ms\) after the first video", said)
+    assert abs(float(late) - 0.5) < 0.02 and "The places of the cameras are in mm" in noted
+    with np.load("walk.npz") as motion:
+        frames = np.round(motion["stamp_ns"] * 30e-9).astype(int)
+        places = motion["joint_positions"]
+    frames = frames - frames[0]
+    middle = EYES[0].pose_at(0).into_camera(TRUTH.positions[frames, 0])
+    assert np.median(np.linalg.norm(places[:, 0] - middle, axis=1)[30:]) < 0.05
+    with pytest.raises(SystemExit):
+        main(["--offsets"])
+    assert main([*command, "--offsets", "0,a"]) == 2
+    assert "expected 2 numbers, s by which each video begins after" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("bystander", [False, True])
 def test_a_person_who_was_out_of_view_for_a_while_is_tracked_again(bystander):
     """Longer than a person is remembered. Somebody else is small, and there all the time."""
@@ -272,11 +300,10 @@ def test_report_and_video_show_the_images_of_both_with_the_skeleton(short):
         assert np.median(apart) < 3 and 300 < len(drawn) < 0.1 * half.shape[0] * half.shape[1]
 
 
-@pytest.mark.parametrize("frame", [[], ["-p", "fixed_frame:=world"]])
-def test_the_view_shows_the_skeleton_in_the_image_of_each_camera_and_where_the_cameras_are(short, tmp_path, frame):
+def test_the_view_shows_the_skeleton_in_the_image_of_each_camera_and_where_the_cameras_are(short, tmp_path):
     pytest.importorskip("rerun", reason="--view needs rerun-sdk")
     command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--causal", "--view", "walk.rrd"]
-    assert main([*command, *frame]) == 0
+    assert main([*command, "-p", "fixed_frame:=world"]) == 0
     reader = pytest.importorskip("rerun.chunk", reason="this rerun-sdk cannot read recordings").RrdReader
     counts, columns = {}, {}
     for chunk in reader(tmp_path / "walk.rrd").stream().to_chunks():
@@ -290,20 +317,14 @@ def test_the_view_shows_the_skeleton_in_the_image_of_each_camera_and_where_the_c
         path = f"/camera/{camera.name}"
         assert counts[f"{path}/image"] == SHORT
         assert min(counts[f"{path}/image/{part}"] for part in ("keypoints", "skeleton")) > SHORT - 4
-        pose, origin = camera.pose_at(0), EYES[0].pose_at(0)
-        rotation, where = (pose.rotation, pose.centre) if frame else relative(origin, pose)
+        pose = camera.pose_at(0)
         centre, axes = (columns[path][f"Transform3D:{part}"][-1][0] for part in ("translation", "mat3x3"))
-        assert np.allclose(centre, where, atol=1e-3)
-        assert np.allclose(np.reshape(axes, (3, 3)), rotation, atol=1e-3)  # Rerun's matrices are column-major
+        assert np.allclose(centre, pose.centre, atol=1e-3)
+        assert np.allclose(np.reshape(axes, (3, 3)), pose.rotation, atol=1e-3)  # Rerun's matrices are column-major
         outline = np.array(columns[f"{path}/image/skeleton"]["LineStrips2D:strips"][-1])
         joints = pixels(camera, 0, TRUTH.positions[SHORT - 1], np.random.default_rng(0), 0.0)
         scale = min(1.0, LONGEST_SIDE / max(WIDTH, HEIGHT))
         assert np.median(np.linalg.norm(outline[:, None, 1] - scale * joints, axis=-1).min(axis=1)) < 6
-
-
-def relative(origin, pose):
-    """Rotation and centre of a camera in the frame of another one."""
-    return pose.rotation @ origin.rotation.T, origin.into_camera(pose.centre)
 
 
 @pytest.mark.parametrize(

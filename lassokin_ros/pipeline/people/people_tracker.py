@@ -187,7 +187,9 @@ class PeopleTracker:
         there = [one for one in self._roster.people if one.tracks and one.body.unseen_s(newest_ns) <= GUESS_AFTER_S]
         number = number_named(follow)
         if number is None and there:
-            return there[preferred(follow, [one.newest.detection for one in there if one.newest is not None])]
+            tracks = [track for one in there if (track := one.newest) is not None]
+            images = [view.image for track in tracks for view in self._who.views.values() if track in view.tracks]
+            return there[self._roster.preferred(tracks, images)]
         if (found := next((one for one in there if one.number == number), None)) is None:
             raise NoPersonError(nobody_to_lock(follow, len(there)))
         return found
@@ -202,7 +204,7 @@ class PeopleTracker:
         newest_ns = 0 if view is None else view.image.stamp_ns
         tracked = person.body.status is Status.TRACKING and person.body.unseen_s(newest_ns) <= GUESS_AFTER_S
         if not (tracked and (self._roster.follow == CONFIDENT or not candidates)):
-            chosen = None if view is None else self._who.best(candidates, view.image.lasting)
+            chosen = None if view is None else self._who.best(candidates, view.image)
             if chosen is None or view is None:
                 raise NoPersonError(nobody_to_lock(self._roster.follow, len(candidates)))
             self._roster.begin(person, chosen, view.image.camera.name)

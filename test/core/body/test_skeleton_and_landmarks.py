@@ -338,6 +338,7 @@ BAD_SETTINGS = [
     ({"min_landmarks": True}, "min_landmarks is True; expected a value of type int"),
     ({"skeleton": 3}, "skeleton is 3; expected a value of type str"),
     ({"height": 3.0}, "height is 3.0; expected 0 to 2.6 m"),
+    ({"height": 172.0}, "height is 172.0; expected 0 to 2.6 m (172 cm are 1.72 m)"),
 ]
 
 

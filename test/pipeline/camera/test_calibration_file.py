@@ -180,9 +180,9 @@ def test_other_files_name_the_accepted_forms(tmp_path, name, content, words):
     assert words in text and name in text and "TOML of Pose2Sim, Anipose or caliscope" in text and "\n" not in text
 
 
-@pytest.mark.parametrize("more", ["camera_model: omni", "distortion_model: fov"])
+@pytest.mark.parametrize("more", ["camera_model: cata", "distortion_model: fov"])
 def test_unknown_models_of_kalibr_are_refused(read, more):
-    with pytest.raises(CameraError, match="expected pinhole with radtan, equidistant, none"):
+    with pytest.raises(CameraError, match="expected pinhole with radtan, equidistant, none, or omni, ds, eucm with"):
         read(f"cam0: {{{KALIBR}, {more}}}\n")
 
 

@@ -103,7 +103,7 @@ def test_a_camera_away_from_the_axis_moves_on_a_circle(rad_s, period_s, at_s):
     assert np.allclose(centre, rotation @ arm, atol=1e-9)
 
 
-@pytest.mark.parametrize("period_s", [0.001, 0.005, 0.04])
+@pytest.mark.parametrize("period_s", [0.001, 0.04])
 def test_the_noise_of_a_fast_publisher_hardly_grows_beyond_the_newest_transform(period_s):
     """0.3 rad/s with 0.1 degrees of noise, 0.1 s beyond. The noise of two transforms 1 ms apart is 10 degrees there."""
     off = []

@@ -15,7 +15,7 @@ from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
-from lassokin_ros.pipeline.depth_images import EARLIER, MATCHED, REPEATED, UNMATCHED  # noqa: E402
+from lassokin_ros.pipeline.depth.depth_images import EARLIER, MATCHED, REPEATED, UNMATCHED  # noqa: E402
 from lassokin_ros.pipeline.input_checks.repeats import Repeats, same_image  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.presence_state import LOST, TRACKING, PresenceState  # noqa: E402

@@ -208,7 +208,7 @@ def test_a_rejected_camera_is_counted_each_time_and_the_good_one_is_kept(session
         assert session.set_camera(camera_info(BACKEND, k=np.zeros(9))) == "camera_uncalibrated"
     assert session.counts["rejected: camera_uncalibrated"] == 3
     assert frame(session, 0).accepted
-    assert session.set_camera(camera_info(BACKEND)) is None and session.camera_fault == ""
+    assert session.set_camera(camera_info(BACKEND)) is None and session.inputs.camera_fault == ""
 
 
 def test_one_of_several_people_is_followed_until_lost(session):

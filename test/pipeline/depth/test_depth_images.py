@@ -19,14 +19,14 @@ from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
-from lassokin_ros.pipeline.depth_images import (  # noqa: E402
+from lassokin_ros.pipeline.depth.depth_images import (  # noqa: E402
     MATCHED,
     NOT_REGISTERED,
     REFUSED,
     UNMATCHED,
     DepthImages,
 )
-from lassokin_ros.pipeline.depth_sampling import sample_depth  # noqa: E402
+from lassokin_ros.pipeline.depth.depth_sampling import sample_depth  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402

@@ -1,0 +1,83 @@
+"""Soft rows that keep a robot's limbs apart: capsules between its places, with the radii of its file.
+
+A pair that is nearer than MARGIN is pushed apart along the line between its closest points (C. Ericson, Real-Time
+Collision Detection, 2005, section 5.1.9). The rows are costs, not constraints: they make no tick infeasible, and a
+person whose arms are folded is imitated as near as the weight allows.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from pink import Configuration
+
+from lassokin_ros.robot.model import RobotModel
+from lassokin_ros.robot.robot_file import PLACES, SIDES
+
+MARGIN = 0.02
+"""m, between two surfaces, from which they are pushed apart."""
+WEIGHT = 30.0
+"""1/m; those of the places are 2 to 4."""
+_FORE, _THIGH, _SHIN = "forearm", "thigh", "shin"
+_ENDS = {_FORE: ("elbow", "wrist"), _THIGH: ("hip", "knee"), _SHIN: ("knee", "ankle")}
+_TRUNK = ("trunk", ("base",), ("left_shoulder", "right_shoulder"))
+_LIMBS = {(side, part): (part, (f"{side}_{a}",), (f"{side}_{b}",)) for side in SIDES for part, (a, b) in _ENDS.items()}
+_PAIRS = (
+    *((_LIMBS[side, _FORE], _TRUNK) for side in SIDES),
+    *((_LIMBS["left", part], _LIMBS["right", part]) for part in _ENDS),
+    *((_LIMBS[side, _FORE], _LIMBS[other, _THIGH]) for side in SIDES for other in SIDES),
+)
+"""Capsules that may meet: part, and the places whose means are its ends."""
+
+
+class Clearance:
+    """The pairs of capsules of a robot: those of which both parts have a radius in its file."""
+
+    def __init__(self, model: RobotModel) -> None:
+        radii = model.robot.radii
+        pairs = [pair for pair in _PAIRS if all(part in radii for part, _, _ in pair)]
+        self._frames = [model.frames[place] for place in PLACES]
+        self._ends = np.zeros((len(pairs), 4, len(PLACES)))  # weights of the places in the ends: a, b; c, d
+        for row, (one, other) in enumerate(pairs):
+            for end, places in enumerate((*one[1:], *other[1:])):
+                self._ends[row, end, [PLACES.index(place) for place in places]] = 1 / len(places)
+        self._thickness = np.array([radii[one[0]] + radii[other[0]] for one, other in pairs])
+
+    def gaps(self, configuration: Configuration) -> np.ndarray:
+        """Return (p,) m, the distance between the surfaces of each pair; negative if they overlap."""
+        return self._closest(configuration)[0]
+
+    def rows(self, configuration: Configuration) -> tuple[np.ndarray, np.ndarray]:
+        """Return the weighted Jacobian (r, nv) and error (r,) of the pairs that are too near, as a task of pink."""
+        gaps, directions, weights = self._closest(configuration)
+        near = gaps < MARGIN
+        if not near.any():
+            return np.zeros((0, configuration.model.nv)), np.zeros(0)
+        model, data, axes = configuration.model, configuration.data, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        jacobians = np.stack([pin.getFrameJacobian(model, data, frame, axes)[:3] for frame in self._frames])
+        moved = np.tensordot(weights[near], jacobians, 1)
+        return WEIGHT * (directions[near][:, None] @ moved)[:, 0], WEIGHT * (gaps[near] - MARGIN)
+
+    def _closest(self, configuration: Configuration) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return gaps (p,) m, unit vectors (p, 3) from the second to the first, and weights (p, 14) of the places.
+
+        The weights give the difference of the two closest points.
+        """
+        at = np.stack([configuration.data.oMf[frame].translation for frame in self._frames])
+        a, b, c, d = np.moveaxis(self._ends @ at, 1, 0)
+        s, t = closest(a, b, c, d)
+        shares = np.stack([1 - s, s, t - 1, -t], axis=1)
+        weights = np.einsum("pe,pek->pk", shares, self._ends)
+        between = weights @ at
+        distances = np.linalg.norm(between, axis=1)
+        return distances - self._thickness, between / np.maximum(distances, 1e-9)[:, None], weights
+
+
+def closest(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return s, t (n,), 0 to 1: a + s (b - a), c + t (d - c) are the closest points of ab and cd, (n, 3) m."""
+    u, v, w = b - a, d - c, a - c
+    uu, vv, uv = (u * u).sum(1) + 1e-12, (v * v).sum(1) + 1e-12, (u * v).sum(1)
+    uw, vw = (u * w).sum(1), (v * w).sum(1)
+    s = np.clip((uv * vw - uw * vv) / np.maximum(uu * vv - uv * uv, 1e-12), 0.0, 1.0)
+    t = np.clip((uv * s + vw) / vv, 0.0, 1.0)
+    return np.clip((uv * t - uw) / uu, 0.0, 1.0), t
