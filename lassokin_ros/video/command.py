@@ -137,7 +137,7 @@ def parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="FILE",
-        help=".csv, .npz, .bvh, .amass.npz, .trc or .c3d",
+        help=".csv, .npz, .bvh, .amass.npz, .trc, .c3d or .glb",
     )
     result.add_argument("--video", type=Path, metavar="MP4", help="write the images with the skeleton as a video")
     result.add_argument(

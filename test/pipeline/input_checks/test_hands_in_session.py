@@ -157,7 +157,7 @@ def test_the_topic_of_hands_has_both_hands_in_their_axes():
 
 
 def test_a_body_without_hands_has_no_such_topic():
-    one = Session(TrackerConfig(), NodeSettings())
+    one = Session(TrackerConfig(height=1.75), NodeSettings())
     messages = FrameMessages(BACKEND, one.tracker.skeleton, hands=HandPoints(one.tracker.skeleton, one.tracker.layout))
     assert topics.HANDS not in messages._builders
     assert topics.HANDS_OUTPUT not in topics.person_outputs(True) and Counter(topics.person_outputs(False, True))
