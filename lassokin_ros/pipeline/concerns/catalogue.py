@@ -313,21 +313,21 @@ CONCERNS: dict[str, Concern] = {
     "height_assumed": Concern(
         PROBLEM,
         LIVE,
-        "height is 0, but no depth is measured: {height:g} m is assumed",
-        "set height, or the topic of depth images",
+        "nothing measures the height: {height:g} m is assumed, so that distances are uncertain by a quarter",
+        "set height, the topic of depth images, or floor with fixed_frame",
     ),
     "height_by_floor": Concern(
         PROBLEM,
         LIVE,
-        "height is 0, but with a tilt known to {tilt:g} rad the floor gives it "
+        "with a tilt known to {tilt:g} rad the floor gives the height "
         "to {percent:.0f} % from here, more than {limit:.0f} %: {height:g} m is assumed",
         "come nearer, raise the camera, or set height",
     ),
     "height_wrong": Concern(
         PROBLEM,
         LIVE,
-        "measured depth does not fit the size of the given body (height {height:g} m)",
-        "set height to that of the person, or to 0 to measure it, and check that camera_info is of their camera",
+        "{source} not fit the size of the given body (height {height:g} m), but one of about {measured:.1f} m",
+        "set height to that of the person, or to 0 to measure it, and check {check}",
     ),
     # The pose.
     "no_body": Concern(

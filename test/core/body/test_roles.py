@@ -55,7 +55,7 @@ def test_the_masses_of_the_parts_are_the_body():
 
 def test_the_tracker_says_what_is_off(tmp_path):
     skeleton = Skeleton.load("anthropometric", 1.75)
-    assert Tracker(TrackerConfig()).limitations == ""
+    assert Tracker(TrackerConfig(height=1.75)).limitations == ""
     renamed = type(skeleton)(
         skeleton.name,
         tuple(name.replace("_foot", "_toes") for name in skeleton.joint_names),
@@ -64,4 +64,4 @@ def test_the_tracker_says_what_is_off(tmp_path):
         skeleton.axes,
         skeleton.height,
     )
-    assert "no joint left_foot, right_foot; off: balance" in Tracker(TrackerConfig(), renamed).limitations
+    assert "no joint left_foot, right_foot; off: balance" in Tracker(TrackerConfig(height=1.75), renamed).limitations

@@ -123,5 +123,5 @@ def test_the_ray_runs_from_the_eyes_through_the_fingertip(tracked, hands):
 
 
 def test_a_layout_without_hands_has_none():
-    tracker = Tracker(TrackerConfig(landmarks="coco17"))
+    tracker = Tracker(TrackerConfig(height=1.75, landmarks="coco17"))
     assert HandPoints(tracker.kinematics.skeleton, tracker.layout).sides == ()
