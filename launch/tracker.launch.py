@@ -27,7 +27,7 @@ except ImportError as error:
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 PARAMETERS = {
-    "height": "the person's height, m",
+    "height": "the person's height, m; 0: measured by depth, several cameras or a floor, else assumed",
     "camera_pitch": "the camera looks down by this angle, rad",
     "camera_roll": "the camera's right side is down by this angle, rad",
     "camera_mount_frame": "frame with z up, such as base_footprint, from which TF gives the camera's pitch and roll",

@@ -70,6 +70,7 @@ class FrameResult:
     guessed: True if the person was found again by place after an absence, and may be somebody else.
     held_s: s, by stamps, how long the result waited for later messages (`smoothing_lag`).
     judge: gives the doubt about the pose, see `LiveDoubts.add`; none if rejected.
+    doubts: why the place or the size of the person is doubted, in words; empty if they are not.
     """
 
     stamp_ns: int
@@ -96,6 +97,7 @@ class FrameResult:
     guessed: bool = False
     held_s: float = 0.0
     judge: Callable[[], Judgement] = Judgement
+    doubts: tuple[str, ...] = ()
 
     @property
     def accepted(self) -> bool:
@@ -138,8 +140,8 @@ class FrameResult:
 
     @property
     def doubtful(self) -> tuple[str, ...]:
-        """Why the frames of the last moments are doubted, see `Judgement`."""
-        return self.judge().reasons
+        """Why the frames of the last moments are doubted, see `Judgement`, and the place or the size."""
+        return self.doubts + self.judge().reasons
 
     @property
     def doubtful_s(self) -> float:

@@ -287,6 +287,15 @@ def test_two_cameras_measure_an_unknown_height():
     assert np.linalg.norm(estimate.pose.positions - truth.positions[-1], axis=-1).mean() < 0.04
 
 
+def test_two_cameras_doubt_a_given_height_that_is_wrong():
+    truth, front, side, observe = scene(2.5)  # a person of 1.75 m
+    tracker = Tracker(replace(CONFIG, height=1.35))
+    for frame in range(len(truth.positions)):
+        estimate = tracker.track([observe(front, frame), observe(side, frame)])
+    assert tracker.learned.doubts == ("the height of 1.35 m does not fit",)
+    assert estimate.size_deviation == pytest.approx(np.log(1.75 / 1.35), rel=0.3)
+
+
 def test_nothing_is_learned_from_frozen_images_of_two_cameras():
     """Neither the height nor the cameras' poses: one image would count as much as a minute of motion."""
     truth, front, side, observe = scene(1.0)

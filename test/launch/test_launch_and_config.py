@@ -30,7 +30,7 @@ def test_every_parameter_file_starts_a_tracker(name):
     assert Tracker(tracker).layout.name == tracker.landmarks and node.checked() is node
     text = (CONFIG / f"{name}.yaml").read_text(encoding="utf-8")
     values = yaml.safe_load(text)["/**"]["ros__parameters"]
-    settings = {**vars(TrackerConfig()), **vars(NodeSettings())}
+    settings = {**vars(TrackerConfig(height=1.75)), **vars(NodeSettings())}
     for key, value in values.items():  # rclpy does not accept 4 for 4.0
         value = tuple(value) if isinstance(value, list) else value
         assert key == "use_sim_time" or type(value) is type(settings[key]), f"{name}.yaml: {key}"
@@ -43,8 +43,10 @@ def test_each_usual_set_up_has_a_parameter_file():
 def test_the_urdf_follows_from_settings():
     skeleton = Skeleton.load("anthropometric", TrackerConfig().height)
     base_frame = NodeSettings().base_frame
-    assert urdf_from_settings(TrackerConfig(), NodeSettings()) == urdf(skeleton, base_frame, "tracker/")
-    bare = urdf_from_settings(TrackerConfig(), NodeSettings(base_frame="lens", frame_prefix=""), "cam/tracker")
+    assert urdf_from_settings(TrackerConfig(height=1.75), NodeSettings()) == urdf(skeleton, base_frame, "tracker/")
+    bare = urdf_from_settings(
+        TrackerConfig(height=1.75), NodeSettings(base_frame="lens", frame_prefix=""), "cam/tracker"
+    )
     assert bare == urdf(skeleton, "lens")
 
 

@@ -27,7 +27,7 @@ def error_mm(observations):
     """Mean absolute error of the joints over the last frames, mm."""
     skeleton = Skeleton.load("anthropometric", 1.75)
     truth = Kinematics(skeleton, Layout.load("coco17", skeleton)).pose(motion(skeleton, np.arange(COUNT) / 30))
-    tracker = Tracker(TrackerConfig())
+    tracker = Tracker(TrackerConfig(height=1.75))
     errors = []
     for observation, expected in zip(observations, truth.positions):
         estimate = tracker.track(observation)
@@ -105,7 +105,7 @@ def test_other_shapes_and_units_are_refused(points, words):
 
 @pytest.mark.parametrize("shape", [(0,), (0, 3), (0, 17, 3), (1, 0), (1, 0, 3)])
 def test_a_detectors_array_without_values_is_nobody(shape):
-    tracker = Tracker(TrackerConfig())
+    tracker = Tracker(TrackerConfig(height=1.75))
     assert tracker.track(observation_from_pixels(0.0, POINTS[0], LENS)).accepted
     nobody = tracker.track(observation_from_pixels(0.1, np.zeros(shape), LENS))
     assert nobody.rejection is Rejection.TOO_FEW_LANDMARKS
@@ -128,7 +128,7 @@ def test_stamps_in_another_unit_are_named(stamp, words):
 
 
 def test_stamps_in_ms_are_a_warning_of_the_tracker():
-    tracker = Tracker(TrackerConfig())
+    tracker = Tracker(TrackerConfig(height=1.75))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for i in range(10):
@@ -139,7 +139,7 @@ def test_stamps_in_ms_are_a_warning_of_the_tracker():
 
 
 def test_numbers_of_frames_as_stamps_are_a_warning_of_the_tracker():
-    tracker = Tracker(TrackerConfig())
+    tracker = Tracker(TrackerConfig(height=1.75))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for i in range(10):

@@ -86,7 +86,7 @@ class Sequence:
 
 
 KINDS = ("repeats", "stamps", "cameras", "coordinates", "units", "depths", "scores")
-PIPELINE = Session(TrackerConfig(depth_prior=False), NodeSettings())
+PIPELINE = Session(TrackerConfig(height=1.75, depth_prior=False), NodeSettings())
 
 
 def send(diagnostics, number, message):

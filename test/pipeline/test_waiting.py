@@ -107,7 +107,7 @@ class Robot:
 
     def __init__(self, wait=0.0):
         self.eye = turning_eye("camera", 1.0)
-        self.session = Session(TrackerConfig(), NodeSettings(fixed_frame=MAP, wait=wait))
+        self.session = Session(TrackerConfig(height=1.75), NodeSettings(fixed_frame=MAP, wait=wait))
         self.session.set_camera(camera_info(BACKEND, frame_id=self.eye.frame))
         self.random = np.random.default_rng(0)
 

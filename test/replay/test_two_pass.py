@@ -243,7 +243,7 @@ def test_an_observation_is_given_back_as_it_was():
 
 def test_the_track_backward_has_the_places_learned_forward_and_leaves_them(monkeypatch):
     """Nobody told where the right camera is: it was found after the first instant, and corrected then."""
-    session = Session(TrackerConfig(extrinsics="learn"), NodeSettings(cameras=("left", "right")))
+    session = Session(TrackerConfig(height=1.75, extrinsics="learn"), NodeSettings(cameras=("left", "right")))
     extrinsics, kept, used = session.tracker.learned.extrinsics, KeptObservations(), []
     found = CameraPose("right", exponential(np.array([[0.0, 1.5, 0.0]]))[0], np.array([0.0, 0.0, 3.0]))
     extrinsics.found["right"], extrinsics.corrections["right"] = found, np.array([0.0, 0.0, 0.0, 0.1, 0.0, 0.0])

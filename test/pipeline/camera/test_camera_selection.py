@@ -19,7 +19,7 @@ PIXELS = pixels_of_motion(30, 30.0)
 
 @pytest.fixture
 def session():
-    return Session(TrackerConfig(), NodeSettings())
+    return Session(TrackerConfig(height=1.75), NodeSettings())
 
 
 @pytest.mark.parametrize(

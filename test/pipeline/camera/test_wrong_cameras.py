@@ -34,7 +34,7 @@ class Rig:
         self.eyes = {one.name: one for one in eyes}
         settings = NodeSettings(cameras=tuple(self.eyes), fixed_frame=MAP, **settings)
         given = {name: one.pose_at(0) for name, one in self.eyes.items()} | (poses or {})
-        self.session, self.random = Session(TrackerConfig(), settings, poses=given), np.random.default_rng(0)
+        self.session, self.random = Session(TrackerConfig(height=1.75), settings, poses=given), np.random.default_rng(0)
         for name, one in self.eyes.items():
             self.session.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
         self.diagnostics, self.errors = Diagnostics(self.session, "tracker", 0.0), []
@@ -251,7 +251,7 @@ def test_cameras_that_alternate_are_no_turn_of_the_person():
 def test_a_camera_whose_place_nobody_knows_is_not_left_out():
     """Its place is found from the person; TF has those of the others."""
     rig = Rig(LEFT, RIGHT, BACK)
-    config = TrackerConfig(extrinsics="learn")
+    config = TrackerConfig(height=1.75, extrinsics="learn")
     rig.session = Session(config, NodeSettings(cameras=tuple(rig.eyes), fixed_frame=MAP))
     for name, one in rig.eyes.items():
         rig.session.set_camera(camera_info(BACKEND, frame_id=one.frame), name)

@@ -39,7 +39,7 @@ class Shelf:
 
 def run(settings, frame_id=FRAME, count=3, persons=(4, 9)):
     """The outputs of people with lasting numbers side by side, in some images; then one without anybody."""
-    session, sink = Session(TrackerConfig(), settings), Shelf()
+    session, sink = Session(TrackerConfig(height=1.75), settings), Shelf()
     session.set_camera(camera_info(BACKEND))
     outputs = Outputs(session, sink, BACKEND, "tracker")
     outputs.start(START_NS)
@@ -97,7 +97,7 @@ def test_one_person_has_topics_from_the_start_and_a_reset_is_no_news():
 
 def test_whoever_is_not_tracked_is_counted_by_the_clock_of_the_images():
     """The clock of arrivals is an hour ahead of that of the stamps."""
-    session, sink = Session(TrackerConfig(), NodeSettings(max_people=1)), Shelf()
+    session, sink = Session(TrackerConfig(height=1.75), NodeSettings(max_people=1)), Shelf()
     session.set_camera(camera_info(BACKEND))
     outputs, rows = Outputs(session, sink, BACKEND, "tracker"), []
     outputs.start(START_NS)

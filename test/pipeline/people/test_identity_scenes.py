@@ -24,7 +24,7 @@ def follow(seed, person_ids, **settings):
     random = np.random.default_rng(1000 + seed)
     there = scene(seed)
     numbers = numbers_of(there.seen, random)
-    session = Session(TrackerConfig(), NodeSettings(person_ids=person_ids, **settings))
+    session = Session(TrackerConfig(height=1.75), NodeSettings(person_ids=person_ids, **settings))
     session.set_camera(camera_info(BACKEND))
     results = []
     for i in range(there.seen.shape[1]):

@@ -19,7 +19,7 @@ LANDMARKS = np.array([[0.0, 0.0, 2.0], [0.5, -0.5, 2.5]])
 
 @pytest.fixture
 def person():
-    return TrackedPerson(TrackerConfig(lost_after=1.0))
+    return TrackedPerson(TrackerConfig(height=1.75, lost_after=1.0))
 
 
 def at(place, initialised=False, turn=0.0):

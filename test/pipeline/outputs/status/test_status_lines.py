@@ -32,7 +32,7 @@ def session():
     """What Diagnostics reads of a session that tracks one person well."""
     view = SimpleNamespace(size=(640, 480))
     tracker = SimpleNamespace(
-        config=TrackerConfig(),
+        config=TrackerConfig(height=1.75),
         skeleton=SimpleNamespace(height=1.75),
         averaged=0.0,
         limitations="",
@@ -366,7 +366,7 @@ def test_calibration_of_people_who_are_there(session, diagnostics):
     session.ids, session.calibrations = ["p1", "p2"], lambda: {"p1": known(2.5), "p2": known(0.0), "p3": known(1.0)}
     values = diagnostics.line(11.0).values
     figures = {key: value for key, value in values.items() if "calibration" in key}
-    state = "learning" if TrackerConfig().calibrate else "off"
+    state = "learning" if TrackerConfig(height=1.75).calibrate else "off"
     assert figures == {
         "p1 calibration": state,
         "p1 calibration: motion seen [s]": "2.50",

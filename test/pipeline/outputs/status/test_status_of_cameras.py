@@ -24,7 +24,9 @@ class Scene:
 
     def __init__(self, eyes=EYES, old_s=0.0, **settings):
         self.eyes, self.old_ns = eyes, round(1e9 * old_s)
-        self.session = Session(TrackerConfig(), NodeSettings(cameras=tuple(eyes), fixed_frame=MAP, **settings))
+        self.session = Session(
+            TrackerConfig(height=1.75), NodeSettings(cameras=tuple(eyes), fixed_frame=MAP, **settings)
+        )
         for name, one in eyes.items():
             assert self.session.set_camera(camera_info(BACKEND, frame_id=one.frame), name) is None
             self.session.placement.transforms.add(tf_of(BACKEND, one, START_NS, 0.0), static=True)
@@ -146,7 +148,7 @@ def test_the_unit_of_the_stamps_and_first_ids_are_checked_for_each_camera():
 
 
 def test_a_refused_camera_info_is_named_and_the_last_good_one_only_if_there_is_one():
-    session = Session(TrackerConfig(), NodeSettings(cameras=("left", "right"), fixed_frame=MAP))
+    session = Session(TrackerConfig(height=1.75), NodeSettings(cameras=("left", "right"), fixed_frame=MAP))
     diagnostics = Diagnostics(session, "tracker", 0.0)
     session.set_camera(camera_info(BACKEND, frame_id="left_optical"), "left")
     session.set_camera(camera_info(BACKEND, frame_id="right_optical", k=np.zeros(9)), "right")
@@ -180,7 +182,7 @@ def test_a_person_upside_down_in_a_fixed_frame_is_reported():
 
 
 def test_somebody_else_is_said_only_while_somebody_is_there():
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(session, "tracker", 0.0)
     points = EYES["left"].pose_at(0).into_camera(TRUTH.landmarks[0])
