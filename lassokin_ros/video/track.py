@@ -17,6 +17,7 @@ import numpy as np
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
+from lassokin_ros.core.body.landmarks import skeleton_of
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import CameraError, ConfigurationError
 from lassokin_ros.core.recording import WHOLE_FILE
@@ -111,7 +112,8 @@ def _settings(options: argparse.Namespace, source: Source, detector: Detector) -
     height = [] if options.height is None else [f"height:={options.height}"]
     layout = f"landmarks:={detector.landmarks}"
     live = _is_live(options, source)
-    defaults = {"height": ASSUMED_HEIGHT, **({} if live else WHOLE_FILE)}
+    body = {"height": ASSUMED_HEIGHT, "skeleton": skeleton_of(detector.landmarks)}
+    defaults = {**body, **({} if live else WHOLE_FILE)}
     who = []
     if detector.several:
         who = settings_for(options.person or (NEAREST if live else LARGEST), live)
