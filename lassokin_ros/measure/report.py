@@ -32,10 +32,17 @@ def gait_lines(gait: Gait) -> list[str]:
         "stride": f"{gait.stride_m:.2f} m, {gait.stride_s:.2f} s",
         "speed": f"{gait.speed:.2f} m/s",
         **{name: sides_text(name, sides) for name, sides in gait.sides.items()},
-        "both feet down": f"{_known(100 * gait.double_support)} % of a stride",
+        "both feet down": support_text(gait),
         "knee range": knees,
     }
     return [*(f"{name:<15} {words}" for name, words in lines.items()), *_doubt([gait.doubtful])]
+
+
+def support_text(gait: Gait) -> str:
+    """Return the double support; of a run, the time in the air."""
+    if gait.double_support < 0:
+        return f"never; in the air for {-100 * gait.double_support:.0f} % of a stride"
+    return f"{_known(100 * gait.double_support)} % of a stride"
 
 
 FEW = 0.3
