@@ -168,7 +168,7 @@ class Tracker:
     def limitations(self) -> str:
         """What is off because joints or landmarks are missing, in one line; empty if nothing is."""
         off = missing_roles(self.skeleton.joint_names)
-        if not off and self.config.depth_prior and self._cameras[0].network is None:
+        if not off and self.config.depth_prior and not self._starts.with_network:
             return f"layout '{self.layout.name}' has too few of the points that the depth network needs; it is off"
         return off
 
