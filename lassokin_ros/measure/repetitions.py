@@ -57,11 +57,12 @@ def measure_repetitions(poses: Poses, what: str) -> list[Repetition]:
 
 def _repetitions(poses: Poses, what: str) -> list[Repetition]:
     angles = angles_of(poses.names, poses.positions)
-    both = [angles.get(f"{side}_{JOINT[what]} flexion") for side in SIDES]
+    left_bend, right_bend = (angles.get(f"{side}_{JOINT[what]} flexion") for side in SIDES)
     lean = angles.get("trunk lean")
-    if both[0] is None or both[1] is None or lean is None:
+    if left_bend is None or right_bend is None or lean is None:
         raise MeasureError(f"the motion has no {JOINT[what]}s; its joints are: {', '.join(poses.names)}")
-    bend = smoothed(np.max(both, axis=0) if what == LUNGE else 0.5 * (both[0] + both[1]), poses, SMOOTHING_S)
+    mean, larger = 0.5 * (left_bend + right_bend), np.maximum(left_bend, right_bend)
+    bend = smoothed(larger if what == LUNGE else mean, poses, SMOOTHING_S)
     rising = what == SIT_TO_STAND
     signal = bend.max() - bend if rising else bend
     result = []
