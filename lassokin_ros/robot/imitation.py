@@ -43,6 +43,8 @@ class Imitation:
         self.configuration = Configuration(model.model, model.model.createData(), model.rest)
         self.speed = np.zeros(model.model.nv)
         self.holding, self.engaged, self.unsolved = True, 0.0, 0
+        self._smoothing = np.full(model.model.nv, SMOOTH**2)
+        self._smoothing[: model.v_at] = SMOOTH_BASE**2
         self._course = Course()
         self._person: Person | None = None
         self._targets = Targets(self.configuration, model)
@@ -149,10 +151,8 @@ class Imitation:
 
     def _smooth(self, problem: Any) -> None:
         """Add the weight of a change of the step."""
-        weights = np.full(len(self.speed), SMOOTH**2)
-        weights[: self.model.v_at] = SMOOTH_BASE**2
-        problem.P[np.diag_indices(len(weights))] += weights
-        problem.q -= weights * self.speed * self.period
+        problem.P.flat[:: len(self.speed) + 1] += self._smoothing
+        problem.q -= self._smoothing * self.speed * self.period
 
     def _solve(self, problem: Any) -> np.ndarray:
         """Return the speeds (nv,) of the solution; without one those that brake, counted in `unsolved`."""
@@ -173,8 +173,8 @@ class Imitation:
         model, period = self.model, self.period
         change = model.acceleration * period
         slowest, fastest = self.speed - change, self.speed + change
-        low = np.clip(-share * model.speed, slowest, fastest)
-        high = np.clip(share * model.speed, slowest, fastest)
+        low = np.minimum(np.maximum(-share * model.speed, slowest), fastest)
+        high = np.minimum(np.maximum(share * model.speed, slowest), fastest)
         at = slice(model.v_at, None)
         change = change[at] * period  # of the step
         for sign, room, bound in ((1, model.highest - self.positions, high), (-1, self.positions - model.lowest, low)):
@@ -185,7 +185,8 @@ class Imitation:
             bound[at] = sign * np.minimum(sign * bound[at], np.minimum(brake, room) / period)
         low[at], high[at] = np.minimum(low[at], high[at]), np.maximum(high[at], low[at])
         room_low, room_high = (model.lowest - self.positions) / period, (model.highest - self.positions) / period
-        low[at], high[at] = np.clip(low[at], room_low, room_high), np.clip(high[at], room_low, room_high)
+        low[at] = np.minimum(np.maximum(low[at], room_low), room_high)
+        high[at] = np.minimum(np.maximum(high[at], room_low), room_high)
         return low, high
 
     def _move(self, speed: np.ndarray) -> None:

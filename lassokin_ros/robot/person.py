@@ -43,10 +43,10 @@ class Person:
         if not (np.isfinite(places).all() and np.isfinite(self.up).all()):
             return False
         hips, shoulders, trunk = _across(self.places)
-        return all(
-            np.linalg.norm(np.cross(a, b)) > max(LEAST_SINE * np.linalg.norm(a) * np.linalg.norm(b), LEAST**2)
-            for a, b in ((hips, self.up), (shoulders, trunk), (hips, trunk))
-        )
+        a, b = np.stack([hips, shoulders, hips]), np.stack([self.up, trunk, trunk])
+        product = (a * a).sum(axis=1) * (b * b).sum(axis=1)
+        crossed = product - (a * b).sum(axis=1) ** 2  # (|a| |b| sine)^2
+        return bool((crossed > np.maximum(LEAST_SINE**2 * product, LEAST**4)).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,20 +67,24 @@ class Posture:
 def posture(places: np.ndarray, up: np.ndarray) -> Posture:
     """Return what is imitated. places: (24, 3) m; up: (3,) unit vector, both of one frame."""
     hips, shoulders, trunk = _across(places)
-    pelvis, torso = axes(hips, trunk), axes(shoulders, trunk)
+    level, pelvis, torso = axes(np.stack([hips, hips, shoulders]), np.stack([up, trunk, trunk]))
     bones = places[_FAR] - places[_NEAR]
     lengths = np.linalg.norm(bones, axis=1, keepdims=True)
     bones = np.divide(bones, lengths, out=np.full_like(bones, np.nan), where=lengths > LEAST)
     turned = np.concatenate([bones[:ARM_BONES] @ torso, bones[ARM_BONES:] @ pelvis])
-    return Posture(axes(hips, up), pelvis, torso, turned, places[ANKLES] @ up)
+    return Posture(level, pelvis, torso, turned, places[ANKLES] @ up)
 
 
 def axes(left: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Return (3, 3) with columns front, left, up. left is made orthogonal to up."""
-    z = up / np.linalg.norm(up)
-    y = left - (left @ z) * z
-    y = y / np.linalg.norm(y)
-    return np.stack([np.cross(y, z), y, z], axis=1)
+    """Return (k, 3, 3) with columns front, left, up, for k pairs (k, 3). left is made orthogonal to up."""
+    z = up / np.sqrt((up * up).sum(axis=1, keepdims=True))
+    y = left - (left * z).sum(axis=1, keepdims=True) * z
+    y = y / np.sqrt((y * y).sum(axis=1, keepdims=True))
+    x = y[:, _NEXT] * z[:, _LAST] - y[:, _LAST] * z[:, _NEXT]
+    return np.stack([x, y, z], axis=2)
+
+
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # of a cross product
 
 
 def _across(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
