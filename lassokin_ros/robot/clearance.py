@@ -14,7 +14,7 @@ from pink import Configuration
 from lassokin_ros.robot.model import RobotModel
 from lassokin_ros.robot.robot_file import PLACES, SIDES
 
-MARGIN = 0.02
+MARGIN = 0.03
 """m, between two surfaces, from which they are pushed apart."""
 WEIGHT = 30.0
 """1/m; those of the places are 2 to 4."""
