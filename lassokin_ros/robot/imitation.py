@@ -23,8 +23,10 @@ from lassokin_ros.robot.targets import Targets
 
 RAMP_S = 2.0
 """s: in which the speeds grow from 0 to their limits after a hold."""
-DOUBT_S = 3.0
+DOUBT_S = 3.5
 """s: of a hold after a motion that no person makes."""
+SHORTEST_S = 0.01
+"""s between two images: a shorter interval counts as this one."""
 TURN, SWING = 10.0, 30.0
 """rad/s: largest speeds of a person's heading and of a limb's bone."""
 DAMPING, SMOOTH, SMOOTH_BASE = 1e-6, 0.7, 4.0
@@ -103,7 +105,7 @@ class Imitation:
         shown = posture(person.places, person.up)
         last, self._shown = self._shown, shown
         self._doubt = max(self._doubt - interval, 0.0)
-        if last is not None and interval > 0 and too_fast(last, shown, interval):
+        if last is not None and too_fast(last, shown, max(interval, SHORTEST_S)):
             self._doubt = DOUBT_S
         if self._doubt > 0:
             self._stop()
