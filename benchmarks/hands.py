@@ -4,12 +4,14 @@
 
 `recording`: one man, four calibrated cameras at 0.8 m, 6 Hz, MediaPipe Hands in each image. Each camera alone is scored
 against the hand that the other three triangulate. The reference is of the same detector, so it is circular: compare
-rows, not absolute errors. `mediapipe` is its own 3D, turned to the line of sight.
+rows, not absolute errors. A height of 1.75 m is given, as the man's is not known. `mediapipe`: its own 3D, turned to
+the line of sight.
 `alone` and `body`: simulated hands of people that no training has seen, at 0.6 m, and at 2.5 m on recorded bodies.
 
 Columns: `wrist_rel`, mean distance of the points, relative to the wrist, mm, with the 90th percentile; `pa` after
 alignment; `palm`, median error of its orientation (of the wrist's joint for `body`), degrees, and share above 40;
 `bends`, mean error of the fingers' angles, and `index`, median error of the direction of a straight one, degrees;
+`pinch`, mean error of the distance of the tips of thumb and index finger where it is below 30 mm, mm;
 `said`, root mean square error of the points in axes of the hand over the stated deviation; `place`, of the wrist from
 the pelvis, or of the hand from the camera, mm; `body`, MPJPE of 14 joints; `ms`, processor time of a frame.
 """
@@ -20,6 +22,7 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -27,18 +30,16 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
 
-from benchmarks.accuracy_run.metrics import procrustes
 from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
 from benchmarks.data.detections import undistorted
 from benchmarks.data.hand_motion import FPS, body_with_hands, detected, hand_alone, noise
+from benchmarks.data.hand_score import Score
 from lassokin_ros.core.body.roles import SIDES
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.frame_data import View
 from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.observation import CameraPose, Observation
-from lassokin_ros.core.output.hand_points import HandPoints, hand_axes
 from lassokin_ros.core.tracker import Tracker
 
 HANDS, BODIES = (
@@ -47,84 +48,16 @@ HANDS, BODIES = (
 )
 CLIPS = ("02_05", "12_01", "13_31", "03_01", "exp_running_1", "gs_lambada")
 """Recorded people that the pose prior was not learned from."""
+CASES = (
+    ("0.6 m", 0.6, 0.0, 0.0), ("2.5 m", 2.5, 0.0, 0.0), ("a quarter hidden", 0.6, 0.25, 0.0), ("RGB-D", 0.6, 0.0, 0.004)
+)  # fmt: skip
+"""Name, distance in m, share of the fingers that are hidden, noise of measured depth in m."""
 JOINTS = [f"{side}_{joint}" for side in SIDES for joint in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")]
 JOINTS += ["head", "neck"]
-CHAINS = [[0, *range(first, first + 4)] for first in (1, 5, 9, 13, 17)]
 SETTLED_S = 1.0
 COLUMNS = {"part": "<", "method": "<", "hands": "d", "wrist_rel": ".1f", "p90": ".0f", "pa": ".1f", "palm": ".1f",
-           "palm_40_percent": ".1f", "bends": ".1f", "index": ".1f", "said": ".2f", "place": ".0f", "body": ".1f",
-           "ms": ".2f"}  # fmt: skip
-
-
-class Score:
-    """Errors of hands, collected over frames."""
-
-    def __init__(self) -> None:
-        self.rows: list[tuple[float, ...]] = []
-        self.index: list[float] = []
-        self.errors: list[np.ndarray] = []
-        self.said: list[np.ndarray] = []
-        self.more: dict[str, list[float]] = {}
-
-    def add(self, found: np.ndarray, true: np.ndarray, **more: float) -> None:
-        """Points (21, 3) m of one hand, found and true; more: further figures."""
-        apart = 1e3 * np.linalg.norm((found - found[0]) - (true - true[0]), axis=1)[1:].mean()
-        turn = palm(found).T @ palm(true)
-        angle = np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
-        bent, truly = bends(found), bends(true)
-        self.rows.append(
-            (
-                apart,
-                1e3 * np.linalg.norm(procrustes(found, true) - true, axis=1).mean(),
-                angle,
-                np.abs(bent - truly).mean(),
-            )
-        )
-        if truly[1, 1] < 30 and truly[1, 2] < 30:
-            self.index.append(between(found[8] - found[5], true[8] - true[5]))
-        for name, value in more.items():
-            self.more.setdefault(name, []).append(value)
-
-    def state(self, tracker: Tracker, estimate: Estimate, side: str, true: np.ndarray) -> None:
-        """Note errors and stated deviations of the points in axes of the hand, of an accepted estimate."""
-        assert estimate.pose is not None and estimate.visible is not None
-        hands = HandPoints(tracker.skeleton, tracker.layout)
-        found = hands.read(estimate.pose, estimate.visible, tracker.uncertainty(estimate))[hands.sides.index(side)]
-        own = (true - true[0]) @ hand_axes(true)
-        self.errors.append(np.linalg.norm(found.points - own, axis=1)[1:])
-        self.said.append(np.sqrt(found.covariance.trace(axis1=1, axis2=2))[1:])
-
-    def record(self, part: str, method: str) -> Record:
-        """The figures."""
-        v = np.array(self.rows)
-        found: Record = {
-            "part": part, "method": method, "hands": len(v), "wrist_rel": v[:, 0].mean(),
-            "p90": np.percentile(v[:, 0], 90), "pa": v[:, 1].mean(), "palm": np.median(v[:, 2]),
-            "palm_40_percent": 100 * (v[:, 2] > 40).mean(), "bends": v[:, 3].mean(),
-            "index": float(np.median(self.index)) if self.index else float("nan"),
-        }  # fmt: skip
-        if self.errors:
-            found["said"] = float(np.sqrt(np.square(self.errors).mean() / np.square(self.said).mean()))
-        return found | {name: float(np.median(values)) for name, values in self.more.items()}
-
-
-def between(a: np.ndarray, b: np.ndarray) -> float:
-    """Degrees between two vectors (3,)."""
-    return float(np.degrees(np.arccos(np.clip(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)), -1, 1))))
-
-
-def palm(points: np.ndarray) -> np.ndarray:
-    """(3, 3) axes of the palm: to the middle knuckle, out of the palm, and across."""
-    x = points[9] - points[0]
-    y = np.cross(x, points[5] - points[17])
-    x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
-    return np.stack([x, y, np.cross(x, y)], axis=1)
-
-
-def bends(points: np.ndarray) -> np.ndarray:
-    """(5, 3) degrees: angle at each joint of each finger, thumb first."""
-    bones = np.diff(points[CHAINS], axis=1)
-    return np.array([[between(a, b) for a, b in zip(finger, finger[1:])] for finger in bones])
+           "palm_40_percent": ".1f", "bends": ".1f", "index": ".1f", "pinch": ".0f", "said": ".2f", "place": ".0f",
+           "body": ".1f", "ms": ".2f"}  # fmt: skip
 
 
 def recording(folder: Path, _: argparse.Namespace) -> list[Record]:
@@ -139,8 +72,8 @@ def recording(folder: Path, _: argparse.Namespace) -> list[Record]:
         shown = np.concatenate([pixels[camera, ..., 2], np.full((len(places), 42), 0.9)], axis=1)
         points = np.concatenate([places, N[camera, :, 0], N[camera, :, 1]], axis=1)
         shown = np.where(np.isfinite(points).all(-1), shown, 0.0)
-        tree = Tracker(TrackerConfig(skeleton="body_hands", landmarks="mediapipe75", noise_px=4.0))
-        alone = [_tracker(side, 3.0) for side in SIDES]
+        tree = tracker_of("body_hands", 4.0)
+        alone = [tracker_of(f"{side}_hand", 3.0) for side in SIDES]
         for frame in range(N.shape[1]):
             found = (
                 tree.track(seen(frame / 6, points[frame], shown[frame], K[camera]))
@@ -166,10 +99,6 @@ def recording(folder: Path, _: argparse.Namespace) -> list[Record]:
 def seen(stamp: float, points: np.ndarray, confidence: np.ndarray, K: np.ndarray | float) -> Observation:
     """An observation; K: the camera's matrix or its focal length in px."""
     return Observation(1 + stamp, np.nan_to_num(points), confidence, K if isinstance(K, float) else float(K[0, 0]))
-
-
-def _tracker(side: str, noise_px: float) -> Tracker:
-    return Tracker(TrackerConfig(skeleton=f"{side}_hand", landmarks=f"{side}_hand21", noise_px=noise_px))
 
 
 def reference(points: np.ndarray, K: np.ndarray, cameras: list[CameraPose], left_out: int) -> np.ndarray | None:
@@ -201,20 +130,25 @@ def _to_ray(points: np.ndarray, middle: np.ndarray) -> np.ndarray:
 def alone(_: Path, options: argparse.Namespace) -> list[Record]:
     """Simulated hands without a body."""
     records, focal = [], 600.0
-    for name, distance, missing in (("0.6 m", 0.6, 0.0), ("2.5 m", 2.5, 0.0), ("0.6 m, a quarter hidden", 0.6, 0.25)):
+    for name, distance, missing, depth_noise in CASES:
         score = Score()
         for person in range(options.people):
             side, random = SIDES[person % 2], np.random.default_rng(person)
             motion = hand_alone(10_000 + person, side, options.seconds, distance)
-            points, tracker = detected(random, motion.points, focal), _tracker(side, 2.0)
+            points, tracker = detected(random, motion.points, focal), tracker_of(f"{side}_hand", 2.0)
             for frame in range(len(points)):
                 confidence = np.full(21, 0.9)
                 if frame % 60 == 0:
                     gone = np.flatnonzero(random.random(5) < missing)
                 for finger in gone:
                     confidence[2 + 4 * finger : 5 + 4 * finger] = 0.0
+                observation = seen(frame / FPS, points[frame], confidence, focal)
+                if depth_noise:
+                    depth = motion.points[frame, :, 2] + depth_noise * random.normal(size=21)
+                    depth[random.random(21) < 0.1] = np.nan
+                    observation = replace(observation, depth=depth, depth_deviation=np.full(21, 1.5 * depth_noise))
                 began = time.thread_time()
-                found = tracker.track(seen(frame / FPS, points[frame], confidence, focal))
+                found = tracker.track(observation)
                 took = 1e3 * (time.thread_time() - began)
                 if found.accepted and frame >= SETTLED_S * FPS:
                     true, places = motion.points[frame], found.pose.landmarks
@@ -240,7 +174,9 @@ def body(folder: Path, options: argparse.Namespace) -> list[Record]:
         points = marks[..., :2] / marks[..., 2:] + 4.0 / focal * noise(random, (*marks.shape[:2], 2))
         fingers = [detected(random, hands[side].points, focal) for side in SIDES]
         joints = [kinematics.skeleton.index(name) for name in JOINTS]
-        trackers = {name: _body_tracker(name != "24 joints") for name in scores}
+        height = kinematics.skeleton.height
+        bodies = {name: "anthropometric" if name == "24 joints" else "body_hands" for name in scores}
+        trackers = {name: tracker_of(skeleton, 4.0, height) for name, skeleton in bodies.items()}
         for frame in range(len(points)):
             for name, tracker in trackers.items():
                 shown = list(fingers) if name != "5 % exchanged" or random.random() > 0.05 else fingers[::-1]
@@ -267,19 +203,18 @@ def body(folder: Path, options: argparse.Namespace) -> list[Record]:
                             scores[name].state(tracker, found, side, own)
                     scores[name].add(mine, own, place=off, body=float(apart), ms=took, wrist_degrees=angle)
     records = [score.record("body", name) for name, score in scores.items()]
-    for record in records:
-        record["palm"] = record["wrist_degrees"]
-        record["body"] = float(np.mean(scores[record["method"]].more["body"]))
-        over = np.array(scores[record["method"]].more["wrist_degrees"])
-        record["palm_40_percent"] = 100 * float((over > 40).mean())
-        if record["method"] == "24 joints":
-            record |= dict.fromkeys(("wrist_rel", "p90", "pa", "bends", "index"), float("nan"))
+    for record, score in zip(records, scores.values()):
+        over = np.array(score.more["wrist_degrees"])
+        record |= {"palm": float(np.median(over)), "palm_40_percent": 100 * float((over > 40).mean())}
+        record["body"] = float(np.mean(score.more["body"]))
+    records[0] |= dict.fromkeys(("wrist_rel", "p90", "pa", "bends", "index", "pinch"), float("nan"))
     return records
 
 
-def _body_tracker(with_hands: bool) -> Tracker:
-    skeleton, layout = ("body_hands", "mediapipe75") if with_hands else ("anthropometric", "mediapipe33")
-    return Tracker(TrackerConfig(skeleton=skeleton, landmarks=layout, noise_px=4.0))
+def tracker_of(skeleton: str, noise_px: float, height: float = 1.75) -> Tracker:
+    """A tracker for a skeleton and the layout that belongs to it."""
+    layout = {"body_hands": "mediapipe75", "anthropometric": "mediapipe33"}.get(skeleton, f"{skeleton}21")
+    return Tracker(TrackerConfig(height=height, skeleton=skeleton, landmarks=layout, noise_px=noise_px))
 
 
 PARTS = {"recording": recording, "alone": alone, "body": body}

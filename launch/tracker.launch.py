@@ -9,6 +9,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from ament_index_python.packages import get_package_prefix
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, LogInfo, OpaqueFunction
 from launch_ros.actions import Node
@@ -26,7 +27,7 @@ except ImportError as error:
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 PARAMETERS = {
-    "height": "the person's height, m",
+    "height": "the person's height, m; 0: measured by depth, several cameras or a floor, else assumed",
     "camera_pitch": "the camera looks down by this angle, rad",
     "camera_roll": "the camera's right side is down by this angle, rad",
     "camera_mount_frame": "frame with z up, such as base_footprint, from which TF gives the camera's pitch and roll",
@@ -91,13 +92,16 @@ def _start(context: LaunchContext) -> list:
     if frames and settings.several_people and settings.publish_tf == OFF:
         overrides["publish_tf"] = ALL
     frames = frames and not settings.several_people and settings.publish_tf != ALL
+    warnings = [*_misspelt(configurations), *_unread(given, settings.camera_names)]
+    if frames and not _is_installed("robot_state_publisher"):
+        frames, overrides["publish_tf"] = False, ALL
+        warnings.append(LogInfo(msg="robot_state_publisher is not installed: the tracker publishes TF of the limbs"))
     if frames:
         overrides["state_publisher"] = STATE_PUBLISHER
     common: dict[str, Any] = {"namespace": given["namespace"]} if given["namespace"] else {}
     clock = given["use_sim_time"] or ("true" if given["bag"] else "")
     chosen = {"use_sim_time": _boolean("use_sim_time", clock)} if clock else {}
     sim_time = chosen or {"use_sim_time": file_parameters(params, node).get("use_sim_time", False)}
-    warnings = [*_misspelt(configurations), *_unread(given, settings.camera_names)]
     actions = [*warnings, _tracker(given, params, [chosen, overrides], common)]
     if frames:
         actions.append(_state_publisher(urdf_from_settings(tracker, settings, node), sim_time, common))
@@ -107,6 +111,15 @@ def _start(context: LaunchContext) -> list:
         frame = settings.fixed_frame or given["frame"]
         actions.append(_rviz(config, given["camera"].rstrip("/"), frame, sim_time, common))
     return [*actions, *_bag(given["bag"])]
+
+
+def _is_installed(package: str) -> bool:
+    """Return True if launch finds a package. A node of a missing one would end the launch, and leave its processes."""
+    try:
+        get_package_prefix(package)
+    except LookupError:
+        return False
+    return True
 
 
 def _misspelt(configurations: Mapping[str, Any]) -> list[LogInfo]:

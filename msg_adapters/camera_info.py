@@ -89,7 +89,12 @@ def decode_camera_info(message: Any, rectified: bool = False) -> Intrinsics:
     if not (np.isfinite(R).all() and np.isfinite(P).all()):
         raise AdapterError("camera_not_finite", "camera_info holds a value that is not finite")
     size = message.width, message.height
-    K, D, model, warning = checked_camera(K.reshape(3, 3), D, model, size)
+    means = (
+        "P is filled: set `rectified` if the detector gets the rectified image"
+        if P[0] > 0
+        else "the camera is not calibrated"
+    )
+    K, D, model, warning = checked_camera(K.reshape(3, 3), D, model, size, means)
     frame_id, P = frame_name(message.header), P.reshape(3, 4)
     width, height = _apply_window(message, K, P)
     if min(K[0, 0], K[1, 1]) < 1 or np.abs(K).max() >= LARGEST:
@@ -98,19 +103,23 @@ def decode_camera_info(message: Any, rectified: bool = False) -> Intrinsics:
 
 
 def checked_camera(
-    K: np.ndarray, D: np.ndarray, model: str, size: tuple[int, int]
+    K: np.ndarray,
+    D: np.ndarray,
+    model: str,
+    size: tuple[int, int],
+    uncalibrated: str = "the camera is not calibrated",
 ) -> tuple[np.ndarray, np.ndarray, str, str]:
     """Return K (3, 3), D and the model as in Intrinsics, and why K is unlikely for the image size, in words.
 
     K: (3, 3) px. D: (c,) coefficients. model: a name in COEFFICIENTS, or another one if the number of coefficients
-    identifies the model. size: (width, height) px of the image that K is for, 0 = unknown. Raises AdapterError, see
-    `decode_camera_info`.
+    identifies the model. size: (width, height) px of the image that K is for, 0 = unknown. uncalibrated: what it means
+    that K is 0. Raises AdapterError, see `decode_camera_info`.
     """
     K = np.array(K, dtype=float)
     if not (np.isfinite(K).all() and np.isfinite(D).all()):
         raise AdapterError("camera_not_finite", "camera_info holds a value that is not finite")
     if K[0, 0] == 0:
-        raise AdapterError("camera_uncalibrated", "camera_info has K[0] = 0: the camera is not calibrated")
+        raise AdapterError("camera_uncalibrated", f"camera_info has K[0] = 0: {uncalibrated}")
     if not (0 < K[0, 0] and 0 < K[1, 1] and np.abs(K).max() < LARGEST):
         raise AdapterError("camera_matrix", f"K is {K.ravel().tolist()}; expected focal lengths above 0, in px")
     if K[0, 1] or K[1, 0] or K[2, 0] or K[2, 1]:

@@ -180,8 +180,20 @@ class Keypoints:
         # Indexing by argmax takes half the time of max() on arrays this small.
         if len(ids) and (ids[ids.argmin()] < 0 or ids[ids.argmax()] >= count):
             wrong = ids[(ids < 0) | (ids >= count)][0]
-            raise AdapterError("unknown_id", f"keypoint id {wrong}; expected 0 to {count - 1} of the landmark layout")
+            raise AdapterError(
+                "unknown_id",
+                f"keypoint id {wrong}; expected 0 to {count - 1} of the landmark layout{self._hint(ids, count)}",
+            )
         return chosen, scores
+
+    def _hint(self, ids: np.ndarray, count: int) -> str:
+        """Return what unknown ids seem to be, in words. ids: of the present points. count: landmarks of the layout."""
+        if ids.min() == 1 and ids.max() == count:
+            return " (they begin at 0)"
+        people, rest = divmod(len(self.ids), count)
+        if people > 1 and rest == 0 and self.persons is None:
+            return f" ({people} people need numbers, or an array the dimensions {people} x {count} x 3)"
+        return ""
 
     def _check_unit(self, scores: np.ndarray) -> None:
         """Raise AdapterError if confidences are no fractions of 1: percentages, logits or sums.

@@ -119,7 +119,8 @@ def body_with_hands(
     for side in SIDES:
         wrist, mirror = skeleton.index(f"{side}_wrist"), np.array([1.0 if side == "left" else -1.0, 1.0, 1.0])
         orientations = pose.orientations[:, wrist]
-        points = (_shapes(random, len(rotations)) * mirror) @ orientations.swapaxes(-1, -2)
+        shapes = skeleton.height / 1.75 * _shapes(random, len(rotations))
+        points = (shapes * mirror) @ orientations.swapaxes(-1, -2)
         hands[side] = Motion(points + pose.positions[:, wrist][:, None], orientations)
     return kinematics, state, hands
 

@@ -9,7 +9,7 @@ lassokin viewer --ros-args ...    the ROS 2 node that shows the tracker's topics
 lassokin imitate --ros-args ...   the ROS 2 node that drives a humanoid by the person whom it sees
 lassokin retarget NPZ --urdf URDF --robot FILE -o MOTION   a humanoid's motion from a person's
 lassokin robot check URDF FILE    does a robot's file fit to its URDF
-lassokin measure gait|squat NPZ   cadence, stride, speed, knees; depth and angles of squats
+lassokin measure gait|squat|... VIDEO   the two sides of a gait; squats, lunges, push-ups, rising from a chair
 lassokin --version                the version of the package
 """
 

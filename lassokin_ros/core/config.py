@@ -46,9 +46,9 @@ class TrackerConfig:
     """Settings of the tracker; `checked` raises ConfigurationError for a value out of its range."""
 
     height: float = live_setting(
-        1.75,
-        "height of the person; sets the scale, which one camera cannot observe; 0 = measured, with depth, several "
-        "cameras or tilt_deviation (else 0.3 or more)",
+        0.0,
+        "height of the person (0.3 or more), if it is known; 0 = measured by depth, several cameras or feet on a known "
+        "floor, and without them assumed, with the deviation of people and children",
         "m",
         0.0,
         2.6,
@@ -78,9 +78,9 @@ class TrackerConfig:
         100.0,
     )
     tilt_deviation: float = live_setting(
-        0.0,
-        "1-sigma tilt error of the camera; above 0 and with height 0, the height is estimated from the floor if its "
-        "error is below 5 %",
+        0.01,
+        "1-sigma tilt error of the camera above a known floor; with height 0, feet that stand on it give the height if "
+        "their error by the tilt is below 5 %; 0 = they do not",
         "rad",
         0.0,
         0.2,
@@ -164,4 +164,8 @@ def check_setting(name: str, value: Any, metadata: Mapping[str, Any], kind: type
         raise ConfigurationError(f"{name} is {value!r}; expected one of: {', '.join(metadata['choices'])}")
     low, high = metadata["low"], metadata["high"]
     if low is not None and not low <= value <= high:
-        raise ConfigurationError(f"{name} is {value}; expected {low:g} to {high:g} {metadata['unit']}".rstrip())
+        in_cm = (
+            f" ({value:g} cm are {value / 100:g} m)" if metadata["unit"] == "m" and 50 <= value <= 100 * high else ""
+        )
+        expected = f"expected {low:g} to {high:g} {metadata['unit']}".rstrip()
+        raise ConfigurationError(f"{name} is {value}; {expected}{in_cm}")

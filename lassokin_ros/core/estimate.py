@@ -30,13 +30,14 @@ class Estimate:
     visible: (l,) bool, keypoints that were detected in this frame and have a weight. measurements: number of keypoints
     and measured depths with a weight. depth_measured: True if measured depths were used; depth_covers: of half of the
     used keypoints of a camera or more. length_deviation: (p,) standard deviation of the log-lengths. size_deviation:
-    that of the logarithm of a measured height, 0 for a given one. cameras: see `FrameData.seen_by`. centre: (3,) m, of
-    the first of them, in the skeleton's frame. joint_depths: what the depth network estimates from its keypoints.
+    that of the logarithm of a measured height; of a given one 0, or its error if it is wrong. cameras: see
+    `FrameData.seen_by`. centre: (3,) m, of the first of them, in the skeleton's frame. joint_depths: what the depth
+    network estimates from its keypoints.
     still: (n,) bool, ankles of feet that stand still. contacts: (n,) bool, those of them that are on the floor, see
     `foot_contacts.on_floor`. up: (3,) unit vector, the vertical in the skeleton's frame: given by a fixed frame or the
-    camera's mount, learned from the person otherwise. prior_cost: of the pose prior for `solved`, with weight 1.
-    network_distance: m, mean distance of the depth network's joints from those of `solved`, relative to the hips; NaN
-    without the network.
+    camera's mount, learned from the person otherwise. prior_cost: of the pose prior for `solved`, with weight 1,
+    without fingers. network_distance: m, mean distance of the depth network's joints from those of `solved`, relative
+    to the hips; NaN without the network.
     """
 
     stamp: float

@@ -1,1 +1,1 @@
-"""`lassokin measure`: what people ask of a gait or of squats, from an exported motion."""
+"""`lassokin measure`: what people ask of a gait or of exercises, from a video or an exported motion."""

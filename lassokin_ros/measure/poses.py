@@ -30,7 +30,8 @@ class Poses:
 
     positions: (f, n, 3) m in a level frame: x right, y down, z forward. likely_wrong: (f,) bool, the frames that the
     report marks. smoothing: s, see `Motion`. observed: (f, n) bool, joints that keypoints show; None = all. contacts:
-    (f, n) bool, ankles of feet that stand still on the floor; None = unknown.
+    (f, n) bool, ankles of feet that stand still on the floor; None = unknown. cameras: their number. lens, height:
+    where they come from, see `Motion`; empty = unknown.
     """
 
     seconds: np.ndarray
@@ -40,6 +41,14 @@ class Poses:
     smoothing: float = 0.0
     observed: np.ndarray | None = None
     contacts: np.ndarray | None = None
+    cameras: int = 1
+    lens: str = ""
+    height: str = ""
+
+    @property
+    def known(self) -> np.ndarray:
+        """(f,) bool: all frames."""
+        return np.ones(len(self.seconds), dtype=bool)
 
     def place(self, joint: str) -> np.ndarray:
         """Return (f, 3) m. Raises MeasureError for a joint that the skeleton lacks."""
@@ -113,6 +122,8 @@ def read_poses(path: Path, person: str | None) -> Poses:
             lacking = [name for name in NEEDED if name not in file]
             data = {name: file[name] for name in NEEDED if name in file}
             smoothing = float(file["smoothing"]) if "smoothing" in file else 0.0
+            lens, height = (str(file[name]) if name in file else "" for name in ("lens", "height_from"))
+            cameras = len(file["camera_names"]) if "camera_names" in file else 1
     except (OSError, EOFError, BadZipFile, ValueError, TypeError) as error:  # TypeError: one array, a .npy
         raise MeasureError(f"'{path}' cannot be read ({error}); expected a .npz that --export wrote") from None
     if lacking:
@@ -135,4 +146,4 @@ def read_poses(path: Path, person: str | None) -> Poses:
     positions = data["joint_positions"][mine] @ data["level"].T
     names, wrong = tuple(map(str, data["joint_names"])), data["likely_wrong"][mine]
     seen, contacts = data["joint_observed"][mine], data["joint_contacts"][mine]
-    return Poses(seconds, names, positions, wrong, smoothing, seen, contacts)
+    return Poses(seconds, names, positions, wrong, smoothing, seen, contacts, cameras, lens, height)

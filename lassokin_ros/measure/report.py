@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.common.svg import Axes, document, text
-from lassokin_ros.measure.gait import POINTS, Gait
+from lassokin_ros.measure.gait import ALONG, LENGTH, POINTS, SEVERAL, SIDE, STANCE, SURE, TIME, Gait, Sides
 from lassokin_ros.measure.poses import SIDES, Poses
+from lassokin_ros.measure.repetitions import JOINT, LUNGE, Repetition
 from lassokin_ros.measure.squat import Squat
 from lassokin_ros.replay.exports.named_angles import angles_of
+from lassokin_ros.replay.motion import ASSUMED
 
 COLOURS = {"left": "#1f77b4", "right": "#d62728"}
 SIZE = (860, 380)
@@ -29,9 +31,80 @@ def gait_lines(gait: Gait) -> list[str]:
         "cadence": f"{_known(gait.cadence)} steps/min",
         "stride": f"{gait.stride_m:.2f} m, {gait.stride_s:.2f} s",
         "speed": f"{gait.speed:.2f} m/s",
+        **{name: sides_text(name, sides) for name, sides in gait.sides.items()},
+        "both feet down": support_text(gait),
         "knee range": knees,
     }
-    return [*(f"{name:<12} {words}" for name, words in lines.items()), *_doubt([gait.doubtful])]
+    return [*(f"{name:<15} {words}" for name, words in lines.items()), *_doubt([gait.doubtful])]
+
+
+def support_text(gait: Gait) -> str:
+    """Return the double support; of a run, the time in the air."""
+    if gait.double_support < 0:
+        return f"never; in the air for {-100 * gait.double_support:.0f} % of a stride"
+    return f"{_known(100 * gait.double_support)} % of a stride"
+
+
+FEW = 0.3
+"""Share of the mean above which a limit of the asymmetry says nothing."""
+UNITS = {TIME: (1.0, 2, "s"), LENGTH: (1.0, 2, "m"), STANCE: (100.0, 0, "%")}
+"""Measure -> factor, digits and unit."""
+
+
+def sides_text(name: str, sides: Sides) -> str:
+    """Return a measure of both sides with deviations, and what it says of their difference."""
+    scale, digits, unit = UNITS[name]
+    words = [
+        f"{side} {_known(scale * mean, digits)} +- {scale * deviation:.{digits + 1}f} {unit} ({count})"
+        if count
+        else f"{side} -"
+        for side, mean, deviation, count in zip(SIDES, sides.mean, sides.deviation, sides.count)
+    ]
+    return "; ".join([", ".join(words), asymmetry_text(sides)])
+
+
+def asymmetry_text(sides: Sides) -> str:
+    """Return whether the sides differ, at 95 %."""
+    if not np.isfinite(sides.spread):
+        return "sides not compared"
+    if not sides.differs and sides.below > FEW:
+        return "too few steps to compare the sides"
+    if not sides.differs:
+        return f"no asymmetry seen (below {max(sides.below, 0.01):.0%})"
+    more = SIDES[sides.asymmetry < 0]
+    off = SURE * sides.spread / float(np.mean(sides.mean))
+    return f"{more} larger by {abs(sides.asymmetry):.0%} +- {off:.0%}"
+
+
+def trust_lines(gait: Gait, passes: Sequence[Poses]) -> list[str]:
+    """Return what the figures rest on: lens and height, the view, steps that are left out, slow motion."""
+    lines = [f"seen from: {gait.view}"] if gait.view else []
+    if gait.view == ALONG:
+        lines.append("step lengths are not measured along the line of sight; film from the side")
+    if any(one.lens == ASSUMED for one in passes) and gait.view != SEVERAL:
+        wrong = "the lengths hold" if gait.view == SIDE else "lengths and speed may be off by half"
+        lines.append(f"the lens is assumed: times hold, seen from here {wrong}; set --fov or --camera-info")
+    if any(one.height == ASSUMED for one in passes):
+        lines.append("the height is assumed: lengths and speed scale with it; set --height")
+    lines += [f"{number} steps left out: {reason}" for reason, number in gait.left_out.items()]
+    if gait.slow_motion:
+        lines.append(
+            f"the steps are long for their cadence, as in slow motion (about {gait.slow_motion:.1f} times): "
+            "times and speed are then those of the file; set --slow-motion"
+        )
+    return lines
+
+
+def repetition_lines(found: Sequence[Repetition], what: str) -> list[str]:
+    """Return the lines of the table."""
+    head = f"{'':>3} {'start':>8} {'time':>7} {JOINT[what] + 's':>9} {'lean':>6}" + "  front" * (what == LUNGE)
+    rows = [
+        f"{number:>3} {one.start:>6.1f} s {one.end - one.start:>5.1f} s {one.bend:>5.0f} deg {one.lean:>6.0f}"
+        + (f"  {one.front}" if one.front else "")
+        for number, one in enumerate(found, 1)
+    ]
+    lasts = f"{len(found)} in {found[-1].end - found[0].start:.1f} s"
+    return [head, *rows, lasts, *_doubt([one.doubtful for one in found])]
 
 
 def _known(value: float, digits: int = 0) -> str:
@@ -54,7 +127,7 @@ def _doubt(shares: Sequence[float]) -> list[str]:
     return [f"{share:.0%} of these frames are marked as likely wrong"] if share > 0 else []
 
 
-def as_json(measured: Gait | Sequence[Squat]) -> Any:
+def as_json(measured: Gait | Sequence[Squat] | Sequence[Repetition]) -> Any:
     """Return the figures as numbers, lists and dictionaries; None for NaN."""
     return _plain(asdict(measured) if isinstance(measured, Gait) else [asdict(one) for one in measured])
 
@@ -94,11 +167,24 @@ def squat_plot(squats: Sequence[Squat], poses: Poses, title: str) -> str:
     return document(SIZE, [axes.svg(), *_key()])
 
 
-def _axes(title: str, x: str, limits: tuple[float, float], values: Sequence[np.ndarray]) -> Axes:
+def repetition_plot(found: Sequence[Repetition], poses: Poses, what: str, title: str) -> str:
+    """Return the flexion of elbows or knees over time, with a dot at each turn."""
+    angles = angles_of(poses.names, poses.positions)
+    flexion = {side: angles[f"{side}_{JOINT[what]} flexion"] for side in SIDES}
+    axes = _axes(title, "time (s)", (0, float(poses.seconds[-1])), list(flexion.values()), f"{JOINT[what]}s")
+    for side in SIDES:
+        axes.line(np.column_stack([poses.seconds, flexion[side]]), COLOURS[side], 2)
+    turns = np.array([one.turn for one in found])
+    mean = np.interp(turns, poses.seconds, 0.5 * (flexion["left"] + flexion["right"]))
+    axes.dots(np.column_stack([turns, mean]), "#444", 5)
+    return document(SIZE, [axes.svg(), *_key()])
+
+
+def _axes(title: str, x: str, limits: tuple[float, float], values: Sequence[np.ndarray], joints: str = "knees") -> Axes:
     highest = max((float(np.nanmax(one)) for one in values if one.size), default=90.0)
     axes = Axes(PLACE, EXTENT, limits, (0, 10 * np.ceil(highest / 10)))
     axes.grid(most=10)
-    axes.label(title, x, "flexion of the knees (deg)")
+    axes.label(title, x, f"flexion of the {joints} (deg)")
     return axes
 
 

@@ -55,32 +55,37 @@ def measure_squats(poses: Poses) -> list[Squat]:
     positions = poses.positions.copy()
     for side, seen in zip(SIDES, shown):
         positions[~seen, poses.names.index(f"{side}_ankle")] = np.nan  # and so is the flexion of the knee
-    squats = [squat for piece in replace(poses, positions=positions).pieces(known) for squat in _squats(piece)]
+    pieces = replace(poses, positions=positions).pieces(known)
+    squats = [squat for piece in pieces for squat in _squats(piece)]
+    squats = squats or [squat for piece in pieces for squat in _squats(piece, bent_ends=True)]
     if not squats:
         found = f"no squat was found: the knees bend by less than {LEAST_BEND:g} degrees and back"
         raise MeasureError("; ".join([found, *poses.unseen()]))
     return squats
 
 
-def _squats(poses: Poses) -> list[Squat]:
-    """Return the squats of frames without a gap, in each of which a leg is shown. Ankles that are not are NaN."""
+def _squats(poses: Poses, bent_ends: bool = False) -> list[Squat]:
+    """Return the squats of frames without a gap, in each of which a leg is shown. Ankles that are not are NaN.
+
+    bent_ends: the frames may begin and stop with bent knees, also at the bottom.
+    """
     if len(poses.seconds) < 3:
         return []
     angles = angles_of(poses.names, poses.positions)
     knees, hips = (np.array([angles[f"{side}_{joint} flexion"] for side in SIDES]) for joint in ("knee", "hip"))
     bend = smoothed(np.nanmean(knees, axis=0), poses, SMOOTHING_S)
-    bottoms, found = find_peaks(bend, prominence=LEAST_BEND)
+    bottoms, lefts, rights = peaks(bend, LEAST_BEND, bent_ends)
     height = -poses.middle("hip")[:, 1]
     squats = []
     last = -1
-    for bottom, left, right in zip(bottoms, found["left_bases"], found["right_bases"]):
+    for bottom, left, right in zip(bottoms, lefts, rights):
         if last >= 0 and bend[last:bottom].min() > bend[bottom] - LEAST_BEND:
             continue  # a bend that is held has several equal peaks, each with the prominence of the whole
         last = bottom
         standing = bend.min() + MOVING * (bend[bottom] - bend.min())
         cut = (  # the person never stands there
-            (bend[:bottom] > LEAST_BEND).all() or left == 0 and bend[0] > standing,
-            (bend[bottom:] > LEAST_BEND).all() or right == len(bend) - 1 and bend[-1] > standing,
+            bool((bend[:bottom] > LEAST_BEND).all() or left == 0 and bend[0] > standing),
+            bool((bend[bottom:] > LEAST_BEND).all() or right == len(bend) - 1 and bend[-1] > standing),
         )
         bases = [frame for frame, is_cut in zip((left, right), cut) if not is_cut]
         rise = bend[bottom] - max((bend[frame] for frame in bases), default=0.0)
@@ -101,6 +106,24 @@ def _squats(poses: Poses) -> list[Squat]:
             )
         )
     return squats
+
+
+def peaks(values: np.ndarray, least: float, open_ends: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return peaks that rise by `least`, and the frames at the foot of each, before and after it, (k,) each.
+
+    open_ends: what lies before the first and after the last of the values (f,) may be lower, so that a peak may be at
+    an end; it rises by `least` above 0, and by half of that above other values.
+    """
+    if not open_ends:
+        found, bases = find_peaks(values, prominence=least)
+        return found, bases["left_bases"], bases["right_bases"]
+    low = np.array([min(0.0, float(values.min())) - 1.0])
+    found = find_peaks(np.concatenate([low, values, low]), prominence=least)[0] - 1
+    between = [0, *found, len(values) - 1]
+    lefts = np.array([a + values[a : p + 1].argmin() for a, p in zip(between, found)], dtype=int)
+    rights = np.array([p + values[p : b + 1].argmin() for p, b in zip(found, between[2:])], dtype=int)
+    moves = values[found] - np.minimum(values[lefts], values[rights]) >= least / 2
+    return found[moves], lefts[moves], rights[moves]
 
 
 def _ends(bent: np.ndarray, bottom: int, left: int, right: int) -> tuple[int, int]:

@@ -258,7 +258,7 @@ class TrackerNode(Node):
     def _log_problems(self, frames: Sequence[FrameResult]) -> None:
         """Log rejections and, once, missing stamps and unexpected frames."""
         for frame in frames:
-            if not frame.accepted and not self._session.nobody_in_view:
+            if not frame.accepted and not self._session.inputs.nobody_in_view:
                 line = f"keypoints rejected ({frame.rejection}): {frame.detail}"
                 self._warning.log(str(frame.rejection), line, DIFFERENT_FAULTS)
         self._log_unused_confidence()
@@ -284,9 +284,9 @@ class TrackerNode(Node):
         session, limit = self._session, self._session.tracker.config.min_confidence
         if self._reported_unused or session.answered or session.counts[UNUSED] < UNUSED_MESSAGES:
             return
-        if session.unused_confidence >= NEAR_LIMIT * limit:
+        if session.inputs.unused_confidence >= NEAR_LIMIT * limit:
             self._reported_unused = True
-            figures = f"{session.unused_confidence:.2f}, min_confidence {limit:g}"
+            figures = f"{session.inputs.unused_confidence:.2f}, min_confidence {limit:g}"
             self.get_logger().warning(f"nobody was tracked yet: {NEAR_LIMIT_ADVICE} ({figures})")
 
     def _update_presence(self) -> None:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from rclpy.parameter import Parameter
 
 Settings = tuple[TrackerConfig, NodeSettings]
+MISSPELT = 0.8
+"""Similarity (difflib) from which on an unknown name is a misspelt one."""
 ROS_TYPES = {float: "double", int: "integer", bool: "bool", str: "string", tuple: "string array"}
 
 
@@ -48,8 +50,9 @@ def describe(item: Field) -> ParameterDescriptor:
 def declare(node: Node) -> Settings:
     """Declare all settings on the node and return them with the values given at start.
 
-    Raises ConfigurationError for a value of the wrong type or out of its range.
+    Raises ConfigurationError for a value of the wrong type or out of its range, and for a misspelt name.
     """
+    _refuse_misspelt(node)
     tracker = _declared(node, TrackerConfig())
     settings = NodeSettings()
     return tracker.checked(), _declared(node, settings).checked()
@@ -78,15 +81,23 @@ def _declared(node: Node, config: Any) -> Any:
     return replace(config, **values)
 
 
-def unknown_parameters(node: Node) -> list[str]:
-    """One line for each parameter given at start that the node does not have."""
-    known = [item.name for config in (TrackerConfig, NodeSettings) for item in fields(config)]
-    lines = []
+def _refuse_misspelt(node: Node) -> None:
+    """Raise ConfigurationError for a parameter given at start whose name is nearly one of the settings."""
+    known = [item.name for item in all_settings()]
     for name in getattr(node, "_parameter_overrides", {}):
-        if not node.has_parameter(name) and not _overrides_another_topic(node, name):
-            close = get_close_matches(name, known, 1)
-            lines.append(f"there is no parameter '{name}'" + (f"; did you mean '{close[0]}'?" if close else ""))
-    return lines
+        close = [] if name in known or node.has_parameter(name) else get_close_matches(name, known, 1, MISSPELT)
+        if close:
+            raise ConfigurationError(
+                f"there is no parameter '{name}'; did you mean '{close[0]}'? If it is another node's, give it under "
+                "the name of that node in place of /**"
+            )
+
+
+def unknown_parameters(node: Node) -> list[str]:
+    """One line for each parameter given at start that the node does not have. It may be another node's."""
+    given = getattr(node, "_parameter_overrides", {})
+    unknown = [name for name in given if not node.has_parameter(name) and not _overrides_another_topic(node, name)]
+    return [f"there is no parameter '{name}'" for name in unknown]
 
 
 def _overrides_another_topic(node: Node, name: str) -> bool:

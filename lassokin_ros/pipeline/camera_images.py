@@ -12,8 +12,8 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.learned.height import FEWEST
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
-from lassokin_ros.pipeline.depth_check import MISFIT, DepthCheck
-from lassokin_ros.pipeline.depth_images import DepthImages, key_of_camera
+from lassokin_ros.pipeline.depth.depth_check import MISFIT, DepthCheck
+from lassokin_ros.pipeline.depth.depth_images import DepthImages, key_of_camera
 from lassokin_ros.pipeline.input_checks.hands import HandCheck
 from lassokin_ros.pipeline.input_checks.image_size import ImageSize
 from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds

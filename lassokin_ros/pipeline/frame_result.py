@@ -60,7 +60,8 @@ class FrameResult:
     skeleton: the skeleton with the lengths used for this result. None if the message was refused before tracking.
     earlier: s since the result before, and its joint positions (n, 3) m; see `joint_velocities`. None after
     initialisation, and for a step of the stamps below 1 ms.
-    velocity: (3,) m/s, velocity of the pelvis, averaged over 0.2 s. None if rejected.
+    velocity: (3,) m/s, velocity of the pelvis, and its covariance (3, 3) m^2/s^2, see `walking_velocity.py`. None if
+    rejected.
     measure: computes the joint uncertainty, see `uncertainty`.
     observe: computes which joints are observed, see `observed`.
     joint_states: computes `positions` and `velocities`.
@@ -69,6 +70,7 @@ class FrameResult:
     guessed: True if the person was found again by place after an absence, and may be somebody else.
     held_s: s, by stamps, how long the result waited for later messages (`smoothing_lag`).
     judge: gives the doubt about the pose, see `LiveDoubts.add`; none if rejected.
+    doubts: why the place or the size of the person is doubted, in words; empty if they are not.
     """
 
     stamp_ns: int
@@ -86,6 +88,7 @@ class FrameResult:
     skeleton: Skeleton | None = None
     earlier: tuple[float, np.ndarray] | None = None
     velocity: np.ndarray | None = None
+    velocity_covariance: np.ndarray | None = None
     measure: Callable[[Estimate], JointUncertainty] | None = None
     observe: Callable[[Estimate], np.ndarray] | None = None
     joint_states: Callable[[], tuple[np.ndarray, np.ndarray]] | None = None
@@ -94,6 +97,7 @@ class FrameResult:
     guessed: bool = False
     held_s: float = 0.0
     judge: Callable[[], Judgement] = Judgement
+    doubts: tuple[str, ...] = ()
 
     @property
     def accepted(self) -> bool:
@@ -136,8 +140,8 @@ class FrameResult:
 
     @property
     def doubtful(self) -> tuple[str, ...]:
-        """Why the frames of the last moments are doubted, see `Judgement`."""
-        return self.judge().reasons
+        """Why the frames of the last moments are doubted, see `Judgement`, and the place or the size."""
+        return self.doubts + self.judge().reasons
 
     @property
     def doubtful_s(self) -> float:

@@ -14,6 +14,9 @@ from lassokin_ros.pipeline.seen import people_in
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
+FARTHEST_M = 100.0
+"""m: depths of which most are larger have another unit. No depth camera measures so far."""
+
 
 class KeypointError(LassokinError, ValueError):
     """Keypoints or their stamp cannot be used: another shape, or another unit."""
@@ -35,8 +38,8 @@ def observation_from_pixels(
     the centre are known. depth: (l,) m along the optical axis, of the body's surface, NaN = not measured. camera: which
     of several cameras, and where.
 
-    Raises KeypointError if an array has another shape or is not of numbers, or if the stamp, positions or confidences
-    have another unit, such as ms, fractions of the image or percent.
+    Raises KeypointError if an array has another shape or is not of numbers, or if the stamp, positions, confidences or
+    depths have another unit, such as ms, fractions of the image, percent or mm.
     """
     seconds = _seconds(stamp)
     try:
@@ -53,6 +56,10 @@ def observation_from_pixels(
         raise KeypointError(f"points have the shape {points.shape}; expected (l, 3){several}: x, y px, confidence")
     if measured is not None and measured.shape != (len(points),):
         raise KeypointError(f"depth has the shape {measured.shape}; expected ({len(points)},), one per point")
+    if measured is not None and np.count_nonzero(measured > FARTHEST_M) > 0.5 * np.count_nonzero(measured > 0):
+        raise KeypointError(
+            f"most depths are above {FARTHEST_M:g} m, up to {np.nanmax(measured):g}; expected m: divide mm by 1000"
+        )
     keypoints = Keypoints(None, "", np.arange(len(points)), points[:, :2], points[:, 2], depth=measured)
     try:
         keypoints = checked_positions(keypoints, lens)

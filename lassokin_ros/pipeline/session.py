@@ -24,14 +24,16 @@ from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.bone_lengths import Calibration
 from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.core.learned.height import HeightEstimator
-from lassokin_ros.core.observation import CameraPose, Rejection, Status
+from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.answers import Answer, AnswersInOrder, frames_of
+from lassokin_ros.pipeline.camera.camera_places import GivenPoses
 from lassokin_ros.pipeline.camera.placement import Placement
 from lassokin_ros.pipeline.camera_images import UNREADABLE, UNREADABLE_WORDS, CameraImages
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
-from lassokin_ros.pipeline.image_sets import LATE, LONGEST_LATE_NS, ImageSets, stamp_of_set
+from lassokin_ros.pipeline.image_sets import LATE, LONGEST_LATE_NS, stamp_of_set
+from lassokin_ros.pipeline.inputs import Inputs
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.out_of_view import Absent, OutOfView
@@ -41,12 +43,8 @@ from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.scene import Scene
 from lassokin_ros.pipeline.seen import Image, key_of
 from lassokin_ros.pipeline.settings import LASTING, NodeSettings
-from lassokin_ros.pipeline.waiting import Wait, Waiting
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 from msg_adapters.errors import AdapterError
-
-TF_POLL_S = 0.005
-"""s between two looks whether TF has come that keypoints wait for."""
 
 
 class Session:
@@ -57,11 +55,11 @@ class Session:
         tracker_config: TrackerConfig,
         node_config: NodeSettings,
         evidence: Sequence[Evidence] = (),
-        poses: Mapping[str, CameraPose] | None = None,
+        poses: GivenPoses | None = None,
         bodies: Mapping[int | None, Skeleton] | None = None,
         patience: float = 0.0,
     ) -> None:
-        """evidence: the user's own, for each frame's lasso; all people share it. poses: of several cameras, by name, in
+        """evidence: the user's own, for each frame's lasso; all people share it. poses: see CameraPlaces, in
         place of those from TF. bodies: skeletons of people whose numbers in the messages are known, at most
         max_people; of the only person by None. patience: s, lower limit of the wait for depth images; messages in a
         recording have no exact order.
@@ -97,53 +95,19 @@ class Session:
         self.placement = Placement(self.config, self._trackable, self.counts, poses)
         """Where the cameras are, and which of them are used."""
         self._out_of_view = OutOfView(np.array([0.0, -1.0, 0.0]) if up is None else up)
-        self._sets = ImageSets(self.config.camera_wait) if self.config.several_cameras else None
-        self._waiting = {name: Waiting(self._waits_of(camera, patience)) for name, camera in self.cameras.items()}
+        places = self.placement.places
+        self.inputs = Inputs(self.cameras, self.config, patience, None if places is None else places.may_reach)
+        """What waits for depth images, TF and other cameras."""
         self._order, self._ready = AnswersInOrder(), list[Answer]()
         self.detector_connected = True
         """False if nobody publishes keypoints of a camera. Set by the node; a recording has no such knowledge."""
         self.scene = Scene(names)
         """What the newest messages tell."""
 
-    def _waits_of(self, camera: CameraImages, patience: float) -> list[Wait]:
-        """Return what the messages of a camera wait for."""
-        waits = []
-        if (depth := camera.depth) is not None:
-            longest_s = max(self.config.depth_wait, patience)
-            waits.append(Wait(lambda _, stamp_ns: depth.may_receive(stamp_ns), longest_s, lambda: depth.arrival_ns))
-        if self.placement.places is not None:
-            waits.append(Wait(self.placement.places.may_reach, max(self.config.tf_wait, patience), polled_s=TF_POLL_S))
-        return waits
-
     def use_backward(self, frames: Mapping[int | None, Mapping[int, Backward]]) -> None:
         """See `TrackedPerson.use_backward`. frames: by the person's number in the messages, None without a number."""
         for tracked in self._trackable:
             tracked.use_backward(frames.get(tracked.number, {}))
-
-    @property
-    def nobody_in_view(self) -> bool:
-        """True if the last message of each camera that sends messages had no confident keypoint.
-
-        A camera sends messages if its last one is at most `stale_after` older than the newest one.
-        """
-        sending = [one for one in self.cameras.values() if one.received or one.nobody_in_view]
-        since_ns = max((one.arrival_ns for one in sending), default=0) - 1e9 * self.config.stale_after
-        return bool(sending) and all(one.nobody_in_view for one in sending if one.arrival_ns >= since_ns)
-
-    @property
-    def unused_confidence(self) -> float:
-        """Largest confidence in the last messages without a confident keypoint; 0 if they had no keypoint."""
-        return max(camera.unused_confidence for camera in self.cameras.values())
-
-    @property
-    def has_camera(self) -> bool:
-        """True after the first usable camera_info of any camera."""
-        return any(one.camera.view is not None for one in self.cameras.values())
-
-    @property
-    def camera_fault(self) -> str:
-        """Why the last camera_info was refused, in words; empty if it was accepted."""
-        return next((one.camera.fault for one in self.cameras.values() if one.camera.fault), "")
 
     @property
     def ids(self) -> list[str] | None:
@@ -193,12 +157,7 @@ class Session:
     def set_clock_back(self, step_ns: int) -> None:
         """Keep the ages of all messages: the clock of arrivals was set back by `step_ns` ns since the last call."""
         self.scene.set_clock_back(step_ns)
-        for camera in self.cameras.values():
-            camera.arrival_ns -= step_ns
-        for waiting in self._waiting.values():
-            waiting.set_clock_back(step_ns)
-        if self._sets is not None:
-            self._sets.set_clock_back(step_ns)
+        self.inputs.set_clock_back(step_ns)
 
     @property
     def reported_lost_after(self) -> float:
@@ -213,7 +172,7 @@ class Session:
         of a frozen detector. With `silent_when_empty` it is known from silence, too, while all detectors are connected.
         Nobody must have left the view, see `absent_at`. If a person is locked, nobody else counts.
         """
-        if not (self.enabled and self.has_camera) or self.locked is not None:
+        if not (self.enabled and self.inputs.has_camera) or self.locked is not None:
             return False
         if self.absent_at(self.image_at(now_ns)[0]):
             return False
@@ -274,12 +233,7 @@ class Session:
 
         unlock: see PeopleTracker.reset.
         """
-        for waiting in self._waiting.values():
-            waiting.reset()
-        for camera in self.cameras.values():
-            if camera.depth is not None:
-                camera.depth.reset()
-            camera.depth_check.reset()
+        self.inputs.reset()
         if self.placement.places is not None:
             self.placement.places.faults.clear()
         self.forget_people(unlock)
@@ -290,10 +244,18 @@ class Session:
         for camera in self.cameras.values():
             camera.reset()
 
-    def _forget_people(self, unlock: bool) -> None:
-        self.people.reset(unlock)
-        if self._sets is not None:
-            self._sets.reset()
+    def begin_take(self) -> list[Answer]:
+        """Note that the next image is of another shot; return the answers of everything that waits.
+
+        What was learned of the only person stays; several people are forgotten.
+        """
+        answers = self.finish()
+        self._forget_people(unlock=True, same_person=True)
+        return answers
+
+    def _forget_people(self, unlock: bool, same_person: bool = False) -> None:
+        self.people.reset(unlock, same_person)
+        self.inputs.reset_sets()
         self._order.reset()
         self.placement.reset()
         self._out_of_view.reset()
@@ -316,6 +278,7 @@ class Session:
                 camera.depth_check.reset()  # it is not updated, see _check_depth
         self.people.tune(self.config.follow, self.config.lock)
         self.placement.floor = config.floor
+        self.inputs.tune(config)
         if resized:
             self.reset(unlock=False)
 
@@ -344,7 +307,7 @@ class Session:
         for `smoothing_lag`: call `due` at `due_at_ns`.
         """
         name = camera or self.first.name
-        self._waiting[name].add(message, arrival_ns)
+        self.inputs.add(name, message, arrival_ns)
         return self._released(name, arrival_ns)
 
     def push_depth(self, message: Any, arrival_ns: int, camera: str = "") -> list[Answer]:
@@ -362,21 +325,19 @@ class Session:
     def due(self, now_ns: int) -> list[Answer]:
         """Return the answers of images whose wait has ended. now_ns: ns of the arrival clock."""
         answers = [answer for name in self.cameras for answer in self._released(name, now_ns)]
-        if self._sets is not None and self.enabled:
-            answers += self._track_sets(self._sets.due(now_ns), now_ns)
+        if self.enabled:
+            answers += self._track_sets(self.inputs.due_sets(now_ns), now_ns)
         return answers
 
     @property
     def due_at_ns(self) -> int | None:
         """Time in ns of the arrival clock at which `due` must be called; None if no image waits."""
-        times = [waiting.due_at_ns for waiting in self._waiting.values()]
-        times += [None if self._sets is None else self._sets.due_at_ns]
-        return min((time for time in times if time is not None), default=None)
+        return self.inputs.due_at_ns
 
     def finish(self) -> list[Answer]:
         """Return the answers of everything that waits. No message follows."""
         answers = [answer for name in self.cameras for answer in self._released(name, None)]
-        for images in [] if self._sets is None else self._sets.flush():
+        for images in self.inputs.due_sets(None):
             answers += self._track_sets([images], images[0].stamp_ns)
         return answers + self._order.flush(self.people.flush())
 
@@ -391,15 +352,13 @@ class Session:
     def frames(self, message: Any, arrival_ns: int, camera: str = "") -> list[FrameResult]:
         """Return the results of all answers of `push`, without a wait for depth images."""
         name = camera or self.first.name
-        self._waiting[name].add(message, arrival_ns)
+        self.inputs.add(name, message, arrival_ns)
         return frames_of(self._released(name, None))
 
     def _released(self, camera: str, now_ns: int | None) -> list[Answer]:
         """Return the answers of messages of a camera that wait no longer. now_ns: None if nothing follows."""
         answers, self._ready = self._ready, []
-        view = self.cameras[camera].camera.view
-        frame_id = "" if view is None else view.intrinsics.frame_id
-        for message, arrival_ns in self._waiting[camera].ready(now_ns, frame_id):
+        for message, arrival_ns in self.inputs.ready(camera, now_ns):
             self.counts["received"] += 1
             if self.enabled:
                 answers += self._answers(message, arrival_ns, self.cameras[camera])
@@ -424,11 +383,7 @@ class Session:
             for other in self.cameras.values():
                 if other is not camera:
                     other.reset()
-        if self._sets is None:
-            return before + self._track([image], arrival_ns)
-        camera.stamps.seen(image.stamp_ns, True)
-        camera.stamps.follow(image.stamp_ns, arrival_ns, image.stamped)
-        return before + self._track_sets(self._sets.add(camera.name, image, arrival_ns), arrival_ns)
+        return before + self._track_sets(self.inputs.sets_with(image, arrival_ns), arrival_ns)
 
     def _identified(self, image: Image, identities: Mapping[tuple[str, bytes], int]) -> Image:
         """Return an image with those whose numbers are known."""
@@ -448,7 +403,7 @@ class Session:
     def _counted(self, frames: list[FrameResult]) -> list[FrameResult]:
         self.answered = self.answered or any(frame.accepted for frame in frames)
         rejection = next((frame.rejection for frame in frames if not frame.accepted), None)
-        if frames or self._sets is None:
+        if frames or not self.config.several_cameras:
             self.counts["accepted" if rejection is None else f"rejected: {rejection}"] += 1
         if repeated_s(frames) > 0:
             self.counts["duplicated"] += 1
@@ -471,19 +426,19 @@ class Session:
         self.scene.use(images, placed, arrival_ns, self.people, self.reported_lost_after)
         if self.placement.places is not None:
             self._out_of_view.update(frames, placed, self.config.forget_after, self.placement.jumps.newest)
-        if self._sets is not None:
+        if self.config.several_cameras:
             frames = self._without_absences(frames, stamp_ns)
             self._note_residuals(frames)
         self._check_depth(images, frames)
         older_ns = 0 if self.scene.latest is None else self.scene.latest[0] - stamp_ns
-        late = self._sets is not None and older_ns < LONGEST_LATE_NS
+        late = self.config.several_cameras and older_ns < LONGEST_LATE_NS
         if older_ns <= 0 or (not late and self.people.tracked_at(stamp_ns)):  # a stamp that was ahead is left behind
             self.scene.latest, self.scene.image = (stamp_ns, arrival_ns), (stamp_ns, frame_id)
-        if self._sets is None and all(frame.accepted for frame in frames):
+        if not self.config.several_cameras and all(frame.accepted for frame in frames):
             self.first.stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
             self.first.stamps.follow(stamp_ns, arrival_ns, images[0].stamped)
         frames = self._counted(frames)
-        matters = self._sets is None or not self._tracked_lately(stamp_ns)
+        matters = not self.config.several_cameras or not self._tracked_lately(stamp_ns)
         assert self.scene.image is not None
         of = (stamp_ns, frame_id) if frames else self.scene.image  # an image that is late tells nothing of now
         stamps_ns = [image.stamp_ns for image in images]

@@ -246,11 +246,6 @@ class NodeSettings:
 
     def check_with(self, tracker: TrackerConfig) -> None:
         """Raise ConfigurationError if these settings and the tracker's contradict each other."""
-        if tracker.tilt_deviation and (self.camera_mount_frame or not (tracker.camera_height or self.floor)):
-            raise ConfigurationError(
-                f"tilt_deviation is {tracker.tilt_deviation:g}, but no feet are known to stand on a floor; expected "
-                "camera_height, or floor with fixed_frame (with camera_mount_frame feet are not held), or 0"
-            )
         for name in ("fixed_frame", "camera_mount_frame"):
             if tracker.camera_height and (frame := getattr(self, name)):
                 raise ConfigurationError(

@@ -17,6 +17,8 @@ from lassokin_ros.replay.analysis.floor import floor_height
 from lassokin_ros.replay.report.wrong_spans import marked_frames
 
 FACE = "head"
+ASSUMED, GIVEN = "assumed", "given"
+"""Where lens and height come from."""
 DETECTED, REPROJECTED = "detected", "reprojected"
 
 
@@ -58,6 +60,7 @@ class Motion:
     cameras: what each of several cameras saw, by name; empty with one camera.
     smoothing: s, time constant of the smoothing with later frames, which flattens fast motion; 0 without.
     start_ns: stamp at which the recording begins for all people: that of the first frame, 0 of a video's first image.
+    lens, height_from: `ASSUMED` or `GIVEN`, the field of view or camera_info, and the person's height.
     """
 
     person: str
@@ -85,6 +88,8 @@ class Motion:
     cameras: Mapping[str, Seen] = field(default_factory=dict)
     smoothing: float = 0.0
     start_ns: int = 0
+    lens: str = GIVEN
+    height_from: str = GIVEN
 
     @property
     def angles_observed(self) -> np.ndarray:
@@ -180,14 +185,18 @@ class MotionRecorder:
         level: Callable[[], np.ndarray],
         origin_ns: int = 0,
         cameras: Sequence[str] = (),
+        lens: str = GIVEN,
+        height_from: str = GIVEN,
     ) -> None:
         """landmark_names: l names. config: of the tracker. level: returns (3, 3), see `Motion`, after the last frame.
 
-        origin_ns: stamp that becomes 0. cameras: names of several cameras.
+        origin_ns: stamp that becomes 0. cameras: names of several cameras. lens, height_from: see
+        `Motion`.
         """
         self._cameras = tuple(cameras) if len(cameras) > 1 else ()
         self._landmark_names, self._level, self._origin_ns = tuple(landmark_names), level, origin_ns
-        self._smoothing = config.smoothing if config.smoothing_lag > 0 else 0.0
+        smoothing = config.smoothing if config.smoothing_lag > 0 else 0.0
+        self._sources = {"lens": lens, "height_from": height_from, "smoothing": smoothing}
         self._spool = ArraySpool()
         self._people: dict[str, _Rows] = {}
 
@@ -209,7 +218,7 @@ class MotionRecorder:
             names, level = self._landmark_names, self._level()
             pairs = {name: [columns.pop(f"{name} {what}") for what in (DETECTED, REPROJECTED)] for name in rows.cameras}
             seen = {name: Seen(*pair) for name, pair in pairs.items()}
-            rest: dict[str, Any] = {**columns, "level": level, "cameras": seen, "smoothing": self._smoothing}
+            rest: dict[str, Any] = {**columns, "level": level, "cameras": seen, **self._sources}
             motions.append(Motion(person, rows.frame_id, rows.skeleton, names, **rest))
         floor = np.array([_floor(motion) for motion in motions])
         common = float(np.median(floor[np.isfinite(floor)])) if np.isfinite(floor).any() else 0.0

@@ -79,8 +79,8 @@ def _add_outputs(result: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="also write the motion to a .csv, .npz, .bvh, .amass.npz, .trc or .c3d file; a suffix alone writes into "
-        "the output folder",
+        help="also write the motion to a .csv, .npz, .bvh, .amass.npz, .trc, .c3d or .glb file; a suffix alone writes "
+        "into the output folder",
     )
     result.add_argument(
         "--save-skeleton",

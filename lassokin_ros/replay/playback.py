@@ -77,7 +77,7 @@ class Playback:
             self.messages.diagnostics.count_camera_info(time_ns * 1e-9)
         reason = self.session.set_camera(message, camera)
         if reason is not None and self.first_rejection is None:
-            self.first_rejection = reason, self.session.camera_fault or UNREADABLE_WORDS
+            self.first_rejection = reason, self.session.inputs.camera_fault or UNREADABLE_WORDS
 
     def keypoints(self, message: Any, time_ns: int, camera: str = "") -> None:
         """Process a keypoint message, or Keypoints; see `camera_info`."""
@@ -100,6 +100,10 @@ class Playback:
         """Process a message of /tf_static; see `camera_info`."""
         self._tick(time_ns)
         self.session.push_transforms(message, static=True)
+
+    def begin_take(self) -> None:
+        """Note that the next image is of another shot, see `Session.begin_take`."""
+        self._take(self.session.begin_take(), time.perf_counter())
 
     def finish(self) -> None:
         """Process what still waits at the end of the recording."""

@@ -18,7 +18,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.recording import WHOLE_FILE
-from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
+from lassokin_ros.pipeline.depth.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.skeleton_file import check_skeleton_file
 from lassokin_ros.pipeline.outputs.outputs import LINK_AS_FRAME

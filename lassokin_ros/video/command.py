@@ -110,7 +110,17 @@ def parser() -> argparse.ArgumentParser:
         help="s by which each of several videos begins after the first one; without it, they are found from the person",
     )
     result.add_argument(
-        "--detector", default="mediapipe", metavar="NAME", help="mediapipe (default), or a .task or .onnx file"
+        "--detector",
+        default="mediapipe",
+        metavar="NAME",
+        help="mediapipe (default), mediapipe_hands, or a .task or .onnx file",
+    )
+    result.add_argument(
+        "--hands",
+        dest="detector",
+        action="store_const",
+        const="mediapipe_hands",
+        help="track fingers, too; short for --detector mediapipe_hands",
     )
     result.add_argument(
         "--person",
@@ -137,7 +147,7 @@ def parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="FILE",
-        help=".csv, .npz, .bvh, .amass.npz, .trc or .c3d",
+        help=".csv, .npz, .bvh, .amass.npz, .trc, .c3d or .glb",
     )
     result.add_argument("--video", type=Path, metavar="MP4", help="write the images with the skeleton as a video")
     result.add_argument(

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -183,6 +184,11 @@ class RerunScene:
 
     def _open(self, replace: bool) -> None:
         if self._path is None or self._part is None:
+            if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+                raise ViewError(
+                    f"{self._option} opens a window, and this machine has no display; record for the viewer instead, "
+                    "with a name that ends in .rrd"
+                )
             try:
                 self._stream.spawn(default_blueprint=self._blueprint())
             except Exception as error:  # Rerun's own, of several kinds
@@ -246,6 +252,8 @@ def _side(name: str) -> str:
 def _rerun(option: str) -> Any:
     try:
         import rerun
-    except ImportError:
-        raise ViewError(f"{option} needs rerun-sdk; install it with: pip install '.[view]'") from None
+    except ImportError as error:
+        if isinstance(error, ModuleNotFoundError) and error.name == "rerun":
+            raise ViewError(f"{option} needs rerun-sdk; install it with: pip install '.[view]'") from None
+        raise ViewError(f"{option} needs rerun-sdk, which is installed but cannot be imported: {error}") from None
     return rerun

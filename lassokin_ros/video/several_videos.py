@@ -20,6 +20,7 @@ import numpy as np
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
+from lassokin_ros.core.body.landmarks import skeleton_of
 from lassokin_ros.core.config import CHECK, TrackerConfig
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.observation import CameraPose
@@ -39,8 +40,8 @@ from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.keypoint_files.source import open_input
 from lassokin_ros.video.people import ALL, LARGEST, MOST_PEOPLE, PersonError, people_in
 from lassokin_ros.video.sources import Image, Source, SourceError
-from lassokin_ros.video.track import HEIGHT_ASSUMED, NO_TOPICS, RAW_IMAGES, Tracked, height_given, lens_of, stop_flag
-from lassokin_ros.video.track_outputs import TrackOutputs
+from lassokin_ros.video.track import ASSUMED_HEIGHT, HEIGHT_ASSUMED, NO_TOPICS, RAW_IMAGES, Tracked, lens_of, stop_flag
+from lassokin_ros.video.track_outputs import TrackOutputs, height_given
 
 
 @dataclass
@@ -76,7 +77,9 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     search = ["extrinsics:=learn"] if unplaced else []
     who = [f"max_people:={MOST_PEOPLE}"] if options.person == ALL else []
     chosen = [f"landmarks:={detector.landmarks}", names, RAW_IMAGES, *search, *who, *options.p, *height, *NO_TOPICS]
-    tracker_config, node_config = offline_settings(options.params_file, chosen, {} if options.causal else WHOLE_FILE)
+    body = {"height": ASSUMED_HEIGHT if unplaced else 0.0, "skeleton": skeleton_of(detector.landmarks)}
+    defaults = {**body, **({} if options.causal else WHOLE_FILE)}
+    tracker_config, node_config = offline_settings(options.params_file, chosen, defaults)
     several = detector.several or any(one.several for one in stored)
     _check(options, node_config, [camera.name for camera in cameras], several)
     if unplaced and tracker_config.height == 0:
@@ -112,7 +115,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
         if several and not everybody:
             remarks += map(_keep_largest, cameras)
         outputs.remarks += filter(None, remarks)
-        if (unplaced or tracker_config.calibrate and tracker_config.height > 0) and not options.causal:
+        if (unplaced or tracker_config.calibrate) and not options.causal:
             known = learn(make, partial(_play, cameras, everybody), tracker_config)
             if unplaced:
                 try:

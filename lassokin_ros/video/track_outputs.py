@@ -16,7 +16,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.image_sets import SAME_INSTANT_NS
 from lassokin_ros.replay.exports.exports import Exports
-from lassokin_ros.replay.motion import MotionRecorder
+from lassokin_ros.replay.motion import ASSUMED, GIVEN, MotionRecorder
 from lassokin_ros.replay.playback import Playback
 from lassokin_ros.replay.report.images import ReportImages
 from lassokin_ros.replay.report.page import check_report
@@ -67,7 +67,9 @@ class TrackOutputs:
         self._level = session.placement.level
         names = session.tracker.layout.names
         config, topics = session.tracker.config, session.config.camera_names
-        self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, topics)
+        lens = ASSUMED if options.fov is None and options.camera_info is None and options.cameras is None else GIVEN
+        sources = lens, GIVEN if several or height_given(options) else ASSUMED
+        self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, topics, *sources)
         people = session.config.several_people
         self._exports = None
         if options.export:
@@ -103,7 +105,7 @@ class TrackOutputs:
 
     def follow(self, tracker: Playback) -> None:
         """Take the results of a tracker from now on."""
-        if self._options.report is not None:
+        if self._options.report is not None or not self._source.live:
             self._report = Report(self._options.report, tracker.session, self._options.force, self._given)
             self._report.images = self._report_images
             tracker.listeners.append(self._report.add)
@@ -146,9 +148,12 @@ class TrackOutputs:
         written = []
         if self._report is not None:
             topics = f"of {Path(self._options.detector).name}", camera_name(self._options)
-            self._report.remarks = self.remarks
-            self._report.write(files, self._source.name, topics, own_keypoints=True)
-            written.append(self._options.report)
+            if self._options.report is None:
+                self._report.conclude(self._source.name, topics, own_keypoints=True)
+            else:
+                self._report.remarks = self.remarks
+                self._report.write(files, self._source.name, topics, own_keypoints=True)
+                written.append(self._options.report)
         if self._exports is not None:
             written += self._exports.write(Path(), files)
         if self._video is not None:
@@ -169,10 +174,17 @@ class TrackOutputs:
         return lines + ([] if self._report is None else self._report.summary_lines)
 
 
+def height_given(options: argparse.Namespace) -> bool:
+    """Return whether the options give the person's height, or settings that may."""
+    named = any(parameter.startswith("height:=") for parameter in options.p)
+    return options.height is not None or bool(options.params_file) or named
+
+
 def camera_name(options: argparse.Namespace) -> str:
     """Return the camera for the report's title line."""
     if options.cameras is not None:
         return f"of {options.cameras.name}"
     if options.camera_info is not None:
         return f"of {options.camera_info.name}"
-    return f"with a field of view of {DEFAULT_FOV if options.fov is None else options.fov:g} degrees"
+    assumed = " (assumed)" if options.fov is None else ""
+    return f"with a field of view of {DEFAULT_FOV if options.fov is None else options.fov:g} degrees{assumed}"

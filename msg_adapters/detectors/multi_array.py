@@ -10,7 +10,10 @@ from typing import Any
 import numpy as np
 
 from msg_adapters.errors import AdapterError
-from msg_adapters.keypoints import MAX_POINTS, Keypoints, check_count
+from msg_adapters.keypoints import LARGEST_CONFIDENCE, MAX_POINTS, Keypoints, check_count
+
+FEWEST = 4
+"""Rows from which on the order of the values is examined."""
 
 
 class MultiArrayAdapter:
@@ -30,11 +33,26 @@ class MultiArrayAdapter:
             )
         with np.errstate(invalid="ignore"):  # a NaN may be signalling
             values = np.asarray(message.data, dtype=float)[offset:].reshape(rows, 3)
+        if len(shape) < 2 and rows >= FEWEST and _is_planar(values):
+            raise AdapterError(
+                "wrong_shape",
+                f"{size} values, of which the last third are confidences; expected x, y and confidence of each "
+                "keypoint in turn, not all x, then all y, then all confidences",
+            )
         number = np.arange(rows)
         if len(shape) != 3 or not rows:
             return Keypoints(None, "", number, values[:, :2], values[:, 2])
         person, landmark = np.divmod(number, shape[1])
         return Keypoints(None, "", landmark, values[:, :2], values[:, 2], person, persistent=False, landmarks=shape[1])
+
+
+def _is_planar(values: np.ndarray) -> bool:
+    """Return True if the values (n, 3) are those of n x, n y and n confidences, one after the other."""
+    places, scores = np.split(values.ravel(), [2 * len(values)])
+    with np.errstate(invalid="ignore"):
+        are_scores = bool(((scores >= 0) & (scores <= 1)).all())
+        large = [np.mean(part > LARGEST_CONFIDENCE) > 0.5 for part in (places, values[:, 2])]
+    return are_scores and all(large)
 
 
 def _fits(shape: list[int], rows: int) -> bool:

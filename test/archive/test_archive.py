@@ -11,10 +11,8 @@ import pytest
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
 from archives import LONG, holder, outcomes, start_replay, write_archive  # noqa: E402
-from forked import CONTEXT, start_server  # noqa: E402
 from recordings import contents, write_recording  # noqa: E402
 
-from lassokin_ros.archive import process_pool  # noqa: E402
 from lassokin_ros.archive.archive import tasks_of  # noqa: E402
 from lassokin_ros.archive.dask_cluster import on_cluster  # noqa: E402
 from lassokin_ros.archive.tasks import ArchiveError  # noqa: E402
@@ -27,11 +25,7 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="find
 BAGS = {"day1/walk": 30, "day1/wave": 20, "squat.v2": 25}
 
 
-@pytest.fixture(autouse=True)
-def forked_workers(monkeypatch):
-    """Workers of this process are forked, which takes a tenth of the time; those of `start_replay` are spawned."""
-    start_server()
-    monkeypatch.setattr(process_pool.multiprocessing, "get_context", lambda _: CONTEXT)
+pytestmark = pytest.mark.usefixtures("forked_workers")  # those of `start_replay` are spawned
 
 
 @pytest.fixture(scope="module")

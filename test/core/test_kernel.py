@@ -86,8 +86,15 @@ SETTINGS = {
 
 
 @needs_kernel
-@pytest.mark.parametrize("settings", SETTINGS)
-@pytest.mark.parametrize("sequence", SEQUENCES)
+@pytest.mark.parametrize(
+    "sequence, settings",
+    [
+        *((sequence, "default") for sequence in SEQUENCES),
+        ("gaps and swaps", "without the network"),
+        ("depth", "unknown height"),
+        ("two cameras", "unknown height"),
+    ],
+)
 def test_kernel_and_python_give_the_same_answers(sequence, settings):
     frames, trackers = SEQUENCES[sequence](), [Tracker(SETTINGS[settings]) for _ in range(2)]
     reset_at = len(frames) // 2
@@ -134,12 +141,11 @@ def test_a_tracked_frame_uses_each_function(monkeypatch):
         assert refused[name] < 0.1 * done[name], name
 
 
-@pytest.mark.parametrize("switch, active", [("0", False), ("1", compiled is not None)])
-def test_the_environment_switches_it_off(switch, active):
+def test_the_environment_switches_it_off():
     code = "from lassokin_ros.core.kernel import kernel; print(kernel.active)"
-    environment = {**os.environ, module.SWITCH: switch, "PYTHONPATH": str(ROOT)}
+    environment = {**os.environ, module.SWITCH: "0", "PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == str(active)
+    assert done.stdout.strip() == "False"
 
 
 def test_a_kernel_of_another_revision_is_not_used_and_told():
@@ -191,7 +197,7 @@ for case in range({cases}):
 def test_any_other_arguments_are_refused():
     """No exception, and the process lives."""
     folder = str(Path(compiled.__file__).parent)
-    code = FUZZ.format(folder=folder, seed=0, cases=10_000)
+    code = FUZZ.format(folder=folder, seed=0, cases=3_000)
     done = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-2000:]
 
@@ -207,7 +213,7 @@ from test_kernel import CONFIG, SEQUENCES, Tracker, replace
 for name, sequence in SEQUENCES.items():
     for config in (CONFIG, replace(CONFIG, depth_prior=False)):
         tracker = Tracker(config)
-        for seen in sequence()[:30]:
+        for seen in sequence()[:12]:
             tracker.track(seen)
 """
 
@@ -250,7 +256,7 @@ def test_sanitizers_find_nothing(tmp_path):
         "OMP_NUM_THREADS": "1",
     }
     places = {"support": str(ROOT / "test/support"), "root": str(ROOT), "tests": str(ROOT / "test/core")}
-    for code in (DRIVE.format(folder=str(tmp_path), **places), FUZZ.format(folder=str(tmp_path), seed=9, cases=8_000)):
+    for code in (DRIVE.format(folder=str(tmp_path), **places), FUZZ.format(folder=str(tmp_path), seed=9, cases=2_000)):
         done = subprocess.run(
             [sys.executable, "-W", "ignore", "-c", code], env=environment, capture_output=True, text=True, timeout=600
         )
@@ -260,9 +266,8 @@ def test_sanitizers_find_nothing(tmp_path):
 # How it is built ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("compiler, built", [(None, compiled is not None), ("/bin/false", False)])
-def test_without_a_compiler_the_package_builds_without_the_kernel(tmp_path, compiler, built):
-    environment = {**os.environ, **({"CC": compiler} if compiler else {})}
+def test_without_a_compiler_the_package_builds_without_the_kernel(tmp_path):
+    environment = {**os.environ, "CC": "/bin/false"}
     command = [
         sys.executable,
         "setup.py",
@@ -275,5 +280,4 @@ def test_without_a_compiler_the_package_builds_without_the_kernel(tmp_path, comp
     ]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert bool(list((tmp_path / "lib").rglob("_kernel*"))) == built
-    assert built or "_kernel" in done.stderr  # it is said
+    assert not list((tmp_path / "lib").rglob("_kernel*")) and "_kernel" in done.stderr  # it is said

@@ -15,7 +15,7 @@ def test_depth_is_measured_with_the_stated_errors():
 
 
 def test_a_depth_camera_reduces_the_error():
-    tracker, times = Tracker(TrackerConfig()), np.arange(60) / 30
+    tracker, times = Tracker(TrackerConfig(height=1.75)), np.arange(60) / 30
     states = motion(tracker.skeleton, times)
     pixels, confidence = detections(exact_pixels(tracker.kinematics, states), 30.0, seed=1)
     joints = track_with_depth(states, times, pixels, confidence)

@@ -15,7 +15,7 @@ def test_the_second_camera_looks_at_the_person_from_the_side():
 
 
 def test_a_second_camera_reduces_the_error():
-    tracker, times = Tracker(TrackerConfig()), np.arange(60) / 30
+    tracker, times = Tracker(TrackerConfig(height=1.75)), np.arange(60) / 30
     states = motion(tracker.skeleton, times)
     pixels, confidence = detections(exact_pixels(tracker.kinematics, states), 30.0, seed=1)
     joints = track_with_second_camera(states, times, pixels, confidence)

@@ -4,7 +4,6 @@ import ast
 import os
 import pickle
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from forked import Forked, ForkedCommands
 from scipy import sparse
 
 from lassokin_ros.core.body.skeleton import Skeleton
@@ -55,7 +55,7 @@ def blocks(page):
 
 def test_every_block_is_run_or_marked_as_not_run():
     languages = {block.language for page in PAGES for block in blocks(page)}
-    assert languages <= {"sh", "python", "console", "text", "math", "yaml", "cpp"}, languages
+    assert languages <= {"sh", "python", "console", "text", "math", "yaml", "cpp", "mermaid"}, languages
     lines = [
         (block.place, line)
         for page in PAGES
@@ -80,13 +80,11 @@ def workplace(tmp_path_factory):
     for entry in ("benchmarks", "config", "launch", "docs", "lassokin_ros", "msg_adapters", "README.md", "setup.py"):
         (folder / entry).symlink_to(ROOT / entry)
     (folder / ".venv").symlink_to(environment)
-    shims = tmp_path_factory.mktemp("executables")
-    if shutil.which("lassokin", path=environment / "bin") is None:  # run from the folder, not installed
-        (shims / "lassokin").write_text(f'#!/bin/sh\nexec {sys.executable} -m lassokin_ros.cli.lassokin "$@"\n')
-        (shims / "lassokin").chmod(0o755)
-    path = os.pathsep.join([str(environment / "bin"), str(shims), os.environ["PATH"]])
+    path = os.pathsep.join([str(environment / "bin"), os.environ["PATH"]])
     python = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-    return folder, {**os.environ, "PATH": path, "PYTHONPATH": python, "MPLBACKEND": "Agg"}
+    variables = {**os.environ, "PATH": path, "PYTHONPATH": python, "MPLBACKEND": "Agg"}
+    with ForkedCommands(variables, tmp_path_factory.mktemp("commands") / "socket") as environment:
+        yield folder, environment
 
 
 def run(block, command, workplace):
@@ -126,8 +124,11 @@ def test_every_command_of_a_page_runs(page, workplace):
 def run_python(pending, workplace):
     """Run Python blocks as one program, and forget them."""
     if pending:
-        program = "\n".join(block.text for block in pending)
-        run(pending[0], [sys.executable, "-c", program], workplace)
+        program, (folder, environment) = "\n".join(block.text for block in pending), workplace
+        command = [sys.executable, "-c", program]
+        process = Forked(command, folder, environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        said, _ = process.communicate(timeout=120)
+        assert process.returncode == 0, f"{pending[0].place} ends with {process.returncode}:\n{program}\n{said}"
         pending.clear()
 
 

@@ -79,4 +79,4 @@ def test_every_measure_command_is_one_that_test_docs_runs():
     """There it reads a recording of a person who walks or squats."""
     page = (ROOT / "docs" / "gait.md").read_text(encoding="utf-8")
     for words in commands("measure"):
-        assert f"\nlassokin measure {' '.join(words).replace('walk.npz', 'strides.npz')}\n" in page
+        assert f"\nlassokin measure {' '.join(words).replace('walk.mp4 --height 1.72', 'strides.npz')}\n" in page

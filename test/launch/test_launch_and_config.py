@@ -30,7 +30,7 @@ def test_every_parameter_file_starts_a_tracker(name):
     assert Tracker(tracker).layout.name == tracker.landmarks and node.checked() is node
     text = (CONFIG / f"{name}.yaml").read_text(encoding="utf-8")
     values = yaml.safe_load(text)["/**"]["ros__parameters"]
-    settings = {**vars(TrackerConfig()), **vars(NodeSettings())}
+    settings = {**vars(TrackerConfig(height=1.75)), **vars(NodeSettings())}
     for key, value in values.items():  # rclpy does not accept 4 for 4.0
         value = tuple(value) if isinstance(value, list) else value
         assert key == "use_sim_time" or type(value) is type(settings[key]), f"{name}.yaml: {key}"
@@ -43,8 +43,10 @@ def test_each_usual_set_up_has_a_parameter_file():
 def test_the_urdf_follows_from_settings():
     skeleton = Skeleton.load("anthropometric", TrackerConfig().height)
     base_frame = NodeSettings().base_frame
-    assert urdf_from_settings(TrackerConfig(), NodeSettings()) == urdf(skeleton, base_frame, "tracker/")
-    bare = urdf_from_settings(TrackerConfig(), NodeSettings(base_frame="lens", frame_prefix=""), "cam/tracker")
+    assert urdf_from_settings(TrackerConfig(height=1.75), NodeSettings()) == urdf(skeleton, base_frame, "tracker/")
+    bare = urdf_from_settings(
+        TrackerConfig(height=1.75), NodeSettings(base_frame="lens", frame_prefix=""), "cam/tracker"
+    )
     assert bare == urdf(skeleton, "lens")
 
 
@@ -63,6 +65,8 @@ class Recorded(SimpleNamespace):
 def launch_file(monkeypatch):
     """The launch file as a module, with recording replacements if launch is not installed (it is not on PyPI)."""
     for name, members in {
+        "ament_index_python": (),
+        "ament_index_python.packages": ("get_package_prefix",),
         "launch": ("LaunchContext", "LaunchDescription"),
         "launch.actions": ("DeclareLaunchArgument", "ExecuteProcess", "LogInfo", "OpaqueFunction"),
         "launch_ros": (),
@@ -105,6 +109,16 @@ def test_launch_starts_the_default_nodes(launch_file):
     assert frames.parameters[0]["robot_description"].args[0] == own_urdf()
     assert ("joint_states", "tracker/joint_states") in frames.remappings
     assert not hasattr(tracker, "namespace")
+
+
+def test_the_tracker_publishes_all_frames_if_robot_state_publisher_is_not_installed(launch_file, monkeypatch):
+    def missing(package):
+        raise LookupError(package)
+
+    monkeypatch.setattr(launch_file, "get_package_prefix", missing)
+    started = start(launch_file)
+    assert started["lassokin_ros"].parameters[1] == {"publish_tf": "all"}
+    assert set(started) == {"lassokin_ros", "bag"} and "not installed" in started["bag"].msg
 
 
 def test_launch_passes_its_arguments(launch_file, tmp_path):

@@ -72,6 +72,12 @@ def test_an_impossible_camera_is_uncalibrated(fields, text):
     assert text in refused("camera_uncalibrated", **fields)
 
 
+def test_a_camera_with_a_rectified_matrix_alone_is_told_so():
+    rectified = np.hstack([300 * np.eye(3), np.zeros((3, 1))]).ravel()
+    assert "P is filled: set `rectified`" in refused("camera_uncalibrated", fx=0.0, p=rectified)
+    assert "the camera is not calibrated" in refused("camera_uncalibrated", fx=0.0, p=np.zeros(12))
+
+
 def test_the_shortest_accepted_focal_lengths():
     assert decoded(fx=193.0, fy=193.0).K[0, 0] == 193  # 0.3 of the image's width
     assert decoded(fx=6390.0, fy=6390.0).K[0, 0] == 6390

@@ -108,6 +108,11 @@ def test_ids_outside_the_layout_and_repeated_ones_are_refused():
     assert keypoints([0, 4]).as_landmarks(5)[1].tolist() == [0.5, 0, 0, 0, 0.5]
     assert "id 5; expected 0 to 4" in refused(lambda: keypoints([0, 5]).as_landmarks(5), "unknown_id")
     assert "id -1; expected 0 to 4" in refused(lambda: keypoints([0, -1]).as_landmarks(5), "unknown_id")
+    assert "begin at 0" not in refused(lambda: keypoints([2, 5]).as_landmarks(5), "unknown_id")
+    assert "(2 people need numbers, or an array the dimensions 2 x 5 x 3)" in refused(
+        lambda: keypoints(range(10)).as_landmarks(5), "unknown_id"
+    )
+    assert "(they begin at 0)" in refused(lambda: keypoints([1, 2, 5]).as_landmarks(5), "unknown_id")
     refused(lambda: keypoints([3, 3]).as_landmarks(5), "repeated_id")
     missing = keypoints([3, 3, 9], confidence=[0.5, 0, 0])  # what is missing is no matter of the layout
     assert missing.as_landmarks(5)[1].tolist() == [0, 0, 0, 0.5, 0]

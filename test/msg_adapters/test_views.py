@@ -56,7 +56,7 @@ def foxglove():
 @pytest.fixture(scope="module", params=BACKENDS, ids=lambda b: type(b).__name__)
 def shown(request):
     """(camera_info, pixels (l, 2), {topic: message}) of a tracked person, seen through a webcam with distortion."""
-    session, backend = Session(TrackerConfig(calibrate=False), NodeSettings()), rosbags_backend()
+    session, backend = Session(TrackerConfig(height=1.75, calibrate=False), NodeSettings()), rosbags_backend()
     info = camera_info(backend, START_NS, FRAME, WEBCAM.K, WEBCAM.D, WEBCAM.size)
     session.set_camera(info)
     exact = exact_pixels(session.tracker.kinematics, motion(session.tracker.skeleton, np.arange(FRAMES) / 30))
@@ -89,7 +89,7 @@ def test_markers_are_at_the_keypoints(shown):
     info, pixels, messages = shown
     bones, joints = messages[topics.MARKERS].markers
     assert bones.header.frame_id == joints.header.frame_id == info.header.frame_id == FRAME
-    tracker = Tracker(TrackerConfig())
+    tracker = Tracker(TrackerConfig(height=1.75))
     skeleton, names = tracker.skeleton, tracker.layout.names
     centres = [n for n in names if n.split("_")[-1] in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")]
     assert len(centres) == 12  # keypoints of COCO that are joint centres

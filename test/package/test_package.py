@@ -66,8 +66,8 @@ def test_tracking_imports_no_optional_modules():
         from lassokin_ros.core.config import TrackerConfig
         from lassokin_ros.pipeline.settings import NodeSettings
         from lassokin_ros.pipeline.session import Session
-        Session(TrackerConfig(), NodeSettings())
-        Session(TrackerConfig(), NodeSettings(max_people=3))
+        Session(TrackerConfig(height=1.75), NodeSettings())
+        Session(TrackerConfig(height=1.75), NodeSettings(max_people=3))
         print(*sys.modules)
     """
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout

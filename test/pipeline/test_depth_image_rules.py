@@ -10,7 +10,7 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 from depth_camera import depth_message  # noqa: E402
 from messages import rosbags_backend  # noqa: E402
 
-from lassokin_ros.pipeline.depth_images import (  # noqa: E402
+from lassokin_ros.pipeline.depth.depth_images import (  # noqa: E402
     COUNTS,
     EARLIER,
     KEPT,

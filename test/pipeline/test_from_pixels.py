@@ -27,7 +27,7 @@ def error_mm(observations):
     """Mean absolute error of the joints over the last frames, mm."""
     skeleton = Skeleton.load("anthropometric", 1.75)
     truth = Kinematics(skeleton, Layout.load("coco17", skeleton)).pose(motion(skeleton, np.arange(COUNT) / 30))
-    tracker = Tracker(TrackerConfig())
+    tracker = Tracker(TrackerConfig(height=1.75))
     errors = []
     for observation, expected in zip(observations, truth.positions):
         estimate = tracker.track(observation)
@@ -98,11 +98,14 @@ def test_other_shapes_and_units_are_refused(points, words):
         observation_from_pixels(0.0, POINTS[0], LENS, ["far"] * 17)
     with pytest.raises(LassokinError, match=r"depth has the shape \(3,\); expected \(17,\)"):
         observation_from_pixels(0.0, POINTS[0], LENS, np.ones(3))
+    with pytest.raises(LassokinError, match="up to 3770; expected m: divide mm by 1000"):
+        observation_from_pixels(0.0, POINTS[0], LENS, np.where(np.arange(17) < 9, 3770, 0))
+    assert observation_from_pixels(0.0, POINTS[0], LENS, np.where(np.arange(17) < 8, 65.5e3, 3.7)).depth is not None
 
 
 @pytest.mark.parametrize("shape", [(0,), (0, 3), (0, 17, 3), (1, 0), (1, 0, 3)])
 def test_a_detectors_array_without_values_is_nobody(shape):
-    tracker = Tracker(TrackerConfig())
+    tracker = Tracker(TrackerConfig(height=1.75))
     assert tracker.track(observation_from_pixels(0.0, POINTS[0], LENS)).accepted
     nobody = tracker.track(observation_from_pixels(0.1, np.zeros(shape), LENS))
     assert nobody.rejection is Rejection.TOO_FEW_LANDMARKS
@@ -125,7 +128,7 @@ def test_stamps_in_another_unit_are_named(stamp, words):
 
 
 def test_stamps_in_ms_are_a_warning_of_the_tracker():
-    tracker = Tracker(TrackerConfig())
+    tracker = Tracker(TrackerConfig(height=1.75))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for i in range(10):
@@ -133,6 +136,16 @@ def test_stamps_in_ms_are_a_warning_of_the_tracker():
         with pytest.raises(UserWarning, match=r"33.3333 s apart.*divide a time in ms by 1000"):
             tracker.track(observation_from_pixels(1e3 * 10 / 30, POINTS[10], LENS))
         tracker.track(observation_from_pixels(1e3 * 11 / 30, POINTS[11], LENS))  # once
+
+
+def test_numbers_of_frames_as_stamps_are_a_warning_of_the_tracker():
+    tracker = Tracker(TrackerConfig(height=1.75))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for i in range(10):
+            tracker.track(observation_from_pixels(i, POINTS[i], LENS))
+        with pytest.raises(UserWarning, match="whole numbers, 1 apart.*divide the number of a frame by the frame rate"):
+            tracker.track(observation_from_pixels(10, POINTS[10], LENS))
 
 
 def test_percent_are_recognised_only_until_larger_coordinates_were_seen():

@@ -20,7 +20,7 @@ ANKLES = [7, 8]
 
 
 def pipeline_for(*evidence, **settings):
-    session = Session(TrackerConfig(smoothing=0.0), NodeSettings(**settings), evidence)
+    session = Session(TrackerConfig(height=1.75, smoothing=0.0), NodeSettings(**settings), evidence)
     assert session.set_camera(camera_info(BACKEND)) is None
     return session
 

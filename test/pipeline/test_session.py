@@ -46,7 +46,7 @@ START_NS, PERIOD_NS, SECOND = 10**12, 33_333_333, 10**9
 
 @pytest.fixture
 def session():
-    result = Session(TrackerConfig(), NodeSettings())
+    result = Session(TrackerConfig(height=1.75), NodeSettings())
     assert result.set_camera(camera_info(BACKEND)) is None
     return result
 
@@ -69,18 +69,18 @@ def test_an_accepted_message(session):
     assert counts == {"received": 1, "accepted": 1} and frame.accepted
     assert session.scene.image == (START_NS, FRAME) and session.status is Status.TRACKING and session.ids is None
     assert (frame.stamp_ns, frame.frame_id, frame.rejection, frame.detail) == (START_NS, FRAME, None, "")
-    assert session.calibrations() == {"": session.tracker.learned.lengths} and not session.nobody_in_view
+    assert session.calibrations() == {"": session.tracker.learned.lengths} and not session.inputs.nobody_in_view
 
 
 def test_before_the_camera_messages_are_refused():
-    session = Session(TrackerConfig(), NodeSettings())
-    assert not session.has_camera and session.camera_fault == ""
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
+    assert not session.inputs.has_camera and session.inputs.camera_fault == ""
     counts, (frame,) = changes(session, message(0), arrival_ns=77)
     assert counts == {"received": 1, "rejected: no_camera_info": 1}
     assert (frame.rejection, frame.stamp_ns, frame.frame_id, frame.estimate) == ("no_camera_info", 77, "", None)
     assert frame.detail == "no camera_info received yet" and session.scene.image is None
     assert session.set_camera(camera_info(BACKEND, 0.0)) == "camera_uncalibrated"
-    assert session.counts["rejected: camera_uncalibrated"] == 1 and session.camera_fault
+    assert session.counts["rejected: camera_uncalibrated"] == 1 and session.inputs.camera_fault
 
 
 def test_a_disabled_pipeline_counts_and_does_nothing(session):
@@ -92,23 +92,23 @@ def test_a_disabled_pipeline_counts_and_does_nothing(session):
 def test_a_message_without_anybody(session):
     counts, (frame,) = changes(session, message(0, confidence=np.full(17, 0.19)))
     assert counts == {"received": 1, "rejected: too_few_landmarks": 1, NOBODY: 1, UNUSED: 1}
-    assert session.unused_confidence == pytest.approx(0.19)
-    assert session.nobody_in_view and frame.estimate is not None
+    assert session.inputs.unused_confidence == pytest.approx(0.19)
+    assert session.inputs.nobody_in_view and frame.estimate is not None
     counts, _ = changes(session, message(1, confidence=np.where(np.arange(17) == 3, 0.2, 0.1)))
-    assert NOBODY not in counts and not session.nobody_in_view
+    assert NOBODY not in counts and not session.inputs.nobody_in_view
     session.frames(message(2, confidence=np.zeros(17)), 5)
-    assert session.nobody_in_view
+    assert session.inputs.nobody_in_view
     session.frames(message(2, stamp_ns=-(10**9) + 2 * 10**9), 5)  # whatever it is
-    assert not session.nobody_in_view
+    assert not session.inputs.nobody_in_view
 
 
 @pytest.mark.parametrize("max_people", [1, 2])
 def test_a_default_cloud_shows_nobody(max_people):
-    session = Session(TrackerConfig(), NodeSettings(max_people=max_people))
+    session = Session(TrackerConfig(height=1.75), NodeSettings(max_people=max_people))
     session.set_camera(camera_info(BACKEND))
     empty = raw_cloud(BACKEND, START_NS + PERIOD_NS, b"", [], 0, 0)
     assert [frame.rejection for frame in session.frames(empty, 5)] == ["too_few_landmarks"] * (max_people == 1)
-    assert session.nobody_in_view and session.scene_known_empty(5)
+    assert session.inputs.nobody_in_view and session.scene_known_empty(5)
 
 
 def test_placeholders_and_points_outside_are_counted(session):
@@ -168,14 +168,14 @@ def test_a_loop_that_begins_with_an_empty_scene_is_tracked_again(session, monkey
 def test_reset_forgets_people_and_stamps_and_keeps_camera_and_counts(session):
     session.frames(message(5), 5)
     session.reset()
-    assert session.status is Status.SEARCHING and session.scene.image is None and session.has_camera
+    assert session.status is Status.SEARCHING and session.scene.image is None and session.inputs.has_camera
     assert session.counts["resets"] == 1 and session.counts["received"] == 1
     counts, (frame,) = changes(session, message(0))  # an earlier stamp is no old one
     assert counts == {"received": 1, "accepted": 1} and frame.estimate.initialised
 
 
 def test_reset_forgets_the_depth_images():
-    session = Session(TrackerConfig(), NodeSettings(depth="depth"))
+    session = Session(TrackerConfig(height=1.75), NodeSettings(depth="depth"))
     session.first.depth.add(depth_message(BACKEND, START_NS, np.ones((4, 4))), 5)
     assert session.first.depth.newest_ns == START_NS
     session.reset()
@@ -210,14 +210,16 @@ def test_silence_informs_only_if_it_is_set(session):
     assert not session.scene_known_empty(9 * SECOND)  # the last message was refused
     session.enabled = False
     assert not session.scene_known_empty(9 * SECOND)
-    assert not Session(TrackerConfig(), quiet).scene_known_empty(1)  # without a camera every message is refused
+    assert not Session(TrackerConfig(height=1.75), quiet).scene_known_empty(
+        1
+    )  # without a camera every message is refused
 
 
 @pytest.mark.parametrize("max_people", [1, 3])
 def test_silence_after_a_person_does_not_say_that_nobody_is_there(max_people):
     """Also if people are forgotten before the last image, which shows the person, is stale."""
     config = NodeSettings(max_people=max_people, stale_after=5.0, forget_after=3.0)
-    session, state = Session(TrackerConfig(), config), PresenceState()
+    session, state = Session(TrackerConfig(height=1.75), config), PresenceState()
     session.set_camera(camera_info(BACKEND))
     states = []
     for index in range(300):
@@ -306,7 +308,7 @@ def test_another_height_resets_and_other_settings_do_not(session):
     [({"height": 3.0}, {}), ({"height": 1.5, "noise_px": -1.0}, {}), ({"height": 1.5}, {"forget_after": -1.0})],
 )
 def test_a_wrong_value_changes_nothing_for_anybody(tracker, node):
-    session = Session(TrackerConfig(), NodeSettings(max_people=2))
+    session = Session(TrackerConfig(height=1.75), NodeSettings(max_people=2))
     config, settings = session.tracker.config, session.config
     with pytest.raises(ConfigurationError, match="expected"):
         session.tune(replace(config, **tracker), replace(settings, **{"forget_after": 1.5, **node}))
@@ -333,7 +335,7 @@ def test_files_that_are_gone_change_nothing(tmp_path):
     ("person_ids", "numbers", "lasting"), [("message", [3], True), ("node", [3], False), ("message", [-1], False)]
 )
 def test_who_numbers_people(person_ids, numbers, lasting):
-    session = Session(TrackerConfig(), NodeSettings(max_people=2, person_ids=person_ids))
+    session = Session(TrackerConfig(height=1.75), NodeSettings(max_people=2, person_ids=person_ids))
     session.set_camera(camera_info(BACKEND))
     pairs = [(PIXELS[0], np.full(17, 0.9))]
     frames = session.frames(crowd(BACKEND, START_NS, pairs, numbers), 5)
@@ -343,7 +345,7 @@ def test_who_numbers_people(person_ids, numbers, lasting):
 
 
 def test_held_results_come_later_and_with_a_flush():
-    session = Session(TrackerConfig(smoothing_lag=0.1), NodeSettings())
+    session = Session(TrackerConfig(height=1.75, smoothing_lag=0.1), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     stamps = [frame.stamp_ns for i in range(8) for frame in session.frames(message(i), 5)]
     rest = [frame.stamp_ns for frame in frames_of(session.finish())]

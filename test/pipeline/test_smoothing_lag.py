@@ -24,7 +24,7 @@ PIXELS = pixels_of_motion(60)
 
 
 def pipeline_for(lag=LAG, **settings):
-    session = Session(TrackerConfig(smoothing_lag=lag), NodeSettings(**settings))
+    session = Session(TrackerConfig(height=1.75, smoothing_lag=lag), NodeSettings(**settings))
     session.set_camera(camera_info(BACKEND))
     return session
 
@@ -57,7 +57,10 @@ def test_late_frames_have_their_own_messages_and_continuous_joint_states():
 
 def test_a_lag_of_3_ms_has_no_effect_and_one_with_almost_no_smoothing_only_delays():
     """docs/tuning.md, smoothing_lag."""
-    at_once, delayed = pipeline_for(0.003), Session(TrackerConfig(smoothing=5e-4, smoothing_lag=LAG), NodeSettings())
+    at_once, delayed = (
+        pipeline_for(0.003),
+        Session(TrackerConfig(height=1.75, smoothing=5e-4, smoothing_lag=LAG), NodeSettings()),
+    )
     delayed.set_camera(camera_info(BACKEND))
     for i, xy in enumerate(PIXELS[:10]):
         assert [f.stamp_ns for f in at_once.frames(cloud(BACKEND, stamp(i), xy), 0)] == [stamp(i)]

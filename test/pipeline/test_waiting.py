@@ -12,7 +12,7 @@ from depth_camera import depth_message  # noqa: E402
 from messages import camera_info, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.pipeline.depth_images import DepthImages  # noqa: E402
+from lassokin_ros.pipeline.depth.depth_images import DepthImages  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from lassokin_ros.pipeline.waiting import MOST_FAILED_WAITS, Wait, Waiting  # noqa: E402
@@ -107,7 +107,7 @@ class Robot:
 
     def __init__(self, wait=0.0):
         self.eye = turning_eye("camera", 1.0)
-        self.session = Session(TrackerConfig(), NodeSettings(fixed_frame=MAP, wait=wait))
+        self.session = Session(TrackerConfig(height=1.75), NodeSettings(fixed_frame=MAP, wait=wait))
         self.session.set_camera(camera_info(BACKEND, frame_id=self.eye.frame))
         self.random = np.random.default_rng(0)
 

@@ -136,7 +136,7 @@ def test_without_a_file_the_option_is_named(folder, tmp_path, capsys):
     assert "for camera_info; give the calibration with --camera-info FILE; its topics are" in capsys.readouterr().err
 
 
-def test_an_archive_uses_the_file_and_repeats_with_another(folder, tmp_path, monkeypatch, capsys):
+def test_an_archive_uses_the_file_and_repeats_with_another(folder, tmp_path, monkeypatch, capsys, forked_workers):
     monkeypatch.chdir(folder)
     command = ["bare", "walk", "-o", str(tmp_path / "out"), "--jobs", "1", "--camera-info"]
     outcomes = []

@@ -33,7 +33,7 @@ from lassokin_ros.replay.keypoint_recording import write_keypoint_recording  # n
 from lassokin_ros.replay.passes import passes  # noqa: E402
 from lassokin_ros.replay.passes.kept_observations import KeptObservations  # noqa: E402
 
-FRAMES = 240
+FRAMES = 150
 
 
 @pytest.fixture(scope="module")
@@ -68,13 +68,12 @@ def arms(path, person=""):
 
 def test_the_first_frame_has_the_lengths_learned_by_the_last_frame(recording, tmp_path):
     bag, truth = recording
-    for name, options in (("one", []), ("two", ["--two-pass"]), ("again", ["--two-pass"])):
+    for name, options in (("one", []), ("two", ["--two-pass"])):
         assert main([str(bag), "-o", str(tmp_path / name), *options]) == 0
     (one, _), (two, joints) = arms(tmp_path / "one"), arms(tmp_path / "two")
     true = np.linalg.norm(np.diff(truth[0, [16, 18]], axis=0))
     assert abs(two[0] - one[-1]) < 0.002 and abs(two[0] - true) < 0.75 * abs(one[0] - true)
     assert len(joints) == FRAMES
-    assert contents(tmp_path / "two") == contents(tmp_path / "again")
 
 
 def test_two_passes_need_calibration(recording, tmp_path, capsys):
@@ -82,16 +81,15 @@ def test_two_passes_need_calibration(recording, tmp_path, capsys):
     assert "needs calibration" in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("cameras", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_several_people_have_the_lengths_learned_by_the_last_frame(tmp_path, cameras):
+def test_several_people_have_the_lengths_learned_by_the_last_frame(tmp_path):
     """Two people with long arms side by side; who is who is not told by the messages, whose rows change their order."""
-    backend, random, times = rosbags_backend(), np.random.default_rng(3), np.arange(150) / 30
+    backend, random, times = rosbags_backend(), np.random.default_rng(3), np.arange(100) / 30
     skeleton = Skeleton.load("anthropometric", 1.75)
     scales = np.ones(skeleton.joint_count)
     scales[[skeleton.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("elbow", "wrist")]] = 1.2
     own = skeleton.with_bone_scales(scales)
     body = in_map(Kinematics(own, Layout.load("coco17", own)).pose(motion(own, times))).landmarks
-    eyes, sent = [eye("left", 0), eye("right", 70)][:cameras], []
+    eyes, sent = [eye("left", 0), eye("right", 70)], []
     for one in eyes:
         info = camera_info(backend, frame_id=one.frame)
         sent.append((f"/{one.name}/camera_info", info.__msgtype__, START_NS, info))
@@ -102,8 +100,7 @@ def test_several_people_have_the_lengths_learned_by_the_last_frame(tmp_path, cam
             two = [(pixels(one, now, landmarks + [x, 0, 0], random), np.full(17, 0.9)) for x in (-0.7, 0.7)]
             message = crowd(backend, stamp_ns, [two[i] for i in random.permutation(2)], [-1, -2], one.frame)
             sent.append((f"/{one.name}/keypoints", message.__msgtype__, stamp_ns, message))
-    names = ", ".join(one.name for one in eyes)
-    settings = ("max_people:=2", f"cameras:=[{names}]", "fixed_frame:=map")
+    settings = ("max_people:=2", "cameras:=[left, right]", "fixed_frame:=map")
     options = [word for setting in settings for word in ("-p", setting)]
     bag = write_messages(tmp_path / "in", sent)
     assert main([str(bag), "-o", str(tmp_path / "one"), *options]) == 0
@@ -133,20 +130,19 @@ def smoothed():
     return [word for name, value in WHOLE_FILE.items() for word in ("-p", f"{name}:={value}")]
 
 
-def test_a_recording_too_short_for_calibration_keeps_its_lengths(tmp_path):
-    bag = write_recording(tmp_path / "short", 20)
-    assert main([str(bag), "-o", str(tmp_path / "one"), *smoothed()]) == 0
-    assert main([str(bag), "-o", str(tmp_path / "two"), "--two-pass"]) == 0
-    assert np.abs(arms(tmp_path / "one")[0] - arms(tmp_path / "two")[0]).max() < 1e-9
-
-
-def test_the_published_root_is_between_the_tracks_forward_and_backward(tmp_path, monkeypatch):
+def test_a_short_recording_keeps_its_lengths_and_its_root_is_between_the_tracks_forward_and_backward(
+    tmp_path, monkeypatch
+):
+    """It is too short for calibration; a second time it gives the same bytes."""
     bag, found = write_recording(tmp_path / "short", 20), []
     backward = passes._backward
     monkeypatch.setattr(passes, "_backward", lambda *given: found.append(backward(*given)) or found[0])
     assert main([str(bag), "-o", str(tmp_path / "one"), *smoothed()]) == 0
-    assert main([str(bag), "-o", str(tmp_path / "two"), "--two-pass"]) == 0
-    (frames,) = (one[None] for one in found)
+    for name in ("two", "again"):
+        assert main([str(bag), "-o", str(tmp_path / name), "--two-pass"]) == 0
+    assert contents(tmp_path / "two") == contents(tmp_path / "again")
+    assert np.abs(arms(tmp_path / "one")[0] - arms(tmp_path / "two")[0]).max() < 1e-9
+    frames = found[0][None]
     forward, both = arms(tmp_path / "one")[1][:, 0], arms(tmp_path / "two")[1][:, 0]
     stamps = [START_NS + round(frame / RATE * 1e9) for frame in range(20)]
     assert sorted(frames) == stamps
@@ -247,7 +243,7 @@ def test_an_observation_is_given_back_as_it_was():
 
 def test_the_track_backward_has_the_places_learned_forward_and_leaves_them(monkeypatch):
     """Nobody told where the right camera is: it was found after the first instant, and corrected then."""
-    session = Session(TrackerConfig(extrinsics="learn"), NodeSettings(cameras=("left", "right")))
+    session = Session(TrackerConfig(height=1.75, extrinsics="learn"), NodeSettings(cameras=("left", "right")))
     extrinsics, kept, used = session.tracker.learned.extrinsics, KeptObservations(), []
     found = CameraPose("right", exponential(np.array([[0.0, 1.5, 0.0]]))[0], np.array([0.0, 0.0, 3.0]))
     extrinsics.found["right"], extrinsics.corrections["right"] = found, np.array([0.0, 0.0, 0.0, 0.1, 0.0, 0.0])

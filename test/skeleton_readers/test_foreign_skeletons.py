@@ -104,7 +104,7 @@ def test_a_file_of_names_next_to_the_skeleton_is_used(tmp_path):
 def test_unknown_names_are_read_with_a_file_of_names(tmp_path):
     path = written(tmp_path, bvh({joint: f"j{number}" for number, joint in enumerate(OURS.joint_names)}, 100.0))
     with pytest.raises(LayoutError, match="has joint .*; none of the known programs .* 'theirs.names.yaml'"):
-        Session(TrackerConfig(skeleton=path), NodeSettings())
+        Session(TrackerConfig(height=1.75, skeleton=path), NodeSettings())
     lines = [f"{joint}: j{OURS.index(joint)}\n" for joint in REQUIRED]
     (tmp_path / "theirs.names.yaml").write_text("".join(lines))
     check_places(load_skeleton(path, HEIGHT))
@@ -171,5 +171,5 @@ def test_a_body_of_another_size_than_the_height_is_scaled_with_the_height_that_k
 def test_files_of_other_kinds_are_named_with_their_conversion(tmp_path, name, expected):
     (tmp_path / name).write_bytes(b"\x80\x04K\x01.")
     with pytest.raises(SkeletonError) as raised:
-        Session(TrackerConfig(skeleton=str(tmp_path / name)), NodeSettings())
+        Session(TrackerConfig(height=1.75, skeleton=str(tmp_path / name)), NodeSettings())
     assert expected in str(raised.value) and "\n" not in str(raised.value)

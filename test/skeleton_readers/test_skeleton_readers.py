@@ -331,7 +331,7 @@ def test_a_missing_file_is_refused(tmp_path):
 
 def test_the_core_names_the_reader_of_the_file(tmp_path):
     smpl_like(tmp_path / "model.npz")
-    config = TrackerConfig(skeleton=str(tmp_path / "model.npz"))
+    config = TrackerConfig(height=1.75, skeleton=str(tmp_path / "model.npz"))
     with pytest.raises(SkeletonError, match="reads skeletons from YAML only; .* give it to Tracker"):
         Tracker(config)
     assert Tracker(config, load_skeleton(config.skeleton, config.height)).skeleton.name == "model"
@@ -339,7 +339,7 @@ def test_the_core_names_the_reader_of_the_file(tmp_path):
 
 def test_node_and_replay_read_a_skeleton_file(tmp_path):
     smpl_like(tmp_path / "model.npz")
-    config = TrackerConfig(skeleton=str(tmp_path / "model.npz"))
+    config = TrackerConfig(height=1.75, skeleton=str(tmp_path / "model.npz"))
     session = Session(config, NodeSettings(max_people=2))
     same(session.tracker.skeleton, BUILT_IN)
 
@@ -348,4 +348,4 @@ def test_node_and_replay_refuse_a_skeleton_without_a_valid_urdf(tmp_path):
     """As it may be in a BVH file with its own names."""
     (tmp_path / "own.yaml").write_text(skeleton_text(BUILT_IN).replace('"pelvis"', '"root"'))
     with pytest.raises(SkeletonError, match="two joints of its URDF would be called 'root_x'"):
-        Session(TrackerConfig(skeleton=str(tmp_path / "own.yaml")), NodeSettings())
+        Session(TrackerConfig(height=1.75, skeleton=str(tmp_path / "own.yaml")), NodeSettings())

@@ -6,11 +6,14 @@ Tests of the start itself use `subprocess`.
 import multiprocessing
 import os
 import runpy
+import signal
+import socket
 import subprocess
 import sys
 import threading
 from multiprocessing import forkserver
 from pathlib import Path
+from types import SimpleNamespace
 
 ROOT = Path(__file__).resolve().parents[2]
 CONTEXT = multiprocessing.get_context("forkserver")
@@ -18,7 +21,7 @@ CONTEXT.set_forkserver_preload(["forked", "lassokin_ros.node.node", "lassokin_ro
 
 
 class Forked:
-    """As `subprocess.Popen` of [sys.executable, "-m", module, ...] or [sys.executable, file, ...], without a stdin.
+    """As `subprocess.Popen` of [sys.executable, ...] with "-m", module, "-c", code or file, ..., without a stdin.
 
     stdout: `DEVNULL` or `PIPE`. stderr: `PIPE`, or `STDOUT` for both in one. What is piped is read all the time.
     """
@@ -65,6 +68,80 @@ class Forked:
         self._process.kill()
 
 
+CLIENT = """import os, socket, sys
+connection = socket.socket(socket.AF_UNIX)
+connection.connect(sys.argv[1])
+socket.send_fds(connection, ["\\0".join([os.getcwd(), *sys.argv[2:]]).encode()], [0, 1, 2])
+sys.exit(int(connection.recv(9) or 1))"""
+
+
+class ForkedCommands:
+    """A process of which each `lassokin ...` in a shell of bash is a fork. A context: the shell's environment."""
+
+    def __init__(self, environment, place):
+        self._path, self._environment = str(place), environment
+        start_server()
+        self._process = CONTEXT.Process(target=_serve, args=(self._path, environment))
+
+    def __enter__(self):
+        self._process.start()
+        call = f"{sys.executable} -I -S -c '{CLIENT}' {self._path} \"$@\""
+        return {**self._environment, "BASH_FUNC_lassokin%%": f"() {{ {call}; }}"}
+
+    def __exit__(self, *_):
+        self._process.kill()
+        self._process.join()
+
+
+def _serve(path, environment):
+    """Run the command of each connection in a process of its own, and answer with its exit code."""
+    os.environ.update(environment)
+    workers = _workers()
+    multiprocessing.get_context = lambda _: workers  # of an archive's replay
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(path)
+        server.listen()
+        signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+        while True:
+            connection, _ = server.accept()
+            if os.fork():
+                connection.close()
+                continue
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+            message, files, *_ = socket.recv_fds(connection, 65536, 3)
+            child = os.fork()
+            if child:
+                connection.send(str(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])).encode())
+                os._exit(0)
+            for number, file in enumerate(files):
+                os.dup2(file, number)
+            sys.stdout, sys.stderr = (open(number, "w", encoding="utf-8", closefd=False) for number in (1, 2))
+            folder, *arguments = message.decode().split("\0")
+            os.chdir(folder)
+            sys.argv = ["lassokin", *arguments]
+            runpy.run_module("lassokin_ros.cli.lassokin", run_name="__main__", alter_sys=True)
+
+
+def _workers():
+    """A context of multiprocessing whose processes are forked, and close the other ends of the pipes."""
+    fork, others = multiprocessing.get_context("fork"), []
+
+    def pipe():
+        ends = fork.Pipe()
+        others.append(ends[0])
+        return ends
+
+    def process(target, args, daemon):
+        def run(*given):
+            for end in others:
+                end.close()
+            target(*given)
+
+        return fork.Process(target=run, args=args, daemon=daemon)
+
+    return SimpleNamespace(Pipe=pipe, Process=process)
+
+
 class _Reader(threading.Thread):
     """Reads a pipe until its last writer has ended."""
 
@@ -109,6 +186,9 @@ def _run(arguments, folder, environment, stdout, stderr):
     if first == "-m":
         sys.argv, sys.path[:0] = rest, [folder, *paths]
         runpy.run_module(rest[0], run_name="__main__", alter_sys=True)
+    elif first == "-c":
+        sys.argv, sys.path[:0] = ["-c", *rest[1:]], [folder, *paths]
+        exec(compile(rest[0], "<string>", "exec"), {"__name__": "__main__"})
     else:
         sys.argv, sys.path[:0] = arguments, [str(Path(first).parent), *paths]
         runpy.run_path(first, run_name="__main__")

@@ -14,7 +14,7 @@ from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion
 
 FOCAL, RATE, NOISE_PX = 1000.0, 30.0, 2.0
-CONFIG = TrackerConfig(noise_px=NOISE_PX)
+CONFIG = TrackerConfig(height=1.75, noise_px=NOISE_PX)
 """The default configuration, with the noise of `observations`."""
 WITHOUT_NETWORK = replace(CONFIG, depth_prior=False)
 """The same without the depth network, for what the tracker does only then, or what the network hides."""
@@ -36,7 +36,7 @@ def observations(tracker, seconds=2.0, start=0.0, noise_px=NOISE_PX, seed=0):
 
 def detected(seconds, seed=1):
     """(tracker, observations) of the demo's person with its simulated detector."""
-    tracker, lens = Tracker(TrackerConfig()), WEBCAM.lens
+    tracker, lens = Tracker(TrackerConfig(height=1.75)), WEBCAM.lens
     times = np.arange(round(seconds * RATE)) / RATE
     pixels, confidence = detections(exact_pixels(tracker.kinematics, motion(tracker.skeleton, times)), RATE, seed=seed)
     return tracker, [

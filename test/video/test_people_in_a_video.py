@@ -16,7 +16,7 @@ from lassokin_ros.video.people import PersonError, choose, people_in, settings_f
 
 pytest.importorskip("cv2")
 
-from test_track import STANDING, Standing, long_video  # noqa: E402, F401
+from test_track import IMAGES, STANDING, Standing, long_video  # noqa: E402, F401
 
 RECORDED = data_folder() / "detections" / "wildflower_everybody_openpose.npz"
 
@@ -59,11 +59,11 @@ def run(video, tmp_path, *options):  # noqa: F811
 def test_one_of_two_people_is_tracked_all_the_time(who, side, two, long_video, tmp_path, capsys):  # noqa: F811
     found = run(long_video, tmp_path, *(["--person", who] if who else []))
     ((seconds, x),) = found.values()
-    assert len(seconds) == (75 if side > 0 else 120) and (np.sign(x) == side).all()
+    assert len(seconds) == (38 if side > 0 else IMAGES) and (np.sign(x) == side).all()
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("people ")]
     number = 1 if side > 0 else 2
     assert f"2 people in the images, number {number} is tracked" in line
-    assert "1: 0.0 to 2.5 s, 181 px in size, at first right; 2: 0.0 to 4.0 s" in line
+    assert "1: 0.0 to 2.5 s, 181 px in size, at first right; 2: 0.0 to 3.9 s" in line
 
 
 def test_all_people_have_their_files(monkeypatch, two, long_video, tmp_path, capsys):  # noqa: F811
@@ -73,18 +73,20 @@ def test_all_people_have_their_files(monkeypatch, two, long_video, tmp_path, cap
     found = run(long_video, tmp_path, "--person", "all", "--export", str(tmp_path / "m.bvh"))
     (frames,) = given
     for number, (person, (seconds, x)) in enumerate(sorted(found.items()), 1):
-        assert len(frames[number]) >= len(seconds) > 50, person
+        assert len(frames[number]) >= len(seconds) > 25, person
         roots = np.array([one.state.translation[0] for one in frames[number].values()])
         assert abs(np.median(roots) - np.median(x)) < 0.3, person
     assert set(found) == {"p1", "p2"} and (found["p1"][1] > 0).all() and (found["p2"][1] < 0).all()
-    assert len(found["p2"][0]) > 115 and {file.name for file in tmp_path.glob("*.bvh")} == {"m_p1.bvh", "m_p2.bvh"}
+    assert len(found["p2"][0]) > IMAGES - 5 and {file.name for file in tmp_path.glob("*.bvh")} == {
+        "m_p1.bvh",
+        "m_p2.bvh",
+    }
     assert "numbers 1 and 2 are tracked" in capsys.readouterr().out
     (tmp_path / "m_p3.bvh").write_text("of an earlier run", encoding="utf-8")
     (tmp_path / "m_pose.bvh").write_text("of nobody", encoding="utf-8")
-    run(long_video, tmp_path, "--person", "all", "--export", str(tmp_path / "m.bvh"))
-    assert {file.name for file in tmp_path.glob("*.bvh")} == {"m_p1.bvh", "m_p2.bvh", "m_pose.bvh"}
-    only = run(long_video, tmp_path, "-p", "max_people:=2")
+    only = run(long_video, tmp_path, "-p", "max_people:=2", "--causal", "--export", str(tmp_path / "m.bvh"))
     assert set(only) == {"p1", "p2"}
+    assert {file.name for file in tmp_path.glob("*.bvh")} == {"m_p1.bvh", "m_p2.bvh", "m_pose.bvh"}
 
 
 def test_images_without_anybody_do_not_count_as_tracked(monkeypatch, long_video, tmp_path, capsys):  # noqa: F811
@@ -95,7 +97,7 @@ def test_images_without_anybody_do_not_count_as_tracked(monkeypatch, long_video,
     monkeypatch.setattr(track_module, "make_detector", lambda name: Empty())
     found = run(long_video, tmp_path, "--person", "all")
     stamps = set(np.concatenate([seconds for seconds, _ in found.values()]))
-    assert f"120 in, {len(stamps)} tracked" in capsys.readouterr().out and len(stamps) < 115
+    assert f"{IMAGES} in, {len(stamps)} tracked" in capsys.readouterr().out and len(stamps) < IMAGES - 3
 
 
 class ShortLegged(Two):
@@ -126,7 +128,7 @@ def test_the_lengths_of_all_people_are_learned_in_a_first_pass(monkeypatch, long
     assert len(causal) == 1  # a camera's people begin with the same lengths
     for person in first:
         file, live = (np.ptp(shanks[name, person]) for name in ("file", "causal"))
-        assert file < 0.5 * live, (person, file, live)
+        assert file < 0.6 * live, (person, file, live)
 
 
 def test_the_times_of_the_page_are_those_of_the_video_also_while_nobody_is_in_view(
@@ -143,7 +145,7 @@ def test_the_times_of_the_page_are_those_of_the_video_also_while_nobody_is_in_vi
     assert main([str(long_video), "--fov", "60", "--person", "all", "--report", str(page)]) == 0
     text = page.read_text(encoding="utf-8")
     data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text).group(1))
-    assert abs(data["duration"] - 119 / 30) < 0.01 and "<td>120 in 4.0 s, 30.0 Hz</td>" in text
+    assert abs(data["duration"] - 59 / 15) < 0.01 and f"<td>{IMAGES} in 3.9 s, 15.0 Hz</td>" in text
     assert all(person["time"][0] > 0.99 for person in data["people"]) and len(data["people"]) == 2
 
 
@@ -155,7 +157,7 @@ def test_the_page_says_who_is_tracked(two, long_video, tmp_path):  # noqa: F811
 
 def test_a_camera_follows_the_nearest_person(two, long_video, tmp_path, capsys):  # noqa: F811
     ((_, x),) = run(long_video, tmp_path, "--causal").values()
-    assert (x[:70] > 0).all()
+    assert (x[:35] > 0).all()
     assert main([str(long_video), "--causal", "--person", "2"]) == 2
     assert "people are numbered in files only" in capsys.readouterr().err
     assert set(run(long_video, tmp_path, "--causal", "--person", "all")) == {"p1", "p2"}

@@ -6,8 +6,10 @@ roles is then off, and `missing_roles` says so.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
+
+import numpy as np
 
 SIDES = ("left", "right")
 
@@ -111,6 +113,12 @@ NETWORK_JOINTS = frozenset(("head", *sided("hip", "knee", "ankle", "shoulder", "
 PRIOR_JOINTS = frozenset((*sided("hip", "knee", "ankle", "collar", "shoulder", "elbow", "wrist"), "spine1", "spine2",
                           "spine3", "neck", "head"))  # fmt: skip
 """Joints with a pose prior learned from motion capture."""
+
+
+def body_joints(names: Sequence[str]) -> np.ndarray:
+    """(k,) index of the joints that are no fingers, for figures of whole bodies; of all in a hand alone."""
+    own = np.flatnonzero(~np.isin(names, sided(*FINGER_JOINTS)))
+    return own if len(own) > 1 else np.arange(len(names))
 
 
 def missing_roles(names: Collection[str]) -> str:

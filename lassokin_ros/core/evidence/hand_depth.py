@@ -1,8 +1,8 @@
 """Learned depth of a hand: depths of its points relative to the wrist's, estimated by a network from the keypoints.
 
 With d(p) the depth of a point p from the camera along the line of sight, the network (`hand_network`) gives ratios r_i
-for d(q_i) - d(w) = r_i d(w), w the wrist. They do not depend on the size of the hand, so that no size is learned from
-them. The rows are linear in the points:
+for d(q_i) - d(w) = r_i d(w), w the wrist. They are the same for a hand of twice the size at twice the distance. The
+rows are linear in the points:
 
     W (d(q_i) - (1 + r_i) d(w)) / d(w)
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
+from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.body.roles import SIDES
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.evidence.image_points import numbered
@@ -48,13 +49,24 @@ class HandDepth(Evidence):
         pose, given = about.states.pose, self._given(about.frame)
         places, whitened, scale = self._whitened(pose, about.frame)
         weight = robust_weight(whitened)
-        sight = np.broadcast_to(given.sight, (*places.shape[:-1], 1, 3))
+        sight = np.empty((*places.shape[:-1], 1, 3))
+        sight[...] = given.sight
         by_point = np.empty((*columns.shape[:-1], len(self._index)))
         root = pose.positions[..., 0, :]
         self._kinematics.point_columns(about.twists, root, places, self._joints, sight, by_point)
         relative = by_point[..., 1:] - by_point[..., :1] * (1 + given.ratios)
         columns[...] = (relative @ given.whitening.T) * (scale[..., None] * weight)[..., None, :]
         z[...] = weight * whitened
+
+    def length_rows(
+        self, columns: np.ndarray, states: EvaluatedState, frame: FrameData, motion: LengthMotion
+    ) -> np.ndarray:
+        """(DEPTHS, p): how the depths relative to the wrist change."""
+        given = self._given(frame)
+        _, whitened, scale = self._whitened(states.pose, frame)
+        depths = np.tensordot(motion.landmarks.take(self._index, axis=0), given.sight, axes=(1, 0))
+        relative = depths[1:] - (1 + given.ratios)[:, None] * depths[:1]
+        return np.asarray(robust_weight(whitened)[:, None] * (scale * given.whitening @ relative))
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(...,) negative log-likelihood of Student's t distribution, which gives the rows' weights."""

@@ -1,4 +1,4 @@
-"""The person's height, measured with depth, with several cameras, or on request with feet on the floor.
+"""The person's height, measured with depth, with several cameras, or with feet on a floor.
 
 One camera does not observe size: a body twice as tall at twice the distance gives the same keypoints. With several
 cameras, the scale is the sum of the triangulated lengths of limbs and trunk, relative to the skeleton's: people's
@@ -8,7 +8,8 @@ the pelvis:
 
     s q_xy + t_xy - u_i (s q_z + t_z) = 0,     s q_z + t_z - d_i = 0.
 
-The logarithms of the frames' scales are averaged over time, together with a prior of people's heights.
+The logarithms of the frames' scales are averaged over time, together with a prior of people's heights. Until there is
+one, the height of an adult is assumed, with a deviation that contains children.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from lassokin_ros.core.record import record
 
 PEOPLE_DEVIATION = 0.15
 """Standard deviation of the logarithm of people's heights about that of `TYPICAL_HEIGHT`, children included."""
+ASSUMED_DEVIATION = 0.24
+"""The same while nothing has measured the height: children of four years, 1.05 m, are two of it below."""
 FEWEST = 4
 """Smallest number of measured depths in a frame."""
 FRAME_DEVIATION = 0.04
@@ -92,6 +95,8 @@ class HeightEstimator:
     @property
     def deviation(self) -> float:
         """Standard deviation of `height`, m. The camera's tilt is wrong by the same in all frames."""
+        if not self.measured:
+            return self.height * ASSUMED_DEVIATION
         floor = min(self.floor_deviation, LARGEST_FLOOR_DEVIATION)
         averaged = (self._information + PEOPLE_DEVIATION**-2) ** -0.5
         return self.height * float(np.sqrt(LEAST_DEVIATION**2 + averaged**2 + floor**2))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import reduce
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,13 @@ from lassokin_ros.core.learned.adaptive_mean import AdaptiveMean
 from lassokin_ros.core.learned.bone_lengths import OBSERVED_STATURE_DEVIATION, Calibration
 from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.core.learned.foot_contacts import FootContacts, on_floor
-from lassokin_ros.core.learned.height import PEOPLE_DEVIATION, FloorSize, HeightEstimator, floor_size
+from lassokin_ros.core.learned.height import (
+    LARGEST_FLOOR_DEVIATION,
+    PEOPLE_DEVIATION,
+    FloorSize,
+    HeightEstimator,
+    floor_size,
+)
 from lassokin_ros.core.learned.model_error import ModelError
 from lassokin_ros.core.learned.size_check import SizeCheck
 from lassokin_ros.core.learned.vertical import Vertical
@@ -25,6 +32,9 @@ from lassokin_ros.core.observation import CameraPose
 
 if TYPE_CHECKING:
     from lassokin_ros.core.answer import Answer
+
+WRONG_HEIGHT = "the height of {:.2f} m does not fit"
+"""Doubt about a given height."""
 
 
 class Learned:
@@ -62,6 +72,11 @@ class Learned:
         if self.extrinsics is not None:
             self.extrinsics.reset(same_camera)
 
+    def begin_take(self) -> None:
+        """Forget where the camera and the feet are; what is known of the person and the detector stays."""
+        self.feet.reset()
+        self.vertical.reset()
+
     def resize(self, ratio: float, centre: np.ndarray | None = None) -> None:
         """Scale what is known to a body that is taller by a factor.
 
@@ -91,8 +106,16 @@ class Learned:
 
     @property
     def size_deviation(self) -> float:
-        """Standard deviation of the logarithm of a measured height, 0 for a given one."""
-        return 0.0 if self.height is None else self.height.deviation / self.height.height
+        """Standard deviation of the logarithm of a measured height; of a given one 0, or its error if it is wrong."""
+        if self.height is None:
+            return abs(math.log(self.size_check.ratio)) if self.size_check.wrong else 0.0
+        return self.height.deviation / self.height.height
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why the place or the size of the body is doubted, in words; empty if they are not."""
+        wrong = self.height is None and self.size_check.wrong
+        return (WRONG_HEIGHT.format(self.lengths.proportions.given.height),) if wrong else ()
 
     @property
     def lengths_for_network(self) -> tuple[Skeleton, bool]:
@@ -154,8 +177,7 @@ class Learned:
                 start, rows = answer.start.state, answer.increment.rows
                 changed |= self.mean_pose.update(answer.stamp, start, problem, rows)
         if self.height is None:
-            for one in answer.measured.values():
-                self.size_check.update(one)
+            self._check_size(answer, config.tilt_deviation)
             return changed, 1.0
         return changed, self._new_height(answer, config.tilt_deviation)
 
@@ -181,12 +203,30 @@ class Learned:
         if not answer.several and not answer.repeated:
             floor = self._floor_size(answer, height, tilt_deviation)
         elif not answer.repeated:
-            lately = [camera.seen_lately(answer.stamp) for camera in answer.cameras]
-            places = triangulate(answer.seen(self._of_known_size(answer.frame), lately).views)
+            places = self._triangulated(answer)
             limbs = self.size_check.lengths(places, np.isfinite(places[:, 0]))
         camera, one = max(answer.measured.items(), key=lambda item: item[1].depth_count > 0)
         changed = self.height.update(one, answer.solved, camera.pose, height, limbs, floor)
         return self.height.height / height if changed else 1.0
+
+    def _check_size(self, answer: Answer, tilt_deviation: float) -> None:
+        """Compare a given height with what depth, several cameras or a known floor say."""
+        for one in answer.measured.values():
+            self.size_check.update(one)
+        deep = any(view.depth_weights is not None for view in answer.frame.views)
+        if answer.repeated or deep or not self.size_check.is_due(answer.stamp):
+            return
+        if answer.several:
+            places = self._triangulated(answer)
+            self.size_check.add(answer.stamp, self.size_check.ratios(places, np.isfinite(places[:, 0])))
+        elif (floor := self._floor_size(answer, self.lengths.proportions.given.height, tilt_deviation)) is not None:
+            if floor.deviation < LARGEST_FLOOR_DEVIATION:
+                self.size_check.add(answer.stamp, np.array([floor.ratio]))
+
+    def _triangulated(self, answer: Answer) -> np.ndarray:
+        """(l, 3) m: where cameras of known size see the landmarks; NaN for those of fewer than two."""
+        lately = [camera.seen_lately(answer.stamp) for camera in answer.cameras]
+        return triangulate(answer.seen(self._of_known_size(answer.frame), lately).views)
 
     def _of_known_size(self, frame: FrameData) -> FrameData:
         """The frame without the points of cameras that were found from the person, whose size sets their distances."""

@@ -1,8 +1,9 @@
-"""Check of a given height against measured depth.
+"""Check of a given height against measured depth, several cameras, or feet on a known floor.
 
 If the given height is wrong, the pose and the bone lengths adapt to the depths, but not the limbs between two measured
-landmarks: their lengths in 3D, d_i (u_i, 1) - d_j (u_j, 1), are compared with those of the given skeleton. The check
-does not change the tracker's answers.
+landmarks: their lengths in 3D, d_i (u_i, 1) - d_j (u_j, 1), are compared with those of the given skeleton, and so are
+limbs that several cameras triangulate. With one camera above a known floor, it is the size with which the feet stand on
+it (`height.floor_size`). The check does not change the tracker's poses, but their stated uncertainty.
 """
 
 from __future__ import annotations
@@ -59,6 +60,16 @@ class SizeCheck:
         self._newest = -math.inf
         self._ratios: deque[np.ndarray] = deque(maxlen=LARGEST_COUNT)
 
+    def is_due(self, stamp: float) -> bool:
+        """Return whether a frame at a stamp, s, is used."""
+        return has_passed(stamp - self._newest, CORRELATED_S)
+
+    def add(self, stamp: float, ratios: np.ndarray) -> None:
+        """Use the ratios (k,) of measured and given lengths of a frame. stamp: s."""
+        if len(ratios) and self.is_due(stamp):
+            self._newest = stamp
+            self._ratios.append(ratios)
+
     @property
     def ratio(self) -> float:
         """Measured size / given size; 1 until enough frames were used."""
@@ -92,14 +103,11 @@ class SizeCheck:
         return int(np.count_nonzero(usable[..., self._limbs].all(axis=-2)))
 
     def update(self, measurement: Measurement) -> None:
-        """Use a tracked frame."""
+        """Use the measured depths of a tracked frame."""
         if measurement.depth is None or measurement.depth_weights is None or measurement.repeated:
             return
-        if not has_passed(measurement.stamp - self._newest, CORRELATED_S):
+        if not self.is_due(measurement.stamp):
             return
         usable = (measurement.depth_weights > 0) & measurement.visible & (measurement.weights > 0)
         places = measurement.depth[:, None] * np.column_stack([measurement.points, np.ones(len(usable))])
-        ratios = self.ratios(places, usable)
-        if len(ratios):
-            self._newest = measurement.stamp
-            self._ratios.append(ratios)
+        self.add(measurement.stamp, self.ratios(places, usable))

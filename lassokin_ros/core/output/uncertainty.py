@@ -25,7 +25,7 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, twists
 from lassokin_ros.core.body.proportions import Proportions
-from lassokin_ros.core.body.roles import sided
+from lassokin_ros.core.body.roles import body_joints, sided
 from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.estimate import Estimate
@@ -182,6 +182,7 @@ class UncertaintyModel:
         self._proportions, self.observed, self._learned_depth = proportions, observed, frame_model.learned_depth
         self._pieces = frame_model.pieces
         names = kinematics.skeleton.joint_names
+        self._body = body_joints(names)[1:]
         self._hand_alone = names[0] in sided("wrist")
         still = np.isin(names, [name for part in STILL for name in sided(part)])
         self.least_rotation = np.sqrt(3) * STILL_DEVIATION * still
@@ -192,7 +193,7 @@ class UncertaintyModel:
         posterior = self._posterior(estimate)
         covariance = posterior.scaled(posterior.relative)
         deviation = np.sqrt(covariance.trace(axis1=1, axis2=2))
-        mean, cost = float(deviation[1:].sum()) / (len(deviation) - 1), estimate.cost / max(estimate.measurements, 1)
+        mean, cost = float(deviation[self._body].mean()), estimate.cost / max(estimate.measurements, 1)
         probability = failure_probability(mean, estimate.keypoint_error_ratio, cost)
         return JointUncertainty(covariance, deviation, probability, posterior)
 

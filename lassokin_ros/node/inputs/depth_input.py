@@ -13,7 +13,7 @@ from lassokin_ros.node.inputs.missing_input import MissingInput
 from lassokin_ros.node.inputs.polled_subscription import ignore_events
 from lassokin_ros.node.message_types import message_class
 from lassokin_ros.node.qos import overrides
-from lassokin_ros.pipeline.depth_images import DepthImages
+from lassokin_ros.pipeline.depth.depth_images import DepthImages
 from lassokin_ros.pipeline.outputs.topics import depth_type
 
 DEPTH = 5

@@ -21,6 +21,8 @@ GENERAL_TYPES = (
 """Types that carry many things, such as a lidar's points."""
 NAMES_OF_KEYPOINTS = ("keypoint", "pose", "person", "people", "body", "bodies", "human", "landmark", "skeleton2d")
 """Parts of the names of topics that may carry keypoints, for GENERAL_TYPES."""
+ONLY_OF_TRACKERS = "/certificate"
+"""A topic beside one with this name is an output of a tracker, such as its ~/people."""
 LISTED = 4
 """Largest number of topics in a message."""
 
@@ -74,10 +76,13 @@ class MissingInput:
         """Topics of other nodes with a readable type; the type is added if `keypoints_type` must be changed."""
         node, found = self._node, []
         own = {name for name, _ in node.get_publisher_names_and_types_by_node(node.get_name(), node.get_namespace())}
-        for name, types in node.get_topic_names_and_types():
+        topics = node.get_topic_names_and_types()
+        of_trackers = {name.removesuffix(ONLY_OF_TRACKERS) for name, _ in topics if name.endswith(ONLY_OF_TRACKERS)}
+        for name, types in topics:
             readable = [kind for kind in types if kind == self._type or kind in self._others]
             readable = [kind for kind in readable if _may_be_keypoints(name, kind)]
-            if readable and name not in own and node.count_publishers(name):
+            others = name not in own and name.rpartition("/")[0] not in of_trackers
+            if readable and others and node.count_publishers(name):
                 found.append(name if self._type in readable else f"{name} (keypoints_type {readable[0]})")
         return found
 

@@ -12,6 +12,9 @@ from lassokin_ros.pipeline.camera.transforms import FASTEST_M_S, FASTEST_RAD_S, 
 
 SHORTEST_S = 0.05
 """s: images that follow each other faster are judged as if they did not: poses of TF have noise."""
+FASTEST_M_S2, SMALLEST_M = 20.0, 0.1
+"""m/s^2, m: a step that differs from the motion before by more than both is a jump, too. SMALLEST_M is more than the
+steps of a localisation that corrects itself."""
 
 
 class PoseJumps:
@@ -25,6 +28,7 @@ class PoseJumps:
     def reset(self) -> None:
         """Forget where the cameras were."""
         self._last: tuple[int, dict[str, CameraPose]] | None = None
+        self._velocities: dict[str, np.ndarray] = {}  # (3,) m/s, of each camera before the last images
         self.newest: tuple[int, CameraPose] | None = None
         """Stamp, ns, of the first image after the last jump, and how the frame has moved; None before the first one."""
 
@@ -41,8 +45,11 @@ class PoseJumps:
             return None
         seconds, before = max((stamp_ns - last[0]) * 1e-9, SHORTEST_S), last[1]
         steps = [(before[pose.name], pose) for pose in poses if pose.name in before]
-        if not steps or not all(_jumps(*step, seconds) for step in steps):
+        velocities = [self._velocities.get(new.name) for _, new in steps]
+        self._velocities = {new.name: (new.centre - old.centre) / seconds for old, new in steps}
+        if not steps or not all(_jumps(*step, seconds, v) for step, v in zip(steps, velocities)):
             return None
+        self._velocities = {}
         old, new = steps[0]
         rotation = new.rotation.T @ old.rotation
         moved = CameraPose(new.name, rotation, new.rotation.T @ (old.translation - new.translation))
@@ -59,7 +66,14 @@ def _step(old: CameraPose, new: CameraPose) -> tuple[float, float]:
     return math.dist(new.centre, old.centre), math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
 
 
-def _jumps(old: CameraPose, new: CameraPose, seconds: float) -> bool:
-    """Return True if no robot moves a camera from one pose to another one in this time, s."""
+def _jumps(old: CameraPose, new: CameraPose, seconds: float, velocity: np.ndarray | None = None) -> bool:
+    """Return True if no robot moves a camera from one pose to another one in this time, s.
+
+    velocity: (3,) m/s, of the camera before; None if it is not known.
+    """
     shift, degrees = _step(old, new)
+    if velocity is not None:
+        surprise = float(np.linalg.norm(new.centre - old.centre - seconds * velocity))
+        if surprise >= max(FASTEST_M_S2 * seconds**2, SMALLEST_M):
+            return True
     return shift >= FASTEST_M_S * seconds or math.radians(degrees) >= FASTEST_RAD_S * seconds

@@ -251,13 +251,21 @@ CONCERNS: dict[str, Concern] = {
         NOTE,
         NOW,
         "the body has pointed to the side in the image {when} (the depth network gets a turned image)",
-        "the person lies, or the camera or the image is turned; then set camera_roll",
+        "the person lies, or the camera or the image is turned (then set camera_roll), or the detector's x and y are "
+        "exchanged",
     ),
     "upside_down": Concern(
         PROBLEM,
         LIVE,
         "the body has pointed down in the image {when}",
         UPRIGHT_ADVICE + "; for a camera that hangs upside down set camera_roll to 3.14",
+    ),
+    "no_optical_frame": Concern(
+        PROBLEM,
+        LIVE,
+        "people stand upright in the image of a camera that looks up or down in fixed_frame by TF",
+        "expected keypoints and camera_info in the camera's optical frame (z forward, x right, y down), and a "
+        "fixed_frame with z up; one of them is the other kind of frame",
     ),
     "turned_in_frame": Concern(NOTE, NOW, "the body has pointed to the side {when}", TURNED_ADVICE),
     "turned_down_in_frame": Concern(PROBLEM, LIVE, "the body has pointed down {when}", TURNED_ADVICE),
@@ -285,7 +293,8 @@ CONCERNS: dict[str, Concern] = {
         PROBLEM,
         LIVE,
         "the keypoints' own depths are not near the person",
-        "check that they are in m, along the optical axis of the camera, and that the person is within its range",
+        "check that they are in m, along the optical axis from the camera (not from the hips, as MediaPipe's z), and "
+        "that the person is within its range",
     ),
     "depth_frozen": Concern(
         PROBLEM,
@@ -304,21 +313,21 @@ CONCERNS: dict[str, Concern] = {
     "height_assumed": Concern(
         PROBLEM,
         LIVE,
-        "height is 0, but no depth is measured: {height:g} m is assumed",
-        "set height, or the topic of depth images",
+        "nothing measures the height: {height:g} m is assumed, so that distances are uncertain by a quarter",
+        "set height, the topic of depth images, or floor with fixed_frame",
     ),
     "height_by_floor": Concern(
         PROBLEM,
         LIVE,
-        "height is 0, but with a tilt known to {tilt:g} rad the floor gives it "
+        "with a tilt known to {tilt:g} rad the floor gives the height "
         "to {percent:.0f} % from here, more than {limit:.0f} %: {height:g} m is assumed",
         "come nearer, raise the camera, or set height",
     ),
     "height_wrong": Concern(
         PROBLEM,
         LIVE,
-        "measured depth does not fit the size of the given body (height {height:g} m)",
-        "set height to that of the person, or to 0 to measure it, and check that camera_info is of their camera",
+        "{source} not fit the size of the given body (height {height:g} m), but one of about {measured:.1f} m",
+        "set height to that of the person, or to 0 to measure it, and check {check}",
     ),
     # The pose.
     "no_body": Concern(
@@ -346,6 +355,11 @@ CONCERNS: dict[str, Concern] = {
         "Nobody was tracked in {count} images. The detector needs a person who is "
         "in view, and about a tenth of the image high or more",
     ),
+    "probably_nobody": Concern(
+        DOUBT,
+        PAGE,
+        "probably nobody is in the images: a skeleton fits {share:.0%} of them, never for longer than {longest:.1f} s",
+    ),
     "refused": Concern(PROBLEM, PAGE, "{count} {what} rejected: {name}", "{remedy}"),
     "untracked": Concern(PROBLEM, PAGE, "{who} tracked {when}: {reasons}"),
     "absent": Concern(NOTE, PAGE, "{who} in view {when}"),
@@ -365,7 +379,7 @@ CONCERNS: dict[str, Concern] = {
         DOUBT,
         PAGE,
         "The skeleton lies {median:.0f} px from the detected points in the median, "
-        "{share:.1%} of its height in the image: the pose follows them poorly",
+        "{share:.1%} of its size in the image: the pose follows them poorly",
     ),
     "far_landmarks": Concern(
         PROBLEM,
@@ -392,8 +406,8 @@ CONCERNS: dict[str, Concern] = {
         DOUBT,
         PAGE,
         "even the straighter knee stays bent, by {degrees:.0f} degrees in the median. "
-        "If the person stands or walks upright, this is an error: the skeleton bends its knees if its legs are longer "
-        "than the person's, in relation to the trunk",
+        "If the person stands or walks upright, this is an error: legs that are too long for the trunk, or an "
+        "ambiguous view of them",
     ),
     "bones": Concern(
         NOTE,

@@ -14,7 +14,7 @@ from lassokin_ros.pipeline.camera_images import DEPTH_IN_MESSAGE, NOBODY, UNSCOR
 from lassokin_ros.pipeline.concerns.catalogue import CONCERNS, Raised, say
 from lassokin_ros.pipeline.concerns.period import INTERVALS, Period
 from lassokin_ros.pipeline.concerns.rejections import advice_for
-from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
+from lassokin_ros.pipeline.depth.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.input_checks.hands import EXCHANGED, FAR, ORDER, SAME
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
@@ -145,8 +145,11 @@ def _height(period: Period) -> Iterator[Raised]:
     """Yield that the height is assumed, or that measured depth contradicts it."""
     session, config = period.session, period.session.tracker.config
     if config.height > 0:
-        if any(tracker.learned.size_check.wrong for tracker in session.trackers.values()):
-            yield say("height_wrong", height=config.height)
+        checks = [tracker.learned.size_check for tracker in session.trackers.values()]
+        if (wrong := next((check for check in checks if check.wrong), None)) is not None:
+            source, check = _size_source(session)
+            measured = wrong.ratio * config.height
+            yield say("height_wrong", height=config.height, source=source, measured=measured, check=check)
         return
     heights = session.heights().values()
     if not period.tracked or any(height.measured for height in heights):
@@ -158,6 +161,15 @@ def _height(period: Period) -> Iterator[Raised]:
         percent, limit = 100 * floor, 100 * LARGEST_FLOOR_DEVIATION
         tilt = config.tilt_deviation
         yield say("height_by_floor", height=config.assumed_height, tilt=tilt, percent=percent, limit=limit)
+
+
+def _size_source(session: Session) -> tuple[str, str]:
+    """Return what has measured the size of a person, and what else may be wrong with it, in words."""
+    if session.config.several_cameras:
+        return "limbs before several cameras do", "the places of the cameras"
+    if session.counts[session.first.key(MATCHED)] == 0 and session.tracker.floor is not None:
+        return "feet on the floor do", "the height and the tilt of the camera"
+    return "measured depth does", "that camera_info is of their camera"
 
 
 def _clock(period: Period) -> Iterator[Raised]:

@@ -60,8 +60,8 @@ class Period:
             self.intervals.append(now - self.keypoints_at)
         self.keypoints_at, self.last = now, frames
         self.times_ms.append(1e3 * callback_s)
-        if self.session.nobody_in_view:
-            self.unused_confidence = max(self.unused_confidence, self.session.unused_confidence)
+        if self.session.inputs.nobody_in_view:
+            self.unused_confidence = max(self.unused_confidence, self.session.inputs.unused_confidence)
         for frame in frames[:1]:
             if arrival_ns:  # 0: a simulated clock that has not started
                 self.delays.append((arrival_ns - frame.stamp_ns) * 1e-9 - frame.held_s)

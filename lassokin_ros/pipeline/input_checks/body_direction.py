@@ -13,6 +13,8 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 
 LONG_S = 10.0
 """s: a body that points to the side or down for a longer time is reported."""
+NO_OPTICAL_S, NO_OPTICAL = 0.9, math.radians(20)
+"""s, rad: so long people stand upright in the image of a camera that looks along the vertical within this angle."""
 SIDE, DOWN = math.radians(50), math.radians(130)
 """rad: angle between the body and the upward direction, from which on it points to the side, and down."""
 HIGH, LOW = ("head", "neck"), ("pelvis",)
@@ -23,7 +25,7 @@ class BodyDirection:
     """Follows the direction of the bodies of the newest frames."""
 
     def __init__(self) -> None:
-        self._upright_at = math.inf
+        self._upright_at = self._level_at = math.inf
         self._angle, self._fixed = 0.0, False
 
     def update(self, frames: Iterable[FrameResult], roll: float | None, now: float) -> None:
@@ -32,6 +34,10 @@ class BodyDirection:
         roll: rad, of the camera's mount; None for frames with z up, whose camera poses give it.
         """
         self._fixed = roll is None
+        frames = list(frames)
+        if not (self._fixed and frames and all(map(_stands_before_a_vertical_camera, frames))):
+            self._level_at = math.inf
+        self._level_at = min(self._level_at, now)
         angles = [angle for frame in frames if (angle := _angle(frame, roll)) is not None]
         self._angle = min(angles, default=0.0)
         if self._angle < SIDE or math.isinf(self._upright_at):
@@ -39,12 +45,20 @@ class BodyDirection:
 
     def concern(self, now: float) -> Raised | None:
         """Return what is unusual about the direction: a problem if the body points down, else a note. now: s."""
+        if self._fixed and now - self._level_at > NO_OPTICAL_S:
+            return say("no_optical_frame")
         if now - self._upright_at <= LONG_S:
             return None
         when, is_down = f"for more than {LONG_S:g} s", self._angle >= DOWN
         if self._fixed:
             return say("turned_down_in_frame" if is_down else "turned_in_frame", when=when)
         return say("upside_down" if is_down else "turned", when=when)
+
+
+def _stands_before_a_vertical_camera(frame: FrameResult) -> bool:
+    """Return True if the camera looks along z of the fixed frame, and the body is upright in its image."""
+    angle = _angle(frame, 0.0)
+    return abs(frame.camera.rotation[2, 2]) > math.cos(NO_OPTICAL) and angle is not None and angle < SIDE
 
 
 def _angle(frame: FrameResult, roll: float | None) -> float | None:

@@ -138,9 +138,12 @@ def person_outside(
 
     Detectors place people inside of the image, apart from limbs. size: (width, height) px. margin: as a fraction of it.
     """
-    seen = keypoints.present & (keypoints.confidence >= min_confidence)
     xy, limit = keypoints.xy, np.asarray(size, dtype=float)
-    outside = seen & ((xy > (1 + margin) * limit) | (xy < -margin * limit)).any(axis=1)
+    beyond = (xy > (1 + margin) * limit) | (xy < -margin * limit)
+    if np.count_nonzero(beyond) < FEWEST:  # the usual case
+        return None
+    seen = keypoints.present & (keypoints.confidence >= min_confidence)
+    outside = seen & beyond.any(axis=1)
     if np.count_nonzero(outside) < FEWEST:
         return None
     people = np.zeros(len(xy)) if keypoints.persons is None else keypoints.persons

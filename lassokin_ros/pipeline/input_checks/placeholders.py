@@ -38,6 +38,8 @@ LEAST_FRACTION = 0.01
 """Of the side's length: smallest extent of such keypoints. A few placeholders can be less than a pixel apart, too."""
 LARGEST_PERCENT = 100.0
 """Percent of the image: largest coordinate of such keypoints, inside."""
+MOST_OUTSIDE = 0.25
+"""Share of a message's keypoints outside of 0 to 100 from which on they are px: a person in the corner of the image."""
 LEAST_PERCENT = 15.0
 """Percent: smallest height or width of a person by which percentages are recognised. As px they are in a corner."""
 SMALLEST_IN_PERCENT = 200
@@ -88,7 +90,7 @@ def _refuse_percent(keypoints: Keypoints, size: tuple[int, int]) -> bool:
     if min(size) < SMALLEST_IN_PERCENT or len(xy) < FEWEST_FRACTIONS:
         return False
     inside = ((xy >= 0.0) & (xy <= LARGEST_PERCENT)).all(axis=1)
-    if 2 * np.count_nonzero(inside) <= len(xy):
+    if np.count_nonzero(~inside) > MOST_OUTSIDE * len(xy):
         return True
     if np.ptp(xy, axis=0).max() < LEAST_PERCENT:
         return False

@@ -154,6 +154,8 @@ def person_report(
     estimate = frame.estimate
     assert estimate is not None and estimate.pose is not None and frame.velocity is not None
     positions, quaternion, velocity = estimate.pose.positions, frame.quaternions[-1], frame.velocity
+    assert frame.velocity_covariance is not None
+    of_velocity = frame.velocity_covariance
     covariance = frame.uncertainty.absolute.pelvis
     if not tracked:
         covariance = covariance.copy()
@@ -162,6 +164,7 @@ def person_report(
         turn = np.kron(np.eye(2), moved.rotation)
         positions, velocity = moved.into_camera(positions), moved.rotation @ velocity
         covariance = turn @ covariance @ turn.T
+        of_velocity = moved.rotation @ of_velocity @ moved.rotation.T
         (quaternion,) = to_quaternion(moved.rotation @ estimate.pose.orientations[:1] @ BODY_FROM_ROOT)
     return PersonReport(
         id=id_of(frame),
@@ -170,6 +173,7 @@ def person_report(
         position=positions[0],
         quaternion=quaternion,
         velocity=velocity,
+        velocity_covariance=of_velocity,
         covariance=covariance,
         joints=positions,
         age=age_s,

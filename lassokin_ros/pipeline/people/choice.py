@@ -12,6 +12,9 @@ from lassokin_ros.pipeline.seen import Seen
 
 CONFIDENT, NEAREST, CENTRE = "confident", "nearest", "centre"
 RULES = (CONFIDENT, NEAREST, CENTRE)
+ANKLE = 0.04
+HEIGHTS = {ANKLE: "ankle", 0.285: "knee", 0.53: "hip", 0.82: "shoulder", 0.93: "nose"}
+"""End of the landmarks' names by their height above the floor, as a share of that of a standing person."""
 GUESS_AFTER_S = 0.5
 """s: a person who is found by place after a longer absence may be somebody else, see FrameResult.guessed."""
 ID = re.compile(r"p?(\d{1,18})")
@@ -57,19 +60,45 @@ def _nearness_to_centre(detection: Seen) -> float:
     return -float(np.linalg.norm(seen.mean(axis=0))) if len(seen) else -np.inf
 
 
-def scores(rule: str, detections: Sequence[Seen]) -> list[float]:
+def feet(detection: Seen, names: Sequence[str], up: np.ndarray) -> float:
+    """Return the tangent of the angle of the feet below the horizon: on a flat floor the largest is the nearest.
+
+    names: of the landmarks. up: (3,) unit vector, the vertical in the camera's frame. Feet that are not seen are where
+    the proportions of standing people place them below two other heights of the body. NaN if they are not known.
+    """
+    rays = np.column_stack([detection.points, np.ones(len(detection.points))])
+    rise = rays @ up
+    below = -rise / np.linalg.norm(rays - rise[:, None] * up, axis=1)
+    levels = {}
+    for height, part in HEIGHTS.items():
+        rows = [i for i, name in enumerate(names) if name.endswith(part) and detection.confidence[i] > 0]
+        if rows and np.isfinite(below[rows]).any():
+            levels[height] = float(np.nanmean(below[rows]))
+    if ANKLE in levels or len(levels) < 2:
+        return levels.get(ANKLE, np.nan)
+    low, high = min(levels), max(levels)
+    return levels[low] + (levels[low] - levels[high]) * (low - ANKLE) / (high - low)
+
+
+def scores(
+    rule: str, detections: Sequence[Seen], names: Sequence[str] = (), ups: Sequence[np.ndarray] = ()
+) -> list[float]:
     """Return the score of each detection by a rule; the person with the highest one is followed.
 
-    The nearest person is that of the least depth if everybody's is measured, else the largest one in the image.
+    The nearest person is that of the least depth if everybody's is measured, else the one whose feet are lowest in the
+    image, else the largest one. names, ups: see `feet`; an up for each detection.
     """
     if rule == CONFIDENT:
         return [_confidence(detection) for detection in detections]
     if rule == CENTRE:
         return [_nearness_to_centre(detection) for detection in detections]
     depths = [_depth(detection) for detection in detections]
-    return [-depth for depth in depths] if np.isfinite(depths).all() else [_size(detection) for detection in detections]
+    if np.isfinite(depths).all():
+        return [-depth for depth in depths]
+    on_floor = [feet(detection, names, up) for detection, up in zip(detections, ups)]
+    return on_floor if ups and np.isfinite(on_floor).all() else [_size(detection) for detection in detections]
 
 
-def preferred(rule: str, detections: Sequence[Seen]) -> int:
-    """Return the index of the detection, of one or more, that a rule prefers: the first of equals."""
-    return int(np.argmax(scores(rule, detections)))
+def preferred(rule: str, detections: Sequence[Seen], names: Sequence[str] = (), ups: Sequence[np.ndarray] = ()) -> int:
+    """Return the index of the detection, of one or more, that a rule prefers: the first of equals. Others: `scores`."""
+    return int(np.argmax(scores(rule, detections, names, ups)))

@@ -105,6 +105,9 @@ class ImageTracks:
         self.numbers = Numbers(sure)
         """What is known about the detector's numbers."""
 
+    def __contains__(self, track: object) -> bool:
+        return track in self._tracks
+
     def seen_at(self, stamp_ns: int) -> list[ImageTrack]:
         """Return the tracks with a detection in the image of this stamp."""
         return [track for track in self._tracks if track.seen_ns == stamp_ns]

@@ -142,10 +142,11 @@ class PeopleTracker:
         left, self._roster.left = self._roster.left, []
         return [*left, *(result for person in self._roster.people for result in person.body.flush())]
 
-    def reset(self, unlock: bool = True) -> None:
+    def reset(self, unlock: bool = True, same_person: bool = False) -> None:
         """Forget all people. Ids are not used again, so that nobody inherits the id of another person.
 
-        unlock: whether a lock ends too; otherwise it stays, on nobody (`GONE`).
+        unlock: whether a lock ends too; otherwise it stays, on nobody (`GONE`). same_person: keep what was learned of
+        the only person, who is seen from elsewhere.
         """
         self._roster.gone = self._roster.locked_id is not None and not unlock
         self._roster.locked, self._lock_next = None, self._lock_first and not self._roster.gone
@@ -153,7 +154,10 @@ class PeopleTracker:
             if self._roster.one:
                 self._roster.rename(person)
                 person.tracks, person.guessed = {}, False
-                person.body.reset()
+                if same_person:
+                    person.body.begin_take()
+                else:
+                    person.body.reset()
             else:
                 self._roster.remove(person)
         for body in self._roster.idle:
@@ -187,7 +191,9 @@ class PeopleTracker:
         there = [one for one in self._roster.people if one.tracks and one.body.unseen_s(newest_ns) <= GUESS_AFTER_S]
         number = number_named(follow)
         if number is None and there:
-            return there[preferred(follow, [one.newest.detection for one in there if one.newest is not None])]
+            tracks = [track for one in there if (track := one.newest) is not None]
+            images = [view.image for track in tracks for view in self._who.views.values() if track in view.tracks]
+            return there[self._roster.preferred(tracks, images)]
         if (found := next((one for one in there if one.number == number), None)) is None:
             raise NoPersonError(nobody_to_lock(follow, len(there)))
         return found
@@ -202,7 +208,7 @@ class PeopleTracker:
         newest_ns = 0 if view is None else view.image.stamp_ns
         tracked = person.body.status is Status.TRACKING and person.body.unseen_s(newest_ns) <= GUESS_AFTER_S
         if not (tracked and (self._roster.follow == CONFIDENT or not candidates)):
-            chosen = None if view is None else self._who.best(candidates, view.image.lasting)
+            chosen = None if view is None else self._who.best(candidates, view.image)
             if chosen is None or view is None:
                 raise NoPersonError(nobody_to_lock(self._roster.follow, len(candidates)))
             self._roster.begin(person, chosen, view.image.camera.name)

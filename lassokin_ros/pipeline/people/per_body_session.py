@@ -75,7 +75,7 @@ class PerBodySession(Session):
 
     def scene_known_empty(self, now_ns: int) -> bool:
         """As Session.scene_known_empty. The detector's list says who is there; each listed body needs keypoints."""
-        if not (self.enabled and self.has_camera and self.detector_connected):
+        if not (self.enabled and self.inputs.has_camera and self.detector_connected):
             return False
         return all(session.scene_known_empty(now_ns) for session in self._present.values())
 

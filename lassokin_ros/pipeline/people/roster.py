@@ -10,10 +10,11 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.people.choice import NEAREST, preferred
 from lassokin_ros.pipeline.people.image_tracks import ImageTrack
 from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
-from lassokin_ros.pipeline.seen import Seen
+from lassokin_ros.pipeline.seen import Image, Seen
 
 GONE = "gone"
 """In place of the id of a locked person who was forgotten. No detection is assigned until unlock."""
@@ -132,6 +133,14 @@ class Roster:
         if person.body.seen_ns is not None:
             self.left += person.body.flush()
             person.body.reset(same_camera=True)
+
+    def preferred(self, tracks: Sequence[ImageTrack], images: Sequence[Image]) -> int:
+        """Return the index of the track that the rule `follow` prefers. images: one for each track, of its camera."""
+        if self.follow != NEAREST:
+            return preferred(self.follow, [track.detection for track in tracks])
+        mount = self.config_of.learned.vertical.mount
+        ups = [image.camera.rotation @ mount for image in images]
+        return preferred(self.follow, [track.detection for track in tracks], self.config_of.layout.names, ups)
 
     def is_guarded(self, person: Person) -> bool:
         """Return True for a person who keeps the tracker, and whom a doubtful detection does not show."""

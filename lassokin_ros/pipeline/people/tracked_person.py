@@ -18,6 +18,7 @@ from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import HERE, CameraPose, Observation, Status
 from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.core.output.observed import ObservedJoints
+from lassokin_ros.core.output.walking_velocity import WalkingVelocity
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.doubt.live import LiveDoubts
 from lassokin_ros.doubt.signs import NO_TURN, Signs, signs_of
@@ -26,9 +27,6 @@ from lassokin_ros.pipeline.input_checks.repeats import Repeats
 from lassokin_ros.pipeline.outputs.status.rejection_text import frozen_text, rejection_text
 from lassokin_ros.pipeline.people.joint_states import SHORTEST_NS, JointStates, Moment
 from lassokin_ros.pipeline.seen import Sight
-
-VELOCITY_MEMORY_S = 0.2
-"""s: averaging time of the velocity used for prediction."""
 
 FROZEN = "frozen"
 """Rejection of keypoints that have been repeated for longer than `lost_after`."""
@@ -66,20 +64,29 @@ class TrackedPerson:
         if not same_camera:
             self._repeats = {}
         self.tracker.reset(same_camera)
+        self._origin_ns: int | None = None
+        self._forget_motion()
+
+    def begin_take(self) -> None:
+        """Forget where the person is; see `Tracker.begin_take`."""
+        self._repeats = {}
+        self.tracker.begin_take()
+        self._forget_motion()
+
+    def _forget_motion(self) -> None:
         self._doubts.reset()
         self._joint_states = JointStates(self.tracker.skeleton.axes)  # results of before keep theirs
         self.status = Status.SEARCHING
         self.seen_ns: int | None = None
         self.seen_by: dict[str, int] = {}
         """Stamps in ns of the images with the person of the last accepted frame, by camera."""
-        self._origin_ns: int | None = None
         self._instant_ns = 0
         self._last: tuple[Moment, np.ndarray] | None = None  # and the positions of its joints
         # Results held back by smoothing_lag: stamp in ns, stamp in s of the tracker, function that makes the result.
         self._waiting: deque[tuple[int, float, Callable[..., FrameResult]]] = deque()
         self._place: np.ndarray | None = None
         self._landmarks: np.ndarray | None = None
-        self._velocity = np.zeros(3)
+        self._walk = WalkingVelocity()
         self._frame_moved_ns, self._frame_turn = 0, NO_TURN
         self._resized_ns, self._height = 0, math.nan  # stamp, ns, of the first frame with this height, m
 
@@ -89,9 +96,9 @@ class TrackedPerson:
         stamp_ns: ns, of the first image after it.
         """
         self.tracker.move_frame(frame.rotation, frame.translation)
-        self._velocity = frame.rotation @ self._velocity
         if self._place is not None and self._landmarks is not None:
             self._place, self._landmarks = frame.into_camera(self._place), frame.into_camera(self._landmarks)
+            self._walk.turn(frame.rotation, self._place)
         self._frame_moved_ns, self._frame_turn = stamp_ns, frame.rotation @ self._frame_turn
 
     def use_backward(self, frames: Mapping[int, Backward]) -> None:
@@ -140,10 +147,13 @@ class TrackedPerson:
                 reason, detail = FROZEN, frozen_text(frozen_s, self.tracker.config)
             due = self._due(self.tracker.published, stamp_ns)
             return [*due, frame(estimate=estimate, rejection=reason, detail=detail)]
-        self._update_motion(stamp_ns, estimate, height)
+        sight = None if others else camera
+        self._update_motion(stamp_ns, estimate, height, sight)
         self.seen_by = {sight.camera.name: sight.stamp_ns for sight in sights}
-        tracker, velocity = self.tracker, self._velocity.copy()
-        made = partial(frame, velocity=velocity, measure=tracker.uncertainty, observe=tracker.observed)
+        tracker, walk = self.tracker, self._walk
+        motion = {"velocity": walk.velocity, "velocity_covariance": walk.velocity_covariance}
+        doubts = tracker.learned.doubts
+        made = partial(frame, **motion, measure=tracker.uncertainty, observe=tracker.observed, doubts=doubts)
         points, confident = first.seen.points, first.seen.confidence >= tracker.config.min_confidence
         signs = partial(
             signs_of,
@@ -229,20 +239,25 @@ class TrackedPerson:
             frames.append(frame(estimate, joint_states=states, earlier=earlier, held_s=held_s))
         return frames
 
-    def _update_motion(self, stamp_ns: int, estimate: Estimate, height: float) -> None:
+    def _update_motion(self, stamp_ns: int, estimate: Estimate, height: float, camera: CameraPose | None) -> None:
         """Update position and velocity from the newest estimate, which may not be published yet.
 
         height: m, of its skeleton. With another one, the body is elsewhere along the line of sight and has not moved.
+        camera: the only one of the frame; None for several.
         """
         assert estimate.state is not None and estimate.pose is not None
         place, resized = estimate.state.translation, height != self._height
         if resized:
             self._resized_ns, self._height = stamp_ns, height
         if estimate.initialised or self._place is None or self.seen_ns is None:
-            self._velocity[:] = 0.0
-        elif not resized and (seconds := (stamp_ns - self.seen_ns) * 1e-9) > 0:  # 0: another camera, same stamp
-            share = 1 - math.exp(-seconds / VELOCITY_MEMORY_S)
-            self._velocity += share * ((place - self._place) / seconds - self._velocity)
+            self._walk.start(place)
+        elif resized:
+            self._walk.displace(place)
+        elif (seconds := (stamp_ns - self.seen_ns) * 1e-9) > 0:  # 0: another camera, same stamp
+            sight = None if camera is None else place - camera.centre
+            sight = None if sight is None else sight / max(float(np.linalg.norm(sight)), 1e-6)
+            assert estimate.up is not None
+            self._walk.update(seconds, place, sight, estimate.pose.orientations[0][:, 2], estimate.up)
         self._place, self._landmarks, self.seen_ns = place, estimate.pose.landmarks, stamp_ns
 
     def unseen_s(self, stamp_ns: int) -> float:
@@ -264,7 +279,7 @@ class TrackedPerson:
         camera = self._corrected(camera)
         if self._landmarks is None or not camera.known:
             return None
-        shift = self._velocity * min(self.unseen_s(stamp_ns), walks_s)
+        shift = self._walk.velocity * min(self.unseen_s(stamp_ns), walks_s)
         shift = shift if camera.is_identity else camera.rotation @ shift
         shift[2] = 0.0  # depth from one camera is too noisy to extrapolate
         return project(camera.into_camera(self._landmarks) + shift)

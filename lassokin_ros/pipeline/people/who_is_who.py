@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lassokin_ros.pipeline.people.choice import GUESS_AFTER_S, number_named, preferred
+from lassokin_ros.pipeline.people.choice import GUESS_AFTER_S, number_named
 from lassokin_ros.pipeline.people.cross_view import SAME_PERSON, cross_view_cost
 from lassokin_ros.pipeline.people.image_tracks import FARTHEST_GUARDED, RIVAL, SAME_BODY, ImageTrack, ImageTracks
 from lassokin_ros.pipeline.people.matching import assign, distance, distances, match_radius
@@ -223,15 +223,15 @@ class WhoIsWho:
         if person.tracks and body.seen_ns is not None and (here or body.unseen_s(image.stamp_ns) <= patience):
             return
         candidates = [track for track in view.seen if self._roster.is_trackable(track.detection)]
-        if (chosen := self.best(candidates, image.lasting)) is not None:
+        if (chosen := self.best(candidates, image)) is not None:
             self._roster.begin(person, chosen, image.camera.name)
 
-    def best(self, tracks: Sequence[ImageTrack], lasting: bool) -> ImageTrack | None:
-        """Return the track that the rule `follow` prefers; None if there is none."""
+    def best(self, tracks: Sequence[ImageTrack], image: Image) -> ImageTrack | None:
+        """Return the track in an image that the rule `follow` prefers; None if there is none."""
         number = number_named(self._roster.follow)
         if number is not None:
-            return next((track for track in tracks if lasting and track.detection.number == number), None)
-        return tracks[preferred(self._roster.follow, [track.detection for track in tracks])] if tracks else None
+            return next((track for track in tracks if image.lasting and track.detection.number == number), None)
+        return tracks[self._roster.preferred(tracks, [image] * len(tracks))] if tracks else None
 
     def _add_strangers(self, view: View, found: Collection[Person]) -> None:
         """Give trackers to people in the newest image of a camera who have none.

@@ -16,6 +16,7 @@ from lassokin_ros.replay.exports.bvh import write_bvh
 from lassokin_ros.replay.exports.c3d import import_ezc3d, write_c3d
 from lassokin_ros.replay.exports.csv_table import write_csv
 from lassokin_ros.replay.exports.errors import ExportError
+from lassokin_ros.replay.exports.gltf import write_gltf
 from lassokin_ros.replay.exports.markers import marker_layout
 from lassokin_ros.replay.exports.npz import write_npz
 from lassokin_ros.replay.exports.trc import write_trc
@@ -23,13 +24,14 @@ from lassokin_ros.replay.motion import Motion, MotionRecorder
 
 TABLES: dict[str, Callable[[Sequence[Motion], BinaryIO], None]] = {".csv": write_csv, ".npz": write_npz}
 """Suffix -> writer of one file for all people."""
-PERSONS: dict[str, Callable[[Motion, BinaryIO], None]] = {
+PERSONS: dict[str, Callable[..., None]] = {
     ".bvh": write_bvh,
     ".amass.npz": write_amass,
     ".trc": write_trc,
     ".c3d": write_c3d,
+    ".glb": write_gltf,
 }
-"""Suffix -> writer of one file per person."""
+"""Suffix -> writer of one file per person, of a motion to a binary file."""
 NEEDS: dict[str, Callable[[Skeleton], object]] = {
     ".amass.npz": check_root,
     ".trc": marker_layout,
@@ -155,4 +157,9 @@ def _jobs(target: Target, output: Path, motions: list[Motion]) -> list[tuple[Pat
         return []
     if target.suffix in TABLES:
         return [(target.path(output), partial(TABLES[target.suffix], motions))]
-    return [(target.path(output, motion.person), partial(PERSONS[target.suffix], motion)) for motion in motions]
+    jobs: list[tuple[Path, Callable[[BinaryIO], None]]] = []
+    for motion in motions:
+        path = target.path(output, motion.person)
+        named = {"name": path.name} if target.suffix == ".trc" else {}  # a .trc contains its name
+        jobs.append((path, partial(PERSONS[target.suffix], motion, **named)))
+    return jobs

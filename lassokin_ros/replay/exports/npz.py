@@ -46,6 +46,8 @@ def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
         "floor": np.array(first.floor),  # m above the camera, in a level frame
         "start_ns": np.array(first.start_ns),  # stamp at which the recording begins; 0 of a video's first image
         "smoothing": np.array(first.smoothing),  # s, with later frames; 0 without
+        "lens": np.array(first.lens),  # assumed or given
+        "height_from": np.array(first.height_from),  # assumed or given
         "people": np.array([motion.person for motion in motions]),  # (p,)
         "rest_offsets": np.array([motion.skeleton.offsets for motion in motions]),  # (p, n, 3), the last frame's
         "joint_names": np.array(skeleton.joint_names),  # (n,)

@@ -151,14 +151,17 @@ def bone_changes(facts: Facts, person: str) -> list[tuple[str, float, float]]:
 
 
 def landmark_errors(facts: Facts, rows: list[PersonRow]) -> tuple[np.ndarray, np.ndarray]:
-    """Return per landmark: median distance between detected and reprojected point (l,) px, share of images (l,)."""
+    """Return per landmark: median distance between detected and reprojected point (l,) px, share of frames (l,).
+
+    A landmark that the detector places, but hardly sees, does not count as seen.
+    """
     count, numbers = len(facts.landmarks), range(len(facts.cameras))
     pairs = [(row.in_view("detected", k), row.in_view("reprojected", k)) for row in rows for k in numbers]
     apart = [seen - back for seen, back in pairs if seen is not None and back is not None]
     if not apart:
         return np.full(count, np.nan), np.zeros(count)
     distance = np.linalg.norm(np.array(apart), axis=-1)
-    seen = np.isfinite(distance).mean(axis=0)
+    found = np.isfinite(distance).any(axis=0)
     middle = np.full(count, np.nan)
-    middle[seen > 0] = np.nanmedian(distance[:, seen > 0], axis=0)
-    return middle, seen
+    middle[found] = np.nanmedian(distance[:, found], axis=0)
+    return middle, np.mean([row.visible for row in rows], axis=0)

@@ -25,7 +25,9 @@ ABSENT = (NOBODY, "too_few_landmarks", "person_absent")
 LARGE_ERROR = 3.5
 """Multiple of noise_px: a larger median reprojection error has a cause other than noise."""
 LARGE_SHARE = 0.03
-"""Median reprojection error, as a share of the person's height in the image, from which it is reported."""
+"""Median reprojection error, as a share of the person's size in the image, from which it is reported."""
+SELDOM, SHORT_S = 0.35, 1.0
+"""Share of the images with a skeleton, and s without a break, below which the detector probably sees no person."""
 NEAREST_M, FARTHEST_M = 0.6, 25.0
 SLOW_HZ = 12.0
 
@@ -62,6 +64,18 @@ def _nothing_tracked(facts: Facts) -> Iterator[Raised]:
         yield say("nothing_received", topic=facts.topics[0])
     elif not facts.tracks:
         yield say("nothing_tracked", count=count)
+
+
+def _probably_nobody(facts: Facts) -> Iterator[Raised]:
+    """Report skeletons in a few images, never for long: a detector finds people in patterns."""
+    shown = np.array([message.people > 0 for message in facts.log.messages], dtype=int)
+    if facts.node.several_people or not shown.any() or shown.mean() > SELDOM:
+        return
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], shown, [0]])))
+    times = np.append(facts.times, facts.duration)
+    longest = max(float(times[end] - times[begin]) for begin, end in zip(edges[::2], edges[1::2]))
+    if len(edges) > 2 and longest < SHORT_S:
+        yield say("probably_nobody", share=shown.mean(), longest=longest)
 
 
 def _refused(facts: Facts) -> Iterator[Raised]:
@@ -134,7 +148,7 @@ def _reprojection(facts: Facts) -> Iterator[Raised]:
 def _poor_fit(facts: Facts) -> Iterator[Raised]:
     """Report a skeleton that does not lie on the person in the image."""
     rows = [row for row in facts.tracks if row.outline is not None]
-    shares = [row.reprojection_px / max(float(np.ptp(row.outline[:, 1])), 1.0) for row in rows]
+    shares = [row.reprojection_px / max(float(np.linalg.norm(np.ptp(row.outline, axis=0))), 1.0) for row in rows]
     if rows and np.median(shares) > LARGE_SHARE:
         yield say("poor_fit", median=np.median([row.reprojection_px for row in rows]), share=np.median(shares))
 
@@ -226,14 +240,21 @@ def distance(facts: Facts) -> Iterator[Raised]:
 
 
 def _upside_down(facts: Facts) -> Iterator[Raised]:
-    """Report shoulders below the ankles in most images that show both. In a video, people may stand on the hands."""
-    groups = [[i for i, name in enumerate(facts.landmarks) if part in name] for part in ("shoulder", "ankle")]
+    """Report shoulders below hips below ankles in most images that show them: not people who lie, or bridge.
+
+    In a video, people may stand on the hands.
+    """
+    parts = ("shoulder", "hip", "ankle")
+    groups = [[i for i, name in enumerate(facts.landmarks) if part in name] for part in parts]
     seen = [row.detected for person in facts.people for row in facts.rows(person) if row.detected is not None]
     if not seen or not all(groups):
         return
-    shoulders, ankles = (np.array(seen)[:, group, 1].mean(axis=1) for group in groups)
-    both = np.isfinite(shoulders) & np.isfinite(ankles)
-    if both.any() and np.mean(shoulders[both] > ankles[both]) > 0.5:
+    places = [np.array(seen)[:, group].mean(axis=1) for group in groups]
+    known = np.isfinite(places).all(axis=(0, 2))
+    shoulders, hips, ankles = (place[known] for place in places)
+    down = (shoulders[:, 1] > hips[:, 1]) & (hips[:, 1] > ankles[:, 1])
+    down &= shoulders[:, 1] - ankles[:, 1] > np.abs(shoulders[:, 0] - ankles[:, 0])
+    if known.any() and down.mean() > 0.5:
         yield say("upside_down", level=NOTE if facts.own_keypoints else PROBLEM, when="in most images")
 
 
@@ -262,5 +283,5 @@ OF_RESULTS: tuple[Rule, ...] = (
 )
 RULES: tuple[Rule, ...] = (_nothing_tracked, *OF_INPUTS, *OF_RESULTS)
 """For recorded keypoints."""
-VIDEO_RULES: tuple[Rule, ...] = (_nothing_tracked, _poor_fit, _untracked, _outside, *OF_RESULTS)
+VIDEO_RULES: tuple[Rule, ...] = (_nothing_tracked, _probably_nobody, _poor_fit, _untracked, _outside, *OF_RESULTS)
 """For a video whose keypoints this program detected: there is no message and no topic to check."""

@@ -48,8 +48,8 @@ class PersonRow:
     outline: (n, 2) px, joints in the image. These three are of the first camera; `in_view` returns those of others.
     positions: (n, 3) m, camera frame. angles: (n, 3) deg, as in `joint_states`. bends: (n,) deg, rotation angle of each
     joint. lengths: (n,) m, length of the bone that ends at each joint. deviations: (n,) m, see `JointUncertainty`.
-    observed: (n,) bool, see `ObservedJoints`. contacts: (n,) bool, ankles of feet that stand still. doubt: None for a
-    rejected frame.
+    visible: (l,) bool, landmarks that count. observed: (n,) bool, see `ObservedJoints`. contacts: (n,) bool, ankles of
+    feet that stand still. doubt: None for a rejected frame.
     """
 
     time: float
@@ -72,6 +72,7 @@ class PersonRow:
     bends = _stored("bends")
     lengths = _stored("lengths")
     deviations = _stored("deviations")
+    visible = _stored("visible")
     observed = _stored("observed")
     contacts = _stored("contacts")
 
@@ -193,6 +194,7 @@ def person_row(
         "angles": np.degrees(frame.positions[3:]).reshape(-1, 3),
         "bends": np.degrees(np.linalg.norm(logarithm(estimate.state.rotations), axis=-1)),
         "deviations": frame.uncertainty.deviation,
+        "visible": estimate.visible,
         "observed": frame.observed,
         "contacts": frame.contacts,
     }

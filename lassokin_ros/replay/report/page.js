@@ -64,9 +64,14 @@ async function turn(moment) {
   requestAnimationFrame(turn);
 }
 
+function firstShown() {                                 // s: the first skeleton that is not marked, else the first one
+  const shown = me.time.filter((_, i) => !Number.isNaN(me.positions.at(i, 0)));
+  return shown.find((t) => !me.wrong.some(([start, end]) => start <= t && t <= end)) ?? shown[0] ?? 0;
+}
+
 async function choosePerson(index, time) {
   me = data.people[index];
-  frame = nearest(time);
+  frame = nearest(time ?? firstShown());
   element("slider").max = Math.max(me.time.length - 1, 0);
   showMarks();
   showTime();
@@ -108,7 +113,7 @@ async function start() {
   element("person").onchange = () => { play(false); choosePerson(Number(element("person").value), now()); };
   element("slider").oninput = () => { playing = false; element("play").innerHTML = "&#9654; Play"; go(Number(element("slider").value)); };
   element("play").onclick = () => play(!playing);
-  element("joint").onchange = drawSeries;
+  element("joint").onchange = element("inner").onchange = drawSeries;
   element("follow").onchange = drawSpace;
   element("view").onchange = drawImage;
   element("photo").onchange = drawImage;
@@ -129,7 +134,7 @@ async function start() {
     else return;
     event.preventDefault();
   });
-  if (data.people.length) await choosePerson(first, Number(address.get("t")) || 0);
+  if (data.people.length) await choosePerson(first, address.has("t") ? Number(address.get("t")) || 0 : undefined);
   document.body.dataset.drawn = "yes";
 }
 start().catch(fail);

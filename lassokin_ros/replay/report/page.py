@@ -49,6 +49,7 @@ def page(facts: Facts, findings: Sequence[Raised], images: dict[str, Any]) -> st
         style=_file("page.css"),
         findings="".join(f'<li class="{f.level}">{tables.marked(f.sentence)}</li>' for f in findings),
         figures=tables.figures(facts),
+        solver=tables.solver(facts),
         timing=tables.timing(facts),
         rejections=tables.rejections(facts),
         lost=tables.lost_spans(facts),

@@ -75,6 +75,8 @@ def bent_knees(facts: Facts) -> Iterator[Raised]:
             if row.observed is not None and row.observed[places].all() and _lean_deg(row, facts) < UPRIGHT_DEG
         ]
         bends = np.array([row.bends[knees].min() for row in rows])
+        if len(rows) < UNSEEN * len(facts.accepted(person)):
+            continue
         if len(rows) > LEAST_BENT_S * facts.rate and np.mean(bends > BENT_DEG) > BENT_SHARE:
             yield say("bent_knees", of=person, degrees=np.median(bends))
 

@@ -23,12 +23,16 @@ from lassokin_ros.replay.report.page import check_report, page
 class Report:
     """The report of one replay."""
 
-    def __init__(self, path: Path, session: Session, replace: bool = False, given: Skeleton | None = None) -> None:
+    def __init__(
+        self, path: Path | None, session: Session, replace: bool = False, given: Skeleton | None = None
+    ) -> None:
         """Raises ReportError if the page cannot be written to `path`. replace: an existing file may be replaced.
 
+        path: None for `summary_lines` alone, without a page.
         given: the skeleton before the first of two passes; None: that of the session.
         """
-        check_report(path, replace)
+        if path is not None:
+            check_report(path, replace)
         self._path, self._session = path, session
         self._skeleton = given or session.tracker.skeleton  # before calibration
         level = session.placement.level if session.config.fixed_frame else None
@@ -39,7 +43,7 @@ class Report:
         self.remarks: list[str] = []
         """Texts that the page shows as notes."""
         self.findings: list[Raised] = []
-        """What the page says, after `write`."""
+        """What the page says, after `conclude`."""
 
     @property
     def summary_lines(self) -> list[str]:
@@ -58,11 +62,29 @@ class Report:
         own_keypoints: bool = False,
         warnings: Sequence[Raised] = (),
     ) -> None:
-        """Write the page as part of `files`.
+        """Write the page as part of `files`. For the others see `conclude`.
+
+        Raises ReportError, and the error of `files`.
+        """
+        assert self._path is not None
+        facts = self.conclude(title, topics, own_keypoints, warnings)
+        times = {message.stamp_ns: message.time for message in self._log.messages}
+        apart_ns = SAME_INSTANT_NS if len(self.images) > 1 else 0
+        photos, *more = (images.data(times, apart_ns) for images in self.images.values())
+        images = {**photos, "others": more}
+        files.write_text(self._path, page(facts, self.findings, images))
+
+    def conclude(
+        self,
+        title: str,
+        topics: tuple[str, str],
+        own_keypoints: bool = False,
+        warnings: Sequence[Raised] = (),
+    ) -> Facts:
+        """Find what the page, and `summary_lines`, say; return the facts.
 
         title: name of the recording. topics: keypoint topic and camera_info topic, or what else they come from.
-        own_keypoints: see `Facts`. warnings: those of the diagnostics, see `WarningLog`. Raises
-        ReportError, and the error of `files`.
+        own_keypoints: see `Facts`. warnings: those of the diagnostics, see `WarningLog`.
         """
         title = title.encode(errors="backslashreplace").decode()  # file names may hold bytes that are not UTF-8
         session = self._session
@@ -77,9 +99,5 @@ class Report:
             session.placement.level if self._log.level is None else np.eye(3)
         )  # the log turned a fixed frame's positions
         facts = Facts(title, topics, log, counts, *configs, given, names, size, own_keypoints, tuple(others), level)
-        times = {message.stamp_ns: message.time for message in self._log.messages}
-        apart_ns = SAME_INSTANT_NS if len(self.images) > 1 else 0
-        photos, *more = (images.data(times, apart_ns) for images in self.images.values())
-        images = {**photos, "others": more}
         self.findings = [*findings(facts, warnings), *(say("remark", text=text) for text in self.remarks)]
-        files.write_text(self._path, page(facts, self.findings, images))
+        return facts

@@ -1,4 +1,5 @@
 // Figures over time, and by landmark.
+const BASIC = 3;                                        // rows that are shown without the solver's figures
 const ROWS = [["reprojection<br>error, px", 1.1], ["angle, deg", 1.6], ["joint<br>uncertainty,<br>mm", 1], ["moving<br>degrees of<br>freedom", 1],
   ["duality gap,<br>relative", 0.8], ["rate, Hz", 0.8], ["latency, ms", 0.8]];
 const GROUPS = { "knees and elbows": ["left_knee", "right_knee", "left_elbow", "right_elbow"],
@@ -48,6 +49,7 @@ function seriesTraces() {
   const gap = { time: me.series.gap.time, value: me.series.gap.value.map((v) => (v === null ? null : Math.max(v, 1e-17))) };
   const flat = ({ x, y }) => ({ x, y: y.map((v) => v ?? 0) }); // an area cannot have gaps; it is 0 there
   const rate = (name, value, style) => line(6, { time: data.rate.time, value }, name, ".1f} Hz", style);
+  const rowOf = (trace) => Number((trace.yaxis || "y").slice(1)) || 1;
   return [...angleTraces(),
     line(1, me.series.reprojection, "reprojection error", ".2f} px"),
     { type: "scatter", mode: "markers", x: me.refusals.map((r) => r[0]), y: me.refusals.map(() => 0), yaxis: "y",
@@ -60,14 +62,16 @@ function seriesTraces() {
     line(5, gap, "duality gap", ".1e}", { mode: "lines+markers", marker: { size: 2, color: COLOUR.left }, line: { width: 0.7, color: COLOUR.left } }),
     rate("keypoints in", data.rate.in, { line: { color: "#8a949e", width: 4 } }),
     rate("messages with a skeleton", data.rate.out, {}),
-    line(7, times, "latency", ".2f} ms", { line: { color: "#e69f00", width: 1 } })];
+    line(7, times, "latency", ".2f} ms", { line: { color: "#e69f00", width: 1 } })].filter((trace) => rowOf(trace) <= rowsShown().length);
 }
 
+const rowsShown = () => (element("inner").checked ? ROWS : ROWS.slice(0, BASIC));
+
 function seriesLayout() {
-  const total = ROWS.reduce((sum, row) => sum + row[1], 0), space = 0.022, layout = {};
+  const rows = rowsShown(), total = rows.reduce((sum, row) => sum + row[1], 0), space = 0.022, layout = {};
   let top = 1;
-  ROWS.forEach(([text, share], i) => {
-    const height = (share / total) * (1 - space * ROWS.length);
+  rows.forEach(([text, share], i) => {
+    const height = (share / total) * (1 - space * rows.length);
     if (i === 1) top -= space;                           // space for the legend
     layout[i ? `yaxis${i + 1}` : "yaxis"] = { domain: [Math.max(top - height, 0), top], title: { text, standoff: 8, font: { size: 11 } },
       gridcolor: LINE, zeroline: false, rangemode: i === 1 ? "normal" : "tozero", nticks: 5, automargin: false,
@@ -79,10 +83,10 @@ function seriesLayout() {
   const wrong = me.wrong.map(([start, end]) => ({ type: "rect", xref: "x", yref: "paper", x0: start, x1: end, y0: 0, y1: 1,
     layer: "below", line: { width: 0 }, fillcolor: "rgba(230,159,0,.28)" }));
   const cursor = { type: "line", xref: "x", yref: "paper", x0: now(), x1: now(), y0: 0, y1: 1, line: { color: CURSOR, width: 1, dash: "dot" } };
-  return { ...layout, xaxis: { title: { text: "time, s" }, range: [0, Math.max(data.duration, 0.1)], anchor: `y${ROWS.length}`, gridcolor: LINE,
+  return { ...layout, xaxis: { title: { text: "time, s" }, range: [0, Math.max(data.duration, 0.1)], anchor: `y${rows.length}`, gridcolor: LINE,
     zeroline: false, ticks: "outside", hoverformat: ".2f" }, shapes: [cursor, ...shade, ...wrong], hovermode: "x", hoverdistance: 40,
     legend: { orientation: "h", x: 1, xanchor: "right", y: layout.yaxis2.domain[1], yanchor: "bottom", font: { size: 11 }, bgcolor: "rgba(0,0,0,0)" }, font: FONT, dragmode: "zoom",
-    margin: { l: 86, r: 14, t: 10, b: 42 }, height: 960, paper_bgcolor: "#fff", plot_bgcolor: "#fff", uirevision: "series" };
+    margin: { l: 86, r: 14, t: 10, b: 42 }, height: rows.length > BASIC ? 960 : 560, paper_bgcolor: "#fff", plot_bgcolor: "#fff", uirevision: "series" };
 }
 
 async function drawSeries() {
@@ -108,9 +112,9 @@ function drawLandmarks() {
   });
   const labels = { type: "scatter", mode: "text", x: error, y: names, text: seen.map((share) => ` ${Math.round(share)} %`),
     textposition: "middle right", cliponaxis: false, hoverlabel: { bgcolor: sides.map((s) => COLOUR[s]) },
-    hovertemplate: "%{y}: %{x:.1f} px, detected in%{text}<extra></extra>" };
+    hovertemplate: "%{y}: %{x:.1f} px, seen in%{text}<extra></extra>" };
   return Plotly.react("landmarks", [...bars, labels], { margin, height, showlegend: false, hovermode: "y", hoverdistance: width / 2,
-    xaxis: { title: { text: "median, px<br>(label: % of frames in which it was detected)", font: { size: 12 } }, gridcolor: LINE, rangemode: "tozero" },
+    xaxis: { title: { text: "median, px<br>(label: % of frames in which it is seen)", font: { size: 12 } }, gridcolor: LINE, rangemode: "tozero" },
     yaxis: { automargin: true, dtick: 1, tickfont: { size: 11 }, showgrid: false, categoryarray: names, range: [L - 0.5, -0.5] },
     font: FONT, paper_bgcolor: "#fff", plot_bgcolor: "#fff", dragmode: false }, { ...QUIET, scrollZoom: false });
 }

@@ -55,18 +55,9 @@ def figures(facts: Facts) -> str:
         rows.append(("People", f"{len(facts.people)} tracked, {len(tracks)} skeletons in total"))
     if tracks:
         pixels = np.array([row.reprojection_px for row in tracks])
-        gap, kkt = np.array([row.relative_gap for row in tracks]), np.array([row.kkt for row in tracks])
-        support = np.array([row.support for row in tracks])
         depth = np.array([row.depth for row in tracks])
         rows += [
             ("Reprojection error", f"{_percentile(pixels, 50):.2f} px median, {_percentile(pixels, 99):.2f} px p99"),
-            ("Duality gap, relative", f"{_percentile(gap, 50):.1e} median, {gap.max():.1e} largest"),
-            ("KKT residual, of alpha", f"{_percentile(kkt, 50):.1e} median, {kkt.max():.1e} largest"),
-            (
-                "Moving degrees of freedom",
-                f"{_percentile(support, 50):.0f} median, {support.max():.0f} largest, of "
-                f"{3 * facts.skeleton.joint_count}",
-            ),
             (
                 "Distance of the pelvis",
                 f"{_percentile(depth, 50):.2f} m median, {depth.min():.2f} to {depth.max():.2f} m",
@@ -79,6 +70,22 @@ def figures(facts: Facts) -> str:
         ("Calibration", calibration(facts)),
     ]
     return table("Figures", ("", ""), rows)
+
+
+def solver(facts: Facts) -> str:
+    """Return the table of the lasso's figures."""
+    tracks = facts.tracks
+    if not tracks:
+        return ""
+    gap, kkt = np.array([row.relative_gap for row in tracks]), np.array([row.kkt for row in tracks])
+    support = np.array([row.support for row in tracks])
+    of = 3 * facts.skeleton.joint_count
+    rows = [
+        ("Duality gap, relative", f"{_percentile(gap, 50):.1e} median, {gap.max():.1e} largest"),
+        ("KKT residual, of alpha", f"{_percentile(kkt, 50):.1e} median, {kkt.max():.1e} largest"),
+        ("Moving degrees of freedom", f"{_percentile(support, 50):.0f} median, {support.max():.0f} largest, of {of}"),
+    ]
+    return table("Solver", ("", ""), rows)
 
 
 def calibration(facts: Facts) -> str:
@@ -138,7 +145,7 @@ def landmarks(facts: Facts) -> str:
         (name, f"{share:.0%}", f"{pixels:.1f}" if np.isfinite(pixels) else "-")
         for name, share, pixels in zip(facts.landmarks, seen, error)
     ]
-    return table("Landmarks", ("landmark", "detected", "median error [px]"), rows, (1, 2))
+    return table("Landmarks", ("landmark", "seen", "median error [px]"), rows, (1, 2))
 
 
 def bone_lengths(facts: Facts) -> str:

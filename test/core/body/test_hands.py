@@ -6,7 +6,7 @@ import pytest
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.proportions import Proportions
-from lassokin_ros.core.body.roles import FINGER_JOINTS, FINGERS, SIDES, missing_roles, sided
+from lassokin_ros.core.body.roles import FINGER_JOINTS, FINGERS, SIDES, body_joints, missing_roles, sided
 from lassokin_ros.core.body.rotations import exponential, logarithm
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.evidence.frame_model import FrameModel
@@ -144,3 +144,13 @@ def test_locked_axes_are_saved(tmp_path):
     file = tmp_path / "hand.yaml"
     file.write_text(skeleton_text(LEFT))
     assert Skeleton.load(str(file), 1.75).locked == LEFT.locked and "free" in file.read_text()
+
+
+def test_figures_of_the_whole_body_leave_out_the_fingers():
+    assert body_joints(BODY.joint_names).tolist() == list(range(24))
+    assert body_joints(LEFT.joint_names).tolist() == list(range(16))
+    prior, plain = model_of(BODY).prior, model_of(Skeleton.load("anthropometric", 1.75)).prior
+    fingers = [name not in Skeleton.load("anthropometric", 1.75).joint_names for name in BODY.joint_names]
+    joints = prior.joints[np.flatnonzero(np.diagonal(prior.covariance) > 0)[prior.body_rows] // 3]
+    assert not np.any(np.array(fingers)[joints]) and len(joints) == 3 * np.count_nonzero(prior.joints < 24)
+    assert plain.body_rows == slice(None)

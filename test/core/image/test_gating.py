@@ -11,7 +11,7 @@ from lassokin_ros.core.image.gating import gate_observation
 from lassokin_ros.core.observation import Observation, Rejection
 from lassokin_ros.core.tracker import Tracker
 
-LAYOUT, CONFIG = body().layout, TrackerConfig(noise_px=4.0, min_confidence=0.3)
+LAYOUT, CONFIG = body().layout, TrackerConfig(height=1.75, noise_px=4.0, min_confidence=0.3)
 GOOD = Observation(5.0, np.full((17, 2), 0.1), np.ones(17), 800.0)
 
 

@@ -16,7 +16,7 @@ from lassokin_ros.core.tracker import Tracker
 NAMES = ("nose", "left_wrist", "right_wrist")
 POINTS = np.array([[0.1, -0.2], [0.3, 0.1], [-0.2, 0.1]])
 WEIGHTS = np.full(3, 300.0)
-CONFIG = TrackerConfig(lost_after=1.0)
+CONFIG = TrackerConfig(height=1.75, lost_after=1.0)
 LOST_AFTER = CONFIG.lost_after
 LIKENESS = 0.005
 

@@ -42,8 +42,7 @@ def test_the_age_is_that_of_bitwise_equal_keypoints():
     assert [*ages, age(5.0, other)] == [0.0, 0.5, 2.0, 0.0, 0.5, 0.0]
 
 
-@pytest.mark.parametrize("times", [2, 4])
-def test_detecting_repeated_keypoints_improves_tracking_with_a_slow_detector(times):
+def test_detecting_repeated_keypoints_improves_tracking_with_a_slow_detector(times=4):
     """Image error relative to the true points at each frame's own stamp."""
     errors = []
     for trifle in (0.0, 1e-12):  # makes them new

@@ -117,7 +117,7 @@ def primal_by_clarabel(problem, clarabel):
 def test_the_objective_equals_that_of_an_independent_solver(solved):
     clarabel = pytest.importorskip("clarabel", reason="clarabel is a test-only dependency")
     worst = 0.0
-    for draw, problem, solution in solved:
+    for draw, problem, solution in solved[::4]:
         omega, x = primal_by_clarabel(problem, clarabel)
         mine = objective(problem, solution.omega, solution.x)
         theirs = objective(problem, omega, x)

@@ -131,7 +131,7 @@ def test_without_an_image_the_mean_returns_to_the_shipped_mean():
 
 
 def test_the_tracker_learns_from_new_keypoints_and_forgets_when_reset():
-    tracker = Tracker(TrackerConfig(noise_px=2.0))
+    tracker = Tracker(TrackerConfig(height=1.75, noise_px=2.0))
     sequence = [observation for _, observation in observations(tracker, 58 / RATE)]  # ends with a measurement
     shipped = tracker.learned.mean_pose.mean.copy()
     answers = [tracker.track(observation).state.translation for observation in sequence]
@@ -153,7 +153,7 @@ def test_the_tracker_learns_from_new_keypoints_and_forgets_when_reset():
 
 
 def test_a_layout_of_the_trunk_only_does_not_spoil_the_mean():
-    tracker = Tracker(TrackerConfig(landmarks="coco17", min_landmarks=3))
+    tracker = Tracker(TrackerConfig(height=1.75, landmarks="coco17", min_landmarks=3))
     whole = frame(tracker)
     trunk = np.isin(tracker.layout.names, ["left_shoulder", "right_shoulder", "left_hip", "right_hip"])
     for number in range(60):

@@ -203,10 +203,10 @@ def test_frames_that_cannot_be_solved_have_no_influence(monkeypatch):
 def test_tracking_a_wrong_skeleton_becomes_better():
     """The image is explained better, and the limbs' lengths are nearer to the true ones, than without calibration."""
     given, changes = wrong_skeleton(0.08)
-    frames = observed(Tracker(TrackerConfig()), 14.0, 1.0)
+    frames = observed(Tracker(TrackerConfig(height=1.75)), 14.0, 1.0)
     last = {}
     for calibrate in (False, True):
-        tracker = Tracker(TrackerConfig(noise_px=1.0, calibrate=calibrate), given)
+        tracker = Tracker(TrackerConfig(height=1.75, noise_px=1.0, calibrate=calibrate), given)
         errors = [tracker.track(o).reprojection_px for o in frames]
         last[calibrate] = np.median(errors[-120:])
         assert calibrate or np.array_equal(tracker.skeleton.offsets, given.offsets)
@@ -220,8 +220,8 @@ def test_a_correct_skeleton_is_kept(measured, largest):
     skeleton = Skeleton.load("anthropometric", 1.75)
     if measured:
         skeleton, _ = wrong_skeleton(0.03)
-    true = Tracker(TrackerConfig(calibrate=False), skeleton)
-    tracker = Tracker(TrackerConfig(noise_px=2.0, calibrate=True), skeleton)
+    true = Tracker(TrackerConfig(height=1.75, calibrate=False), skeleton)
+    tracker = Tracker(TrackerConfig(height=1.75, noise_px=2.0, calibrate=True), skeleton)
     for o in observed(true, 14.0, 2.0):
         tracker.track(o)
     assert tracker.learned.lengths.kept_motion > 5
@@ -230,8 +230,8 @@ def test_a_correct_skeleton_is_kept(measured, largest):
 
 def test_calibration_is_deterministic_and_reset_forgets_it():
     given, _ = wrong_skeleton()
-    frames = observed(Tracker(TrackerConfig()), 6.0, 1.0)
-    tracker = Tracker(TrackerConfig(calibrate=True), given)
+    frames = observed(Tracker(TrackerConfig(height=1.75)), 6.0, 1.0)
+    tracker = Tracker(TrackerConfig(height=1.75, calibrate=True), given)
     results = []
     for _ in range(2):
         for o in frames:
@@ -253,7 +253,7 @@ def uneven(spread, seed=3):
 def test_asymmetric_lengths_start_at_the_mean_of_both_sides():
     given = uneven(0.05)
     assert asymmetry(given) > LARGEST_ASYMMETRY
-    tracker = Tracker(TrackerConfig(calibrate=True), given)
+    tracker = Tracker(TrackerConfig(height=1.75, calibrate=True), given)
     assert tracker.averaged == asymmetry(given)
     lengths, before = (np.linalg.norm(s.offsets, axis=1) for s in (tracker.skeleton, given))
     pairs = [
@@ -271,7 +271,7 @@ def test_asymmetric_lengths_start_at_the_mean_of_both_sides():
         s.offsets[1:] / np.linalg.norm(s.offsets[1:], axis=1, keepdims=True) for s in (tracker.skeleton, given)
     )
     assert np.allclose(*directions)
-    tracker.track(observed(Tracker(TrackerConfig()), 0.1)[0])
+    tracker.track(observed(Tracker(TrackerConfig(height=1.75)), 0.1)[0])
     tracker.reset()
     assert asymmetry(tracker.skeleton) == pytest.approx(0.0, abs=1e-12)
 
@@ -280,7 +280,7 @@ def test_slightly_asymmetric_and_uncalibrated_lengths_are_kept():
     measured, guessed = uneven(0.02), uneven(0.05)
     assert 0 < asymmetry(measured) < LARGEST_ASYMMETRY
     for calibrate, given in ((True, measured), (False, guessed), (True, Skeleton.load("anthropometric", 1.75))):
-        tracker = Tracker(TrackerConfig(calibrate=calibrate), given)
+        tracker = Tracker(TrackerConfig(height=1.75, calibrate=calibrate), given)
         assert tracker.averaged == 0 and np.array_equal(tracker.skeleton.offsets, given.offsets)
 
 

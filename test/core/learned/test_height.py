@@ -10,6 +10,7 @@ from lassokin_ros.core.config import TYPICAL_HEIGHT
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.height import (
+    ASSUMED_DEVIATION,
     CHANGE,
     CORRELATED_S,
     FEWEST,
@@ -81,7 +82,8 @@ def test_depths_on_an_occluder_or_the_wall_hardly_change_the_scale():
 def test_before_any_depth_the_height_is_that_of_people():
     estimator = HeightEstimator()
     assert not estimator.measured and estimator.height == TYPICAL_HEIGHT
-    assert estimator.deviation == pytest.approx(TYPICAL_HEIGHT * np.hypot(LEAST_DEVIATION, PEOPLE_DEVIATION))
+    assert estimator.deviation == pytest.approx(TYPICAL_HEIGHT * ASSUMED_DEVIATION)
+    assert TYPICAL_HEIGHT * np.exp(-2 * ASSUMED_DEVIATION) < 1.06  # children of four years
     assert not estimator.update(*person(1.2, measured=0), HERE, TYPICAL_HEIGHT) and not estimator.measured
 
 

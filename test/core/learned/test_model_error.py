@@ -91,7 +91,7 @@ def test_the_tracker_learns_the_error_of_its_detector():
 
 
 def test_repeated_frames_and_extrapolated_points_are_not_used_for_learning(monkeypatch):
-    tracker, taught = Tracker(TrackerConfig(noise_px=2.0)), []
+    tracker, taught = Tracker(TrackerConfig(height=1.75, noise_px=2.0)), []
     monkeypatch.setattr(tracker.learned.model_error, "update", lambda stamp, *frame: taught.append((stamp, frame[3])))
     frames = [observation for _, observation in observations(tracker, seconds=1.0)]
     for observation in frames[:10]:

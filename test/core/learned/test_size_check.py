@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import body
 from sequences import CONFIG, observations
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.learned.size_check import FEWEST
+from lassokin_ros.core.learned.size_check import FEWEST, SizeCheck
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 
@@ -81,3 +82,10 @@ def test_a_skeleton_in_metres_keeps_its_lengths_at_another_height():
     places = tracker.kinematics.pose(motion(tracker.skeleton, np.zeros(1))).landmarks[0]
     tracker.tune(replace(CONFIG, height=1.5))
     assert np.allclose(check.ratios(places, usable), 1.0, atol=0.01)
+
+
+def test_ratios_of_other_sources_count_once_in_a_tenth_of_a_second():
+    check = SizeCheck(body())
+    for number in range(40):
+        check.add(0.05 * number, np.array([0.7]))
+    assert len(check._ratios) == 20 and check.wrong and check.ratio == pytest.approx(0.7)

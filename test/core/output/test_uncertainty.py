@@ -44,7 +44,7 @@ FOCAL, RATE = 1000.0, 30.0
 
 def followed(hidden=(), noise_px=2.0, seconds=1.0, **settings):
     """(tracker, last estimate) after the synthetic motion, with some landmarks always hidden."""
-    tracker = Tracker(TrackerConfig(noise_px=noise_px, **settings))
+    tracker = Tracker(TrackerConfig(height=1.75, noise_px=noise_px, **settings))
     times = np.arange(round(seconds * RATE)) / RATE
     points = project(tracker.kinematics.pose(motion(tracker.skeleton, times)).landmarks)
     points = points + np.random.default_rng(0).normal(size=points.shape) * noise_px / FOCAL

@@ -177,6 +177,13 @@ def test_the_dimensions_of_an_array_are_checked(sizes, good):
         assert refused(ARRAY, message, "wrong_shape").startswith(f"9 values, data_offset 0, dimensions {shape}; ")
 
 
+def test_an_array_of_all_x_then_all_y_is_refused():
+    message = multi_array(BACKEND, 0, np.full((5, 2), 300.0))
+    assert len(decode(ARRAY, message).ids) == 5
+    message.data = np.repeat(np.array([300.0, 200.0, 0.9], "f4"), 5)
+    assert "not all x, then all y, then all confidences" in refused(ARRAY, message, "wrong_shape")
+
+
 def test_the_offset_of_an_array_is_checked():
     message = multi_array(BACKEND, 0, XY)
     for offset, ids in ((3, [0, 1]), (9, [])):

@@ -30,7 +30,7 @@ def backend(request):
 
 
 def test_every_serialised_output_equals_its_message(backend):
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(backend))
     tf = ALL if isinstance(backend, RosbagsBackend) else OFF  # rclpy's tf2_msgs may be missing
     settings = {"config": NodeSettings(publish_tf=tf)}

@@ -47,7 +47,7 @@ def test_the_executor_waits_for_camera_info_until_there_is_a_camera():
         without_timers(node)
         seen = []
         peer.node.create_subscription(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, seen.append, 10)
-        peer.spin_until(lambda: [peer.send_camera(), serve()] and node._session.has_camera and seen)
+        peer.spin_until(lambda: [peer.send_camera(), serve()] and node._session.inputs.has_camera and seen)
         node._inputs.poll()
         calls = []
         node._inputs.camera_info._on_any = lambda: calls.append(None)
@@ -62,7 +62,7 @@ def test_a_change_of_the_camera_between_two_polls_is_not_missed():
     """Three messages between two polls: images from before the change are still read with the earlier camera."""
     with node_in_this_process("/every_change") as (node, serve), Peer("/every_change", outputs=False) as peer:
         without_timers(node)
-        peer.spin_until(lambda: [peer.camera.publish(of(600.0, 99)), serve()] and node._session.has_camera)
+        peer.spin_until(lambda: [peer.camera.publish(of(600.0, 99)), serve()] and node._session.inputs.has_camera)
         for focal_px, stamp_s in ((600.0, 100), (700.0, 101), (700.0, 102)):
             peer.camera.publish(of(focal_px, stamp_s))
         peer.spin_until(lambda: node._inputs.poll() or focal(node) == 700.0, what="the change")
@@ -83,7 +83,7 @@ def test_repeated_camera_info_is_not_decoded_but_each_rejection_is_counted():
             come._on_serialised(serialize_message(of(0.0)))
         assert len(taken) == 4 and node._session.counts["rejected: camera_uncalibrated"] == 3
         come._on_serialised(serialize_message(of(600.0)))  # the fault has ended
-        assert not node._session.camera_fault
+        assert not node._session.inputs.camera_fault
         come.take(of(700.0))  # with another fault
         come._on_serialised(serialize_message(of(600.0)))
         assert focal(node) == 600.0
@@ -101,7 +101,7 @@ def test_with_an_overridden_qos_the_executor_keeps_waiting(policy):
     }
     with node_in_this_process("/own_qos", **settings) as (node, serve), Peer("/own_qos", outputs=False) as peer:
         without_timers(node)
-        peer.spin_until(lambda: [peer.send_camera(), serve()] and node._session.has_camera)
+        peer.spin_until(lambda: [peer.send_camera(), serve()] and node._session.inputs.has_camera)
         peer.spin_until(lambda: [peer.send(0, PIXELS[0]), serve()] and node._diagnostics.keypoints_received)
         peer.spin_until(lambda: [peer.camera.publish(of(700.0)), serve()] and focal(node) == 700.0)
         node._publish_diagnostics()

@@ -30,7 +30,7 @@ def stamp_of(message):
 
 
 def test_the_live_node_publishes_the_same_late_frames_as_the_pipeline():
-    namespace, session = "/lagging", Session(TrackerConfig(smoothing_lag=0.05), NodeSettings())
+    namespace, session = "/lagging", Session(TrackerConfig(height=1.75, smoothing_lag=0.05), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     expected = [f for i, xy in enumerate(PIXELS[:20]) for f in session.frames(cloud(BACKEND, stamp(i), xy), 0)]
     with (

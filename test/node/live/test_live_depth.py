@@ -19,7 +19,7 @@ from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.node.message_types import message_class  # noqa: E402
 from lassokin_ros.node.qos import sensor_data  # noqa: E402
-from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED  # noqa: E402
+from lassokin_ros.pipeline.depth.depth_images import MATCHED, RECEIVED, UNMATCHED  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 from msg_adapters.output_messages.builders import WARN  # noqa: E402
 

@@ -47,6 +47,7 @@ def test_a_signal_that_an_earlier_thread_gets_interrupts_nothing():
     [
         (["--ros-args", "-p", "height:=5.0"], "0 to 2.6 m"),
         (["--ros-args", "-p", "height:=2"], "decimal point"),
+        (["--ros-args", "-p", "fixedframe:=odom"], "did you mean 'fixed_frame'?"),
         (["--ros-args", "-p", "skeleton:=nobody"], "anthropometric"),
         (["--ros-args", "-p", "landmarks:=nothing"], "coco17"),
         (["--ros-args", "-p", "solver:=guess"], "proxqp"),
@@ -73,12 +74,6 @@ def test_a_home_that_cannot_be_written_is_one_line_with_the_remedy():
     done = subprocess.run(TRACKER, capture_output=True, text=True, cwd=ROOT, timeout=120, env=environment)
     assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
     assert done.stderr.startswith("tracker: ") and "set ROS_LOG_DIR" in done.stderr
-
-
-def test_a_misspelt_parameter_is_reported():
-    with NodeProcess("/misspelt", "-p", "heigth:=1.8") as node, Peer("/misspelt") as peer:
-        peer.next_diagnostics()
-    assert "did you mean 'height'?" in node.said
 
 
 def test_a_qos_policy_that_cannot_be_overridden_is_reported():

@@ -21,7 +21,7 @@ def seen_by(eyes, settings, seconds, session=None, tf=True):
     """A session after the images of the eyes at these times, and the results of the last one."""
     frames, random = [], np.random.default_rng(0)
     if session is None:
-        session = Session(TrackerConfig(), settings)
+        session = Session(TrackerConfig(height=1.75), settings)
         for name, one in zip(session.cameras, eyes):
             session.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
     for now in seconds:

@@ -103,7 +103,7 @@ def test_a_camera_away_from_the_axis_moves_on_a_circle(rad_s, period_s, at_s):
     assert np.allclose(centre, rotation @ arm, atol=1e-9)
 
 
-@pytest.mark.parametrize("period_s", [0.001, 0.005, 0.04])
+@pytest.mark.parametrize("period_s", [0.001, 0.04])
 def test_the_noise_of_a_fast_publisher_hardly_grows_beyond_the_newest_transform(period_s):
     """0.3 rad/s with 0.1 degrees of noise, 0.1 s beyond. The noise of two transforms 1 ms apart is 10 degrees there."""
     off = []
@@ -204,10 +204,10 @@ def estimates(tracker_config, node_config, transforms=None):
 
 def test_the_mount_from_tf_is_that_of_the_parameters():
     mounted = NodeSettings(camera_mount_frame=BASE)
-    told, expected = estimates(TrackerConfig(camera_roll=np.pi, camera_pitch=DOWN), NodeSettings())
-    session, found = estimates(TrackerConfig(), mounted, robot())
+    told, expected = estimates(TrackerConfig(height=1.75, camera_roll=np.pi, camera_pitch=DOWN), NodeSettings())
+    session, found = estimates(TrackerConfig(height=1.75), mounted, robot())
     assert np.allclose(found, expected, atol=1e-6)
-    assert not np.allclose(expected, estimates(TrackerConfig(), NodeSettings())[1], atol=1e-2)
+    assert not np.allclose(expected, estimates(TrackerConfig(height=1.75), NodeSettings())[1], atol=1e-2)
     assert session.placement.mount.fault == "" and np.allclose(np.abs(session.placement.mount.angles), (np.pi, DOWN))
     assert told.placement.mount is None
 
@@ -217,7 +217,7 @@ def lean_error(nods, settings):
     kinematics = Kinematics(SKELETON, Layout.load("coco17", SKELETON))
     stamps = SECOND + np.arange(len(nods)) * 66_000_000
     pose = kinematics.pose(motion(SKELETON, stamps * 1e-9))
-    without_network = TrackerConfig(depth_prior=False)  # with it, the mount matters less
+    without_network = TrackerConfig(height=1.75, depth_prior=False)  # with it, the mount matters less
     session, errors = Session(without_network, settings), []
     session.set_camera(camera_info(BACKEND))
     for i, (pitch, stamp) in enumerate(zip(nods, stamps.tolist())):
@@ -240,7 +240,7 @@ def test_a_person_before_a_nodding_head_stays_upright():
 
 
 def test_without_tf_the_parameters_are_used():
-    tracker = TrackerConfig(camera_pitch=0.3)
+    tracker = TrackerConfig(height=1.75, camera_pitch=0.3)
     session, found = estimates(tracker, NodeSettings(camera_mount_frame=BASE))
     assert np.array_equal(found, estimates(tracker, NodeSettings())[1])
     assert session.placement.mount.angles is None and "no transform of" in session.placement.mount.fault
@@ -256,16 +256,18 @@ def above(height, pitch=DOWN):
 
 def test_the_floor_is_at_height_0_of_the_base():
     mounted = NodeSettings(camera_mount_frame=BASE, floor=True)
-    told, expected = estimates(TrackerConfig(camera_pitch=DOWN, camera_height=HIGH, hold_feet=False), NodeSettings())
-    session, found = estimates(TrackerConfig(), mounted, above(HIGH))
+    told, expected = estimates(
+        TrackerConfig(camera_pitch=DOWN, camera_height=HIGH, hold_feet=False, height=1.75), NodeSettings()
+    )
+    session, found = estimates(TrackerConfig(height=1.75), mounted, above(HIGH))
     assert np.allclose(found, expected, atol=1e-6)
     assert session.placement.camera_height == pytest.approx(HIGH) == told.placement.camera_height
-    session, without = estimates(TrackerConfig(), NodeSettings(camera_mount_frame=BASE), above(HIGH))
+    session, without = estimates(TrackerConfig(height=1.75), NodeSettings(camera_mount_frame=BASE), above(HIGH))
     assert session.placement.camera_height is None and not np.allclose(found, without, atol=1e-3)
 
 
 def test_the_floor_is_at_height_0_of_the_fixed_frame():
-    session = Session(TrackerConfig(), NodeSettings(fixed_frame=BASE, floor=True))
+    session = Session(TrackerConfig(height=1.75), NodeSettings(fixed_frame=BASE, floor=True))
     session.set_camera(camera_info(BACKEND))
     session.placement.places.transforms = above(HIGH)
     assert session.process(cloud(BACKEND, SECOND, PIXELS[0]), 0).accepted
@@ -274,18 +276,18 @@ def test_the_floor_is_at_height_0_of_the_fixed_frame():
 
 
 def test_the_floor_is_live():
-    session, _ = estimates(TrackerConfig(), NodeSettings(camera_mount_frame=BASE), above(HIGH))
+    session, _ = estimates(TrackerConfig(height=1.75), NodeSettings(camera_mount_frame=BASE), above(HIGH))
     for floor, height in ((True, HIGH), (False, None)):
-        session.tune(TrackerConfig(), NodeSettings(camera_mount_frame=BASE, floor=floor))
+        session.tune(TrackerConfig(height=1.75), NodeSettings(camera_mount_frame=BASE, floor=floor))
         session.process(cloud(BACKEND, SECOND + (2 - floor) * 100_000_000, PIXELS[0]), 0)
         assert session.placement.camera_height == height
-    tripod = Session(TrackerConfig(), NodeSettings())
+    tripod = Session(TrackerConfig(height=1.75), NodeSettings())
     tripod.tune(TrackerConfig(camera_height=1.4), NodeSettings())
     assert tripod.placement.camera_height == pytest.approx(1.4)
 
 
 def test_without_tf_the_floor_is_unknown():
-    session, _ = estimates(TrackerConfig(), NodeSettings(camera_mount_frame=BASE, floor=True))
+    session, _ = estimates(TrackerConfig(height=1.75), NodeSettings(camera_mount_frame=BASE, floor=True))
     assert session.placement.camera_height is None
 
 
@@ -295,13 +297,10 @@ def test_a_floor_that_cannot_be_is_refused(frame):
         NodeSettings(floor=True).checked()
     with pytest.raises(ConfigurationError, match=f"camera_height is 1.2 and {frame} 'odom'; expected one of them"):
         Session(TrackerConfig(camera_height=1.2), NodeSettings(**{frame: "odom"}))
-    session = Session(TrackerConfig(), NodeSettings(**{frame: "odom"}))
+    session = Session(TrackerConfig(height=1.75), NodeSettings(**{frame: "odom"}))
     with pytest.raises(ConfigurationError, match="expected one of them"):
         session.tune(TrackerConfig(camera_height=1.2), NodeSettings(**{frame: "odom"}))
     assert session.tracker.config.camera_height == 0
-    for settings in ({}, {"camera_mount_frame": "odom", "floor": True}, {"fixed_frame": "odom"}):
-        with pytest.raises(ConfigurationError, match="tilt_deviation is 0.01, but no feet are known to stand"):
-            Session(TrackerConfig(tilt_deviation=0.01), NodeSettings(**settings))
     with pytest.raises(ConfigurationError, match="camera_height is -0.1; expected 0 to 100 m"):
         TrackerConfig(camera_height=-0.1).checked()
 

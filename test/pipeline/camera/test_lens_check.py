@@ -64,7 +64,7 @@ def info(model, numbers, size, D):
 @pytest.mark.parametrize("name", REAL)
 def test_real_lenses_are_accepted_without_a_warning(name):
     model, numbers, size, D = REAL[name]
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     assert session.set_camera(info(*REAL[name])) is None
     assert session.first.camera.warning == "" and session.first.camera.view.lens.model == model
     assert Lens(matrix(*numbers), D, model).warning == Lens(matrix(*numbers), D, model, size).warning == ""
@@ -74,19 +74,19 @@ def test_real_lenses_are_accepted_without_a_warning(name):
 def test_distortion_that_no_lens_has_is_refused(name):
     model, D, words = ABSURD[name]
     K, size = (920.0 if model != "equidistant" else 250.0,) * 2 + (640, 360), (1280, 720)
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     assert session.set_camera(info(model, K, size, D)) == "camera_unusable"
-    assert f"({model}) is not the distortion of a lens: {words}" in session.camera_fault
+    assert f"({model}) is not the distortion of a lens: {words}" in session.inputs.camera_fault
     for of_image in (size, (0, 0)):
         with pytest.raises(CameraError, match="is not the distortion of a lens"):
             Lens(matrix(*K), D, model, of_image)
 
 
 def test_the_last_good_camera_stays():
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     bad = camera_info(BACKEND, distortion_model="plumb_bob", d=np.array([1e5, 1e5, 0, 0, 0]))
-    assert session.set_camera(bad) == "camera_unusable" and session.camera_fault
+    assert session.set_camera(bad) == "camera_unusable" and session.inputs.camera_fault
     frame = session.process(cloud(BACKEND, 10**9, pixels_of_motion(1)[0]), 0)
     assert frame.accepted and 2 < frame.estimate.state.translation[2] < 6
 
@@ -99,6 +99,6 @@ def test_the_last_good_camera_stays():
     ],
 )
 def test_unusual_distortion_is_a_warning(D, words):
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     assert session.set_camera(info("plumb_bob", (920.0, 920, 640, 360), (1280, 720), D)) is None
     assert re.search(f"is unusual for a lens: {words}", session.first.camera.warning)

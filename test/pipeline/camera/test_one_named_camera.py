@@ -23,7 +23,7 @@ BACKEND, START_NS, PERIOD_NS = rosbags_backend(), 1_700_000_000_000_000_000, 33_
 
 
 def made(frame_id=FRAME, **settings):
-    result = Session(TrackerConfig(), NodeSettings(**settings))
+    result = Session(TrackerConfig(height=1.75), NodeSettings(**settings))
     assert result.set_camera(camera_info(BACKEND, frame_id=frame_id), result.first.name) is None
     return result
 
@@ -65,7 +65,7 @@ def test_its_depth_images_are_compared_with_the_person():
 def test_it_sees_bodies_with_a_topic_each():
     backend = RosbagsBackend(detector_types())
     config = NodeSettings(cameras=("left",), keypoints_type=HRI, rep155=True, max_people=2)
-    session = PerBodySession(TrackerConfig(landmarks="hri18"), config)
+    session = PerBodySession(TrackerConfig(height=1.75, landmarks="hri18"), config)
     assert session.set_camera(camera_info(BACKEND), "left") is None
     session.keep(["abc"])
     pixels = pixels_of_motion(1, layout="hri18")[0]

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lassokin_ros.core.observation import HERE
+from lassokin_ros.core.observation import HERE, CameraPose
 from lassokin_ros.pipeline.concerns.catalogue import PROBLEM
 from lassokin_ros.pipeline.input_checks.body_direction import LONG_S, BodyDirection
 
@@ -63,6 +63,18 @@ def test_the_roll_of_the_camera_is_known():
         # positive roll: the right side of the camera is down, so that bodies lean to its left
         assert words(frame(-degrees), roll=np.radians(degrees))[0] == ""
         assert words(frame(0), roll=np.radians(degrees))[0]
+
+
+@pytest.mark.parametrize("looks", ["ahead", "up"])
+def test_a_person_who_stands_in_the_image_of_a_camera_that_looks_up_shows_a_wrong_frame(looks):
+    level = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    one, direction = frame(0), BodyDirection()
+    one.camera = CameraPose("", level if looks == "ahead" else np.eye(3))
+    one.estimate.pose.positions = one.estimate.pose.positions @ one.camera.rotation
+    for second in range(2):
+        direction.update([one], None, float(second))
+        found = direction.concern(float(second))
+        assert (found is not None and "looks up or down" in found.text) == (looks == "up" and second == 1)
 
 
 def test_of_several_people_one_upright_is_enough_and_without_people_nothing_is_said():

@@ -26,7 +26,8 @@ BACKEND = rosbags_backend()
 LEFT, RIGHT = np.arange(33, 54), np.arange(54, 75)
 LAST = [0, *range(5, 21), *range(1, 5)]
 FRAMES, BAD_FROM = 12, 4
-MOST_MM = 20.0
+MEAN_MM, MOST_MM = 5.0, 30.0
+"""Of the 22 joints in each frame, and of one joint: a wrist that loses its hand."""
 
 
 def session(landmarks="mediapipe75", skeleton="body_hands"):
@@ -117,7 +118,7 @@ def test_bad_hands_hardly_move_the_body_and_are_named(case, right):
     change, name = CASES[case]
     one, found = run(change)
     moved = 1e3 * np.linalg.norm(found - right, axis=-1)
-    assert moved.max() < MOST_MM
+    assert moved.mean(axis=1).max() < MEAN_MM and moved.max() < MOST_MM
     assert {count for count in (EXCHANGED, FAR, SAME, ORDER) if one.counts[count]} == ({name} if name else set())
 
 
@@ -157,7 +158,7 @@ def test_the_topic_of_hands_has_both_hands_in_their_axes():
 
 
 def test_a_body_without_hands_has_no_such_topic():
-    one = Session(TrackerConfig(), NodeSettings())
+    one = Session(TrackerConfig(height=1.75), NodeSettings())
     messages = FrameMessages(BACKEND, one.tracker.skeleton, hands=HandPoints(one.tracker.skeleton, one.tracker.layout))
     assert topics.HANDS not in messages._builders
     assert topics.HANDS_OUTPUT not in topics.person_outputs(True) and Counter(topics.person_outputs(False, True))

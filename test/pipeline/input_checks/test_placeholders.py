@@ -24,7 +24,7 @@ PIXELS = pixels_of_motion(COUNT, 30.0)
 
 def track(change=None, confidence=None, rows=(9, 10, 15)):
     """Translations (COUNT, 3) and joints of frames in which `change` replaces the pixels of rows; and the session."""
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     assert session.set_camera(camera_info(BACKEND)) is None
     places = []
     for i in range(COUNT):
@@ -86,7 +86,7 @@ def test_joints_outside_of_the_image_are_as_uncertain_as_they_are_wrong():
     outside = pixels[..., 1] > size[1] - 1
     assert outside[:, 15:].all()
     clamped = np.clip(pixels, 0, size - 0.5)
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     K = [focal, 0, size[0] / 2, 0, focal, size[1] / 2, 0, 0, 1]
     assert session.set_camera(camera_info(BACKEND, width=1280, height=720, k=np.array(K), p=np.zeros(12))) is None
     joints = [skeleton.index("left_ankle"), skeleton.index("right_ankle")]
@@ -116,7 +116,7 @@ def test_ordinary_points_are_no_placeholders():
 
 
 def test_small_people_may_have_equal_rounded_points():
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND, focal=FOCAL))
     small = np.round((PIXELS[0] - [WIDTH / 2, HEIGHT / 2]) * 0.05) + [WIDTH / 2 + 20, HEIGHT / 2 + 20]
     session.process(cloud(BACKEND, 10**9, small), 0)
@@ -130,7 +130,7 @@ def test_a_single_invalid_score_removes_its_point_only(score):
 
 
 def test_scores_in_another_unit_are_refused_with_a_factor():
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     frame = session.process(cloud(BACKEND, 10**9, PIXELS[0], np.linspace(4, 6, 17)), 0)
     assert frame.rejection == "confidence_range"
@@ -138,23 +138,27 @@ def test_scores_in_another_unit_are_refused_with_a_factor():
 
 
 def test_fractions_of_the_image_are_refused_with_the_factors():
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     assert session.set_camera(camera_info(BACKEND)) is None
     frame = session.process(cloud(BACKEND, 10**9, PIXELS[0] / [WIDTH, HEIGHT]), 0)
     assert (
         frame.rejection == "fractions" and f"width ({WIDTH})" in frame.detail and f"height ({HEIGHT})" in frame.detail
     )
-    assert not session.nobody_in_view
+    assert not session.inputs.nobody_in_view
     below = PIXELS[0] / [WIDTH, HEIGHT] + [0.0, 0.4]  # the legs are below the image
     assert below.max() > 1.1 and session.process(cloud(BACKEND, 10**9, below), 0).rejection == "fractions"
 
 
 def test_percent_of_the_image_are_refused_with_the_factors():
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     assert session.set_camera(camera_info(BACKEND)) is None
     percent = PIXELS[0] / [WIDTH, HEIGHT] * 100
     frame = session.process(cloud(BACKEND, 10**9, percent), 0)
     assert frame.rejection == "percent" and "multiply x by 6.4 and y by 4.8" in frame.detail
+    corner = 0.8 * (PIXELS[0] - PIXELS[0].min(axis=0)) + 5.0
+    assert 0.5 < (corner <= 100).all(axis=1).mean() < 0.75  # a person in the upper left corner
+    assert session.process(cloud(BACKEND, 2 * 10**9 - 10**8, corner), 0).rejection != "percent"
+    session.reset()
     assert session.process(cloud(BACKEND, 2 * 10**9, PIXELS[0]), 0).accepted
     assert session.process(cloud(BACKEND, 2 * 10**9 + 10**8, percent), 0).rejection != "percent"  # somebody in a corner
 
@@ -165,6 +169,6 @@ def test_percent_of_the_image_are_refused_with_the_factors():
     ids=["centre", "zero", "nan", "twelve px", "negative"],
 )
 def test_placeholders_and_a_small_person_are_no_fractions(xy):
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     assert session.set_camera(camera_info(BACKEND)) is None
     assert session.process(cloud(BACKEND, 10**9, xy), 0).rejection != "fractions"

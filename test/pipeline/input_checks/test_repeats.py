@@ -15,7 +15,7 @@ from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
-from lassokin_ros.pipeline.depth_images import EARLIER, MATCHED, REPEATED, UNMATCHED  # noqa: E402
+from lassokin_ros.pipeline.depth.depth_images import EARLIER, MATCHED, REPEATED, UNMATCHED  # noqa: E402
 from lassokin_ros.pipeline.input_checks.repeats import Repeats, same_image  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.presence_state import LOST, TRACKING, PresenceState  # noqa: E402
@@ -46,7 +46,7 @@ class Watched:
     """A session with its diagnostics, whose clock is that of the stamps."""
 
     def __init__(self, config=None, **settings):
-        self.session = Session(config or TrackerConfig(), NodeSettings(**settings))
+        self.session = Session(config or TrackerConfig(height=1.75), NodeSettings(**settings))
         assert self.session.set_camera(camera_info(BACKEND)) is None
         self.diagnostics = Diagnostics(self.session, "tracker", 0.0)
         self.state = PresenceState()
@@ -154,7 +154,9 @@ def sent(i, depth, compressed):
 
 def follow(scene, shown, compressed=False, **config):
     """Mean absolute error over the last second, the session, and the statuses; shown(i): number of the depth image."""
-    session = Watched(TrackerConfig(**config), depth=DEPTH + ("/compressedDepth" if compressed else ""))
+    session = Watched(
+        TrackerConfig(**{"height": 1.75, **config}), depth=DEPTH + ("/compressedDepth" if compressed else "")
+    )
     errors, statuses = [], []
     for i in range(COUNT):
         if (number := shown(i)) is not None:

@@ -69,7 +69,7 @@ def test_stamps_that_stay_are_a_warning():
 def test_the_status_and_the_velocities_of_stamps_in_us():
     """Differences over steps of 33 us would be thousands of rad/s."""
     backend, pixels = rosbags_backend(), pixels_of_motion(60, 30.0)
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(backend))
     diagnostics = Diagnostics(session, "tracker", 0.0)
     fastest = 0.0

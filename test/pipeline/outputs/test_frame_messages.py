@@ -21,7 +21,7 @@ PIXELS = pixels_of_motion(30)
 
 @pytest.fixture
 def session():
-    result = Session(TrackerConfig(), NodeSettings())
+    result = Session(TrackerConfig(height=1.75), NodeSettings())
     result.set_camera(camera_info(BACKEND))
     return result
 
@@ -147,12 +147,12 @@ def send(session, index, pixels):
 
 
 def test_another_resolution_does_not_move_the_person(session):
-    other = Session(TrackerConfig(), NodeSettings())
+    other = Session(TrackerConfig(height=1.75), NodeSettings())
     other.set_camera(camera_info(BACKEND))
     for i in range(20):
         if i == 10:
             double(session)
-            session.tune(TrackerConfig(noise_px=2 * TrackerConfig().noise_px), NodeSettings())
+            session.tune(TrackerConfig(height=1.75, noise_px=2 * TrackerConfig(height=1.75).noise_px), NodeSettings())
         a, b = send(session, i, PIXELS[i] * (2 if i >= 10 else 1)), send(other, i, PIXELS[i])
         assert a.accepted and a.estimate.initialised is (i == 0)
         assert np.abs(a.positions - b.positions).max() < 1e-6, i
@@ -160,13 +160,13 @@ def test_another_resolution_does_not_move_the_person(session):
 
 def test_late_keypoints_are_read_with_their_own_camera(session):
     """The detector is three images late when the camera changes."""
-    plain = Session(TrackerConfig(), NodeSettings())
+    plain = Session(TrackerConfig(height=1.75), NodeSettings())
     plain.set_camera(camera_info(BACKEND))
     for i in range(20):
         if i == 7:
             double(session)
         if i == 10:
-            session.tune(TrackerConfig(noise_px=2 * TrackerConfig().noise_px), NodeSettings())
+            session.tune(TrackerConfig(height=1.75, noise_px=2 * TrackerConfig(height=1.75).noise_px), NodeSettings())
         a, b = send(session, i, PIXELS[i] * (2 if i >= 10 else 1)), send(plain, i, PIXELS[i])
         assert np.abs(a.positions - b.positions).max() < 1e-6, i
 
@@ -208,7 +208,7 @@ def test_a_rejected_camera_is_counted_each_time_and_the_good_one_is_kept(session
         assert session.set_camera(camera_info(BACKEND, k=np.zeros(9))) == "camera_uncalibrated"
     assert session.counts["rejected: camera_uncalibrated"] == 3
     assert frame(session, 0).accepted
-    assert session.set_camera(camera_info(BACKEND)) is None and session.camera_fault == ""
+    assert session.set_camera(camera_info(BACKEND)) is None and session.inputs.camera_fault == ""
 
 
 def test_one_of_several_people_is_followed_until_lost(session):
@@ -230,7 +230,10 @@ def test_one_of_several_people_is_followed_until_lost(session):
 
 def test_joint_states_may_be_read_from_any_frame_on():
     """Reading starts in the middle: the same angles and velocities as if all frames had been read."""
-    always, late = Session(TrackerConfig(), NodeSettings()), Session(TrackerConfig(), NodeSettings())
+    always, late = (
+        Session(TrackerConfig(height=1.75), NodeSettings()),
+        Session(TrackerConfig(height=1.75), NodeSettings()),
+    )
     for one in (always, late):
         one.set_camera(camera_info(BACKEND))
     for i in range(6):

@@ -39,7 +39,7 @@ class Shelf:
 
 def run(settings, frame_id=FRAME, count=3, persons=(4, 9)):
     """The outputs of people with lasting numbers side by side, in some images; then one without anybody."""
-    session, sink = Session(TrackerConfig(), settings), Shelf()
+    session, sink = Session(TrackerConfig(height=1.75), settings), Shelf()
     session.set_camera(camera_info(BACKEND))
     outputs = Outputs(session, sink, BACKEND, "tracker")
     outputs.start(START_NS)
@@ -93,3 +93,25 @@ def test_one_person_has_topics_from_the_start_and_a_reset_is_no_news():
     session.reset()
     outputs.forget(START_NS + 10**9)
     assert news == [] and outputs.state != "tracking"
+
+
+def test_whoever_is_not_tracked_is_counted_by_the_clock_of_the_images():
+    """The clock of arrivals is an hour ahead of that of the stamps."""
+    session, sink = Session(TrackerConfig(height=1.75), NodeSettings(max_people=1)), Shelf()
+    session.set_camera(camera_info(BACKEND))
+    outputs, rows = Outputs(session, sink, BACKEND, "tracker"), []
+    outputs.start(START_NS)
+
+    def write(out, message):
+        if out == "~/people":
+            rows.append(BACKEND._typestore.deserialize_cdr(message, "sensor_msgs/msg/PointCloud2").width)
+
+    sink.write = write
+    for index in range(3):
+        people = [(PIXELS[index] + [x, 0.0], np.full(17, 0.9)) for x in (-120.0, 120.0)]
+        stamp_ns = START_NS + index * PERIOD_NS
+        arrival_ns = stamp_ns + 3600 * 10**9
+        for answer in session.push(crowd(BACKEND, stamp_ns, people, (4, 9)), arrival_ns):
+            outputs.publish(answer, arrival_ns)
+    outputs.repeat(arrival_ns + 10**8, 1e9)
+    assert rows == [2, 2, 2, 2]  # one of them is not tracked

@@ -32,7 +32,7 @@ OF_REP155 = {"waist", "torso", "head", *(f"{side}_{name}" for side in "lr" for n
 @pytest.fixture(scope="module")
 def built():
     """A frame, and its messages by topic."""
-    session = Session(TrackerConfig(), CONFIG)
+    session = Session(TrackerConfig(height=1.75), CONFIG)
     session.set_camera(camera_info(BACKEND))
     for i in range(6):
         image = crowd(BACKEND, 1_000_000_000 + i * 33_000_000, [(PIXELS[i], np.full(17, 0.9))])

@@ -40,7 +40,7 @@ for _type in BUILDERS:
 
 @pytest.fixture(scope="module")
 def frames():
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     return [session.process(cloud(BACKEND, START_NS + i * 20_000_000, PIXELS[i]), 7) for i in range(8)]
 
@@ -106,7 +106,7 @@ def test_a_person_is_uncertain_along_the_same_line_when_the_frame_has_jumped(fra
 
 def test_covariances_are_computed_only_for_a_message(frames):
     messages = PeopleMessages(BACKEND, CLOUD_TYPE)
-    fresh = Session(TrackerConfig(), NodeSettings())
+    fresh = Session(TrackerConfig(height=1.75), NodeSettings())
     fresh.set_camera(camera_info(BACKEND))
     frame = fresh.process(cloud(BACKEND, START_NS, PIXELS[0]), 7)
     messages.update([frame], None)

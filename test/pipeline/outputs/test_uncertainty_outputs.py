@@ -41,7 +41,7 @@ def points_of(message):
 def tracked():
     """A session, and its frame after a part of the motion."""
     backend = rosbags_backend()
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(backend))
     pixels = pixels_of_motion(10)
     frames = [session.process(cloud(backend, START_NS + i * 16_666_667, xy), 7) for i, xy in enumerate(pixels)]

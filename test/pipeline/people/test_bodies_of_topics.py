@@ -18,7 +18,7 @@ CONFIG = NodeSettings(rep155=True, max_people=2, keypoints_type="hri_msgs/msg/Sk
 
 @pytest.fixture
 def bodies():
-    return PerBodySession(TrackerConfig(), CONFIG)
+    return PerBodySession(TrackerConfig(height=1.75), CONFIG)
 
 
 def test_people_are_those_of_the_list(bodies):
@@ -63,7 +63,7 @@ def test_reset_and_settings_count_once_and_reach_all(bodies):
     bodies.reset()
     assert bodies.counts["resets"] == 1
     bodies.keep(["a"])
-    bodies.tune(replace(TrackerConfig(), noise_px=5.0), replace(CONFIG, forget_after=1.5))
+    bodies.tune(replace(TrackerConfig(height=1.75), noise_px=5.0), replace(CONFIG, forget_after=1.5))
     assert bodies.counts["resets"] == 1 and bodies.config.forget_after == 1.5 and bodies.config.max_people == 2
     assert all(one.tracker.config.noise_px == 5.0 and one.config.forget_after == 1.5 for one in bodies._all)
     bodies.tune(replace(TrackerConfig(), height=1.5), CONFIG)
@@ -72,7 +72,7 @@ def test_reset_and_settings_count_once_and_reach_all(bodies):
 
 
 def test_depth_images_stay_when_somebody_leaves():
-    bodies = PerBodySession(TrackerConfig(), replace(CONFIG, depth="/depth"))
+    bodies = PerBodySession(TrackerConfig(height=1.75), replace(CONFIG, depth="/depth"))
     bodies.keep(["a", "b"])
     bodies.first.depth.add(depth_message(rosbags_backend(), 5_000_000_000, np.full((4, 6), 2.0)), 5_000_000_000)
     bodies.keep(["b"])

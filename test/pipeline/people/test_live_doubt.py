@@ -28,7 +28,7 @@ def swapped(pixels, begin=BEGIN, end=END):
 
 def tracked(pixels, lag=0.0):
     """The results, and the lines of the diagnostics at the end of each second."""
-    session = Session(TrackerConfig(smoothing_lag=lag), NodeSettings())
+    session = Session(TrackerConfig(height=1.75, smoothing_lag=lag), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(session, "tracker", 0.0)
     diagnostics.count_camera_info(0.0)
@@ -74,7 +74,7 @@ def test_hidden_legs_are_said_without_a_warning():
 
 
 def test_a_reset_forgets_the_doubt():
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     pixels = swapped(pixels_of_motion(60, RATE))
     for index, xy in enumerate(pixels[: BEGIN + 1]):

@@ -48,7 +48,7 @@ def follow(seed, kind, max_people):
     numbers, sent = numbers_in(there, kind, random)
     bodies = [Pretended() for _ in range(max_people)]
     for body in bodies:
-        body.tracker.kinematics.landmark_count, body.tracker.config = 17, TrackerConfig()
+        body.tracker.kinematics.landmark_count, body.tracker.config = 17, TrackerConfig(height=1.75)
     tracker, frames, jumped = PeopleTracker(bodies, Counter()), [], False
     points = (there.pixels - [WIDTH / 2, HEIGHT / 2]) / FOCAL
     for i in np.flatnonzero(sent).tolist():

@@ -81,13 +81,13 @@ def test_a_person_may_walk_while_out_of_sight():
 
 @pytest.mark.parametrize(("count", "enough"), [(3, False), (4, True)])
 def test_a_tracker_needs_enough_landmarks(count, enough):
-    config = TrackerConfig(min_landmarks=4, min_confidence=0.2)
+    config = TrackerConfig(height=1.75, min_landmarks=4, min_confidence=0.2)
     points = np.ones((6, 2))
     confident = np.where(np.arange(6) < count, 0.2, 0.19)
     assert is_trackable(seen(points, confident), config) == enough
     points[count:, 1] = NAN
     assert is_trackable(seen(points), config) == enough
-    anything = TrackerConfig(min_landmarks=4, min_confidence=0.0)
+    anything = TrackerConfig(height=1.75, min_landmarks=4, min_confidence=0.0)
     assert is_trackable(seen(np.ones((6, 2)), np.where(np.arange(6) < count, 0.1, 0.0)), anything) == enough
 
 

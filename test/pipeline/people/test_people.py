@@ -49,7 +49,7 @@ def walk(frames, x, z, phase, seed):
 
 
 def pipeline_for(max_people=4, **settings):
-    session = Session(TrackerConfig(), NodeSettings(max_people=max_people, **settings))
+    session = Session(TrackerConfig(height=1.75), NodeSettings(max_people=max_people, **settings))
     assert session.set_camera(camera_info(BACKEND)) is None
     return session
 
@@ -136,7 +136,10 @@ def test_people_appear_are_absent_and_leave():
 def test_silence_is_reported_and_does_not_reset_the_state(people):
     """By the clock of arrivals, at any distance from the stamps, and only while it advances."""
     pixels = walk(30, 0.8, 3.5, 0.0, 1)[1], walk(30, -0.8, 3.5, 3.0, 2)[1]
-    config = TrackerConfig(lost_after=0.5), NodeSettings(max_people=people, person_ids="node", forget_after=1.0)
+    config = (
+        TrackerConfig(height=1.75, lost_after=0.5),
+        NodeSettings(max_people=people, person_ids="node", forget_after=1.0),
+    )
     asked, left_alone = Session(*config), Session(*config)
     answers = {asked: [], left_alone: []}
     assert asked.presence_at(10**18).status is Status.SEARCHING
@@ -381,7 +384,7 @@ def test_whoever_is_in_the_image_and_not_tracked_is_counted(max_people, few):
 
 def test_whoever_is_not_tracked_is_counted_with_results_that_come_later():
     me, other = walk(20, -0.8, 6.0, 0.0, 1)[1], walk(20, 0.8, 2.5, 0.0, 2)[1]
-    session = Session(TrackerConfig(smoothing_lag=0.2), NodeSettings())
+    session = Session(TrackerConfig(height=1.75, smoothing_lag=0.2), NodeSettings())
     assert session.set_camera(camera_info(BACKEND)) is None
     for i in range(20):
         people = [(me[i], np.full(17, 0.9)), (other[i], np.full(17, 0.6))]
@@ -430,7 +433,9 @@ def test_numbers_of_ten_digits_are_those_of_people():
 def test_with_a_lag_each_result_is_published_with_the_identity_of_its_message(max_people):
     """Also those that wait when the person is forgotten in a pause, when a bag loops, and at the end."""
     xy, confidence = walk(10, 0.0, 3.5, 0.0, 1)[1], np.full(17, 0.9)
-    session = Session(TrackerConfig(smoothing_lag=0.1), NodeSettings(max_people=max_people, forget_after=0.3))
+    session = Session(
+        TrackerConfig(height=1.75, smoothing_lag=0.1), NodeSettings(max_people=max_people, forget_after=0.3)
+    )
     assert session.set_camera(camera_info(BACKEND)) is None
     found = []
     for number, first in ((4, 100), (9, 150), (5, 105)):  # after a pause another person, then a loop
@@ -451,7 +456,7 @@ def test_real_people_in_a_changing_order_keep_their_ids(camera):
     """OpenPose numbers the people of each image anew; `kp2d` of the recording identifies one of them."""
     data = np.load(DETECTIONS / "openpose_balancing.npz")
     everybody = data["kp2d_all"][camera].astype(float)
-    config = TrackerConfig(landmarks="body25b")
+    config = TrackerConfig(height=1.75, landmarks="body25b")
     session = Session(config, NodeSettings(max_people=3, person_ids="node"))
     width, height = (int(v) for v in data["image_size"][camera])
     info = camera_info(BACKEND, k=data["K"][camera].ravel(), width=width, height=height, distortion_model="plumb_bob")

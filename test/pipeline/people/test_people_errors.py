@@ -19,7 +19,7 @@ from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 def test_an_error_in_one_persons_step_does_not_affect_later_messages(monkeypatch, lag):
     """The outputs of the others keep their own stamps."""
     tracks = [walk(40, x, 3.5, phase, seed)[1] for seed, (x, phase) in enumerate([(-1.2, 0.0), (0.0, 0.5), (1.2, 1.0)])]
-    session = Session(TrackerConfig(smoothing_lag=lag), NodeSettings(max_people=4, person_ids="message"))
+    session = Session(TrackerConfig(height=1.75, smoothing_lag=lag), NodeSettings(max_people=4, person_ids="message"))
     assert session.set_camera(camera_info(BACKEND)) is None
 
     def message(index):

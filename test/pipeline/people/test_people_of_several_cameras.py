@@ -20,7 +20,7 @@ class Rig:
     """Sends images of cameras to a session."""
 
     def __init__(self, *names, **settings):
-        self.session = Session(TrackerConfig(), NodeSettings(cameras=names, fixed_frame=MAP, **settings))
+        self.session = Session(TrackerConfig(height=1.75), NodeSettings(cameras=names, fixed_frame=MAP, **settings))
         self.random = np.random.default_rng(0)
         for name in names:
             assert self.session.set_camera(camera_info(BACKEND, frame_id=EYES[name].frame), name) is None

@@ -32,7 +32,7 @@ from msg_adapters.output_messages.builders import WARN, set_header
 pytest.importorskip("rosbags")
 START_NS, PERIOD_NS = 5_000_000_000, 33_333_333
 CONFIG = NodeSettings(keypoints_type=HRI, rep155=True, max_people=2)
-TRACKER = TrackerConfig(landmarks="hri18")
+TRACKER = TrackerConfig(height=1.75, landmarks="hri18")
 live = pytest.mark.skipif(
     not all(find_spec(name) for name in ("rclpy", "hri_msgs", "tf2_msgs")), reason="hri_msgs and tf2_msgs are needed"
 )
@@ -202,9 +202,9 @@ def test_an_empty_message_is_no_problem_to_report(session):
     for point in message.skeleton:
         point.c = 0.0
     (frame,) = session.frames_of("abc", message, 7)
-    assert frame.rejection == "too_few_landmarks" and session.nobody_in_view
+    assert frame.rejection == "too_few_landmarks" and session.inputs.nobody_in_view
     feed(session, "abc", 1)
-    assert not session.nobody_in_view
+    assert not session.inputs.nobody_in_view
 
 
 def test_listed_bodies_are_lost_in_silence_but_stay(session):
@@ -231,10 +231,10 @@ def test_settings_camera_and_reset_apply_to_all_people(session):
     session.reset()
     assert session.ids == ["abc", "xyz"] and session.counts["resets"] == 1
     assert all(feed(session, person, 1)[0].estimate.initialised for person in session.ids)
-    session.tune(TrackerConfig(landmarks="hri18", min_confidence=0.95), CONFIG)
+    session.tune(TrackerConfig(height=1.75, landmarks="hri18", min_confidence=0.95), CONFIG)
     assert {feed(session, person, 2)[0].rejection for person in session.ids} == {"too_few_landmarks"}
     assert session.set_camera(camera_info(rosbags_backend(), k=np.zeros(9))) == "camera_uncalibrated"
-    assert session.counts["rejected: camera_uncalibrated"] == 1 and session.camera_fault
+    assert session.counts["rejected: camera_uncalibrated"] == 1 and session.inputs.camera_fault
     session.set_camera(camera_info(rosbags_backend(), frame_id="another"))
     assert session.counts["resets"] == 1, "keypoints have the frame_id of the first camera"
     session.enabled = False

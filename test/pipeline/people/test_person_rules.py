@@ -23,7 +23,7 @@ BODY = np.array([[0.0, 0.0], [0.3, 0.0], [0.0, 0.4], [0.3, 0.4]])
 LENS = Lens(np.array([[100.0, 0, 0], [0, 100, 0], [0, 0, 1]]))
 CENTRE = 1000.0
 ROOM = Lens(np.array([[100.0, 0, CENTRE], [0, 100, CENTRE], [0, 0, 1]]))
-CONFIG = TrackerConfig(min_landmarks=3, min_confidence=0.2, lost_after=1.0)
+CONFIG = TrackerConfig(height=1.75, min_landmarks=3, min_confidence=0.2, lost_after=1.0)
 
 
 class Pretended:

@@ -9,15 +9,17 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import CameraPose, Status
 from lassokin_ros.pipeline.people.joint_states import JointStates, Moment
-from lassokin_ros.pipeline.people.tracked_person import LONGEST_PREDICTION_S, VELOCITY_MEMORY_S, TrackedPerson
+from lassokin_ros.pipeline.people.tracked_person import LONGEST_PREDICTION_S, TrackedPerson
 
 SECOND = 10**9
+FACING = np.array([[[0.0, 0, 1], [0, -1, 0], [1, 0, 0]]])
+"""The pelvis faces along x."""
 LANDMARKS = np.array([[0.0, 0.0, 2.0], [0.5, -0.5, 2.5]])
 
 
 @pytest.fixture
 def person():
-    return TrackedPerson(TrackerConfig(lost_after=1.0))
+    return TrackedPerson(TrackerConfig(height=1.75, lost_after=1.0))
 
 
 def at(place, initialised=False, turn=0.0):
@@ -26,14 +28,14 @@ def at(place, initialised=False, turn=0.0):
     cosine, sine = np.cos(turn), np.sin(turn)
     rotations[5] = [[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]]
     state = SimpleNamespace(translation=np.array(place, dtype=float), rotations=rotations)
-    pose = SimpleNamespace(landmarks=LANDMARKS + place, positions=np.zeros((24, 3)) + place)
-    return SimpleNamespace(state=state, pose=pose, initialised=initialised, stamp=0.0)
+    pose = SimpleNamespace(landmarks=LANDMARKS + place, positions=np.zeros((24, 3)) + place, orientations=FACING)
+    return SimpleNamespace(state=state, pose=pose, initialised=initialised, stamp=0.0, up=np.array([0, -1.0, 0]))
 
 
 def move(person, *steps):
     """(s, x) of the pelvis; the first one initialises."""
     for i, (seconds, x) in enumerate(steps):
-        person._update_motion(round(seconds * SECOND), at([x, 0.0, 0.5 * x], i == 0), 1.75)
+        person._update_motion(round(seconds * SECOND), at([x, 0.0, 0.5 * x], i == 0), 1.75, None)
 
 
 def test_before_the_first_frame_nothing_is_predicted(person):
@@ -41,30 +43,33 @@ def test_before_the_first_frame_nothing_is_predicted(person):
     assert person.status is Status.SEARCHING and person.status_at(SECOND) is Status.SEARCHING
 
 
-def test_velocity_is_averaged(person):
-    move(person, (1.0, 0.0), (1.1, 0.2))
-    share = 1 - np.exp(-0.1 / VELOCITY_MEMORY_S)
-    assert person._velocity == pytest.approx(share * np.array([2.0, 0, 1.0]))
-    person._update_motion(round(1.2 * SECOND), at([0.2, 0, 0.1]), 1.75)
-    assert person._velocity == pytest.approx((1 - share) * share * np.array([2.0, 0, 1.0]))
-    person._update_motion(round(1.3 * SECOND), at([9.0, 0, 0], initialised=True), 1.75)
-    assert not person._velocity.any()
+def test_the_velocity_ends_with_a_start_anew_and_outlasts_another_size(person):
+    move(person, (1.0, 0.0), (1.1, 0.1), (1.2, 0.2))
+    velocity = person._walk.velocity.copy()
+    assert velocity[0] > 0.3
+    person._update_motion(round(1.3 * SECOND), at([0.2, 0, 3.0]), 1.9, None)
+    assert person._walk.velocity.tolist() == velocity.tolist()
+    person._update_motion(round(1.4 * SECOND), at([9.0, 0, 0], initialised=True), 1.9, None)
+    assert not person._walk.velocity.any()
 
 
 def test_two_results_of_one_stamp_keep_the_velocity(person):
     """Another camera's image of the stamp came later, and is of use."""
     move(person, (1.0, 0.0), (1.1, 0.2))
-    velocity = person._velocity.copy()
-    person._update_motion(round(1.1 * SECOND), at([0.21, 0.0, 0.1]), 1.75)
-    assert person._velocity.tolist() == velocity.tolist() and person._place.tolist() == [0.21, 0.0, 0.1]
+    velocity = person._walk.velocity.copy()
+    person._update_motion(round(1.1 * SECOND), at([0.21, 0.0, 0.1]), 1.75, None)
+    assert person._walk.velocity.tolist() == velocity.tolist() and person._place.tolist() == [0.21, 0.0, 0.1]
 
 
 def test_landmarks_are_predicted_to_move_sideways_for_a_while(person):
-    move(person, (1.0, 0.0), (11.0, 1.0))  # so long that the velocity is 0.1 m/s
-    place = [1.0, 0.0, 0.5]
-    for unseen_s, metres in ((0.0, 0.0), (0.2, 0.02), (LONGEST_PREDICTION_S, 0.05), (2.0, 0.05)):
+    move(person, (1.0, 0.0), (11.0, 1.0))
+    place, speed = [1.0, 0.0, 0.5], person._walk.velocity[0]
+    assert speed == pytest.approx(0.1, abs=0.05)
+    for unseen_s, walks_s in ((0.0, 0.0), (0.2, 0.2), (LONGEST_PREDICTION_S,) * 2, (2.0, LONGEST_PREDICTION_S)):
         predicted = person.predicted_landmarks(round((11 + unseen_s) * SECOND))
-        assert predicted == pytest.approx(project(LANDMARKS + place + [metres, 0, 0]), abs=1e-6)  # depth stays
+        assert predicted == pytest.approx(project(LANDMARKS + place + [walks_s * speed, 0, 0]), abs=1e-6)  # depth stays
+    further = person.predicted_landmarks(13 * SECOND, walks_s=2.0)
+    assert further == pytest.approx(project(LANDMARKS + place + [2 * speed, 0, 0]), abs=1e-6)
 
 
 def test_a_person_is_lost_after_a_while_without_a_message(person):
@@ -78,11 +83,12 @@ def test_a_person_is_lost_after_a_while_without_a_message(person):
 
 
 def test_a_person_moves_on_in_the_same_direction_when_the_frame_jumps(person):
-    move(person, (1.0, 0.0), (11.0, 1.0))  # 0.1 m/s along x
+    move(person, (1.0, 0.0), (11.0, 1.0))
+    speed = person._walk.velocity[0]
     place, quarter = np.array([1.0, 0.0, 0.5]), np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     frame = CameraPose("map", quarter, np.array([0.2, 0.0, 0.0]))
     person.move_frame(frame, 11 * SECOND)
-    expected = project(frame.into_camera(LANDMARKS + place) + [0, 0.02, 0])
+    expected = project(frame.into_camera(LANDMARKS + place) + [0, 0.2 * speed, 0])
     assert person.predicted_landmarks(round(11.2 * SECOND)) == pytest.approx(expected, abs=1e-6)
 
 
@@ -105,4 +111,4 @@ def test_reset_forgets_the_motion(person):
     person.status = Status.TRACKING
     person.reset()
     assert person.predicted_landmarks(2 * SECOND) is None and person.seen_ns is None
-    assert person.status is Status.SEARCHING and not person._velocity.any() and person.flush() == []
+    assert person.status is Status.SEARCHING and not person._walk.velocity.any() and person.flush() == []

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lassokin_ros.replay.analysis.floor import SOLE, floor_height
+from lassokin_ros.replay.analysis.floor import FLESH, SOLE, floor_height
 
 NAMES = ("pelvis", "left_ankle", "right_ankle", "left_foot", "right_foot")
 HEIGHT, FRAMES = 1.7, 100
@@ -38,3 +38,18 @@ def test_the_floor_is_level():
 
 def test_feet_that_nobody_sees_give_no_floor():
     assert np.isnan(floor(body(-0.9, -0.5), range(FRAMES), observed=False))
+
+
+def test_the_floor_is_under_whatever_rests_on_it_of_people_who_lie():
+    names = ("pelvis", "neck", "left_wrist", "right_elbow", "left_foot")
+    places = np.zeros((FRAMES, 5, 3))
+    places[:, :, 1] = [0.3, 0.2, 0.6, 0.0, 0.55]  # y down: a push-up, whose hands are lower than the feet
+    places[:, 1, 0] = 0.5
+    seen, nowhere = np.ones((FRAMES, 5), dtype=bool), np.zeros((FRAMES, 5), dtype=bool)
+    under = floor_height(places, seen, nowhere, names, HEIGHT, np.eye(3))
+    assert under == pytest.approx(-0.6 - FLESH["wrist"] * HEIGHT)
+    seen[:, 2] = False  # a hand that nobody sees says nothing
+    assert floor_height(places, seen, nowhere, names, HEIGHT, np.eye(3)) == pytest.approx(-0.55 - SOLE * HEIGHT)
+    assert np.isnan(floor_height(places, nowhere, nowhere, names, HEIGHT, np.eye(3)))
+    places[:, 1] = [0.0, -0.2, 0.0]  # upright, the feet give it
+    assert floor_height(places, ~nowhere, nowhere, names, HEIGHT, np.eye(3)) == pytest.approx(-0.55 - SOLE * HEIGHT)

@@ -84,7 +84,13 @@ def test_everything_is_drawn(page):
         kinds = f"['data', '_fullData'].map((key) => document.getElementById('{plot}')[key].map((t) => t.type))"
         wanted, known = page.value(kinds)  # of a type that it does not know, plotly.js makes a scatter
         assert wanted == known and set(wanted) <= {"scatter", "scatter3d", "mesh3d"}, plot
-    assert page.value("document.querySelectorAll('#series .scatterlayer .trace path.js-line').length") >= 8
+    lines = "document.querySelectorAll('#series .scatterlayer .trace path.js-line').length"
+    basic = page.value(lines)
+    assert basic >= 7
+    page.page.check("#inner")
+    page.reach(f"{lines} > {basic} + 1", "the solver's figures")
+    page.page.uncheck("#inner")
+    page.reach(f"{lines} === {basic}", "the figures without them")
     assert page.value("document.querySelectorAll('#image .scatterlayer .trace').length") == 6
     assert page.value("document.documentElement.scrollWidth <= 1280")  # nothing exceeds the page
 

@@ -106,7 +106,7 @@ class Course:
         self.truth = [joints for joints, _ in chosen]
         self._pixels = [pixels for _, pixels in chosen]
         self.settings = (
-            TrackerConfig(landmarks=LAYOUTS[message_type]),
+            TrackerConfig(height=1.75, landmarks=LAYOUTS[message_type]),
             NodeSettings(
                 keypoints_type=message_type, max_people=3 if several else 1, person_ids=person_ids, **settings
             ),  # noqa: E501

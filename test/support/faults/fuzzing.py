@@ -1,6 +1,6 @@
 """The number of cases of the fuzz tests, and their counts.
 
-LASSOKIN_FUZZ_CASES is the number over all fuzz tests: a few thousand by default, the same ones in every run. `make
+LASSOKIN_FUZZ_CASES is the number over all fuzz tests: hundreds by default, the same ones in every run. `make
 fuzz` runs more, and new ones in every run. A failing case is printed with its inputs.
 """
 
@@ -9,7 +9,7 @@ from collections import Counter
 
 from hypothesis import HealthCheck, Phase, settings
 
-DEFAULT_CASES = 2000
+DEFAULT_CASES = 800
 CASES = int(os.environ.get("LASSOKIN_FUZZ_CASES", DEFAULT_CASES))
 COUNTED: Counter[str] = Counter()
 """Counts of cases by test and outcome; conftest.py prints them at the end."""
@@ -18,7 +18,7 @@ COUNTED: Counter[str] = Counter()
 def fuzz(share):
     """Settings of a test that runs this share of all cases."""
     return settings(
-        max_examples=max(20, round(CASES * share)),
+        max_examples=max(8, round(CASES * share)),
         deadline=None,
         database=None,
         derandomize=CASES <= DEFAULT_CASES,

@@ -24,7 +24,9 @@ def kinematics_of(side: str) -> Kinematics:
 
 def hand_tracker(side: str, **settings: object) -> Tracker:
     """A tracker of a hand alone."""
-    return Tracker(TrackerConfig(skeleton=f"{side}_hand", landmarks=f"{side}_hand21", noise_px=2.0, **settings))
+    return Tracker(
+        TrackerConfig(height=1.75, skeleton=f"{side}_hand", landmarks=f"{side}_hand21", noise_px=2.0, **settings)
+    )
 
 
 @cache

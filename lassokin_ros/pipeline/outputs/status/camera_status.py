@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
+from lassokin_ros.pipeline.depth.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT
 from lassokin_ros.pipeline.session import Session
 

@@ -121,7 +121,7 @@ class Diagnostics:
         if refused := list(live.camera_refused(session)):
             yield refused[0]._replace(text="; ".join(raised.text for raised in refused))
         yield from no_usable_image(session, self._cameras.sending)
-        if not session.has_camera:
+        if not session.inputs.has_camera:
             yield say("no_camera_info")
         elif not (session.config.silent_when_empty and session.detector_connected):
             if period.keypoints_at is None:

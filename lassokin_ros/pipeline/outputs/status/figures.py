@@ -10,8 +10,8 @@ from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.camera_images import DEPTH_IN_MESSAGE, NOBODY, UNSCORED, UNUSED
 from lassokin_ros.pipeline.concerns.period import Period
-from lassokin_ros.pipeline.depth_check import MISFIT
-from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
+from lassokin_ros.pipeline.depth.depth_check import MISFIT
+from lassokin_ros.pipeline.depth.depth_images import COUNTS as DEPTH_COUNTS
 from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS

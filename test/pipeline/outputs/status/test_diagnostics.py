@@ -22,7 +22,7 @@ PIXELS = pixels_of_motion(60)
 
 def status_of(pixels, silence_s=0.0, confidence=None, **settings):
     """The status after a second of such messages, or the second of two statuses after a period without them."""
-    session = Session(TrackerConfig(**settings), NodeSettings())
+    session = Session(TrackerConfig(**{"height": 1.75, **settings}), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(session, "tracker", 0.0)
     for i, xy in enumerate(pixels):
@@ -39,8 +39,10 @@ def test_a_height_that_the_floor_does_not_give_is_a_warning():
     still = PIXELS[:1] + 0.1 * np.random.default_rng(0).normal(size=PIXELS.shape)
     status = status_of(still, height=0.0, camera_height=0.9, tilt_deviation=0.02)
     assert status.level == WARN
-    assert re.search(r"a tilt known to 0.02 rad the floor gives it to 1?\d % from here, more than 5 %", status.message)
-    assert "no depth is measured" in status_of(still, height=0.0, camera_height=0.9).message
+    assert re.search(
+        r"a tilt known to 0.02 rad the floor gives the height to 1?\d % from here, more than 5 %", status.message
+    )
+    assert "nothing measures the height" in status_of(still, height=0.0).message
 
 
 @pytest.mark.parametrize("layout", ["h36m17", "openpose18"])
@@ -100,7 +102,7 @@ def messages(diagnostics, session, count, confidence, stamp_ns, late_ns=0, depth
 
 @pytest.mark.parametrize("max_people", [1, 3])
 def test_an_empty_room_is_no_warning(max_people):
-    session = Session(TrackerConfig(lost_after=0.5), NodeSettings(max_people=max_people))
+    session = Session(TrackerConfig(height=1.75, lost_after=0.5), NodeSettings(max_people=max_people))
     session.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(session, "tracker", 0.0)
     for start_ns in (10**12, 10**12 + 10**9):
@@ -114,7 +116,7 @@ def test_an_empty_room_is_no_warning(max_people):
 
 
 def test_stamps_hours_in_the_past_are_a_warning_with_advice():
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(session, "tracker", 0.0)
     status = messages(diagnostics, session, 20, 0.9, 10**12, late_ns=7200 * 10**9)
@@ -124,14 +126,14 @@ def test_stamps_hours_in_the_past_are_a_warning_with_advice():
 
 @pytest.mark.parametrize(("late_s", "level"), [(0.49, OK), (0.51, WARN), (1.5, WARN), (61, OK)])
 def test_keypoints_that_are_late_are_a_warning(late_s, level):
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     status = messages(Diagnostics(session, "tracker", 0.0), session, 20, 0.9, 10**12, late_ns=round(late_s * 1e9))
     assert status.level == level and ("s old when they arrive" in status.message) is (level == WARN)
 
 
 def test_a_few_overtaken_messages_are_no_warning_and_texts_have_no_counts():
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(session, "tracker", 0.0)
     session.counts.update({"received": 980, OVERTAKEN: 3})
@@ -143,7 +145,7 @@ def test_a_few_overtaken_messages_are_no_warning_and_texts_have_no_counts():
 
 @pytest.mark.parametrize(("confidence", "said"), [(0.19, True), (0.11, True), (0.09, False)])
 def test_confidences_that_nearly_reach_the_limit_are_said(confidence, said):
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(session, "tracker", 0.0)
     status = messages(diagnostics, session, 20, confidence, 10**12)
@@ -153,7 +155,7 @@ def test_confidences_that_nearly_reach_the_limit_are_said(confidence, said):
 
 
 def test_a_simulated_clock_that_has_not_started_gives_no_delay():
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(session, "tracker", 0.0)
     for i in range(20):
@@ -163,7 +165,7 @@ def test_a_simulated_clock_that_has_not_started_gives_no_delay():
 
 
 def test_stamps_in_the_future_are_a_warning():
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(session, "tracker", 0.0)
     status = messages(diagnostics, session, 20, 0.9, 10**12, late_ns=-10 * 10**9)
@@ -178,7 +180,7 @@ def test_fractions_of_the_image_are_a_warning():
 
 def test_the_reason_why_nobody_of_several_people_is_tracked():
     few = np.where(np.arange(17) < 3, 0.9, 0.0)  # a person who is very near
-    session = Session(TrackerConfig(lost_after=0.5), NodeSettings(max_people=3))
+    session = Session(TrackerConfig(height=1.75, lost_after=0.5), NodeSettings(max_people=3))
     session.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(session, "tracker", 0.0)
     status = messages(diagnostics, session, 20, few, 10**12)
@@ -201,11 +203,11 @@ def test_a_height_that_is_to_be_measured_without_depth_is_a_warning():
     session = Session(TrackerConfig(height=0.0), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     status = messages(Diagnostics(session, "tracker", 0.0), session, 30, 0.9, 10**12)
-    assert status.level == WARN and "but no depth is measured: 1.7 m is assumed: set height" in status.message
+    assert status.level == WARN and "nothing measures the height: 1.7 m is assumed" in status.message
 
 
 def test_a_height_that_contradicts_measured_depth_is_a_warning():
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(session, "tracker", 0.0)
     assert messages(diagnostics, session, 20, 0.9, 10**12).level == OK
@@ -213,13 +215,13 @@ def test_a_height_that_contradicts_measured_depth_is_a_warning():
     check._ratios.extend([np.array([1.6 / 1.9])] * 50)
     status = messages(diagnostics, session, 20, 0.9, 10**12 + 10**9)
     assert status.level == WARN
-    assert "measured depth does not fit the size of the given body (height 1.75 m)" in status.message
+    assert "measured depth does not fit the size of the given body (height 1.75 m), but one of" in status.message
     assert status.values["measured size / given size"] == "0.84"
 
 
 def test_people_who_are_not_tracked_are_not_in_view_for_ever():
     """After a silence the figure is that of ~/people, see `Session.untracked_at`."""
-    session = Session(TrackerConfig(), NodeSettings(silent_when_empty=True))
+    session = Session(TrackerConfig(height=1.75), NodeSettings(silent_when_empty=True))
     session.set_camera(camera_info(BACKEND))
     diagnostics, arrival_ns = Diagnostics(session, "tracker", 0.0), 5_000_000_000
     few = np.where(np.arange(17) < 3, 0.9, 0.0)

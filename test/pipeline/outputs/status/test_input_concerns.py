@@ -21,7 +21,7 @@ START_NS, PERIOD_NS = 10**12, 33_333_333
 
 def status_of(message, keypoints_type="sensor_msgs/msg/PointCloud2", camera=None, **config):
     """The status after a second; message(stamp in ns, pixels) makes each message. And the last frame."""
-    session = Session(TrackerConfig(**config), NodeSettings(keypoints_type=keypoints_type))
+    session = Session(TrackerConfig(**{"height": 1.75, **config}), NodeSettings(keypoints_type=keypoints_type))
     assert session.set_camera(camera or camera_info(BACKEND)) is None
     diagnostics = Diagnostics(session, "tracker", 0.0)
     for i, xy in enumerate(PIXELS):
@@ -102,7 +102,7 @@ def turned(pixels, quarters, size=(WIDTH, HEIGHT)):
 
 def status_after(seconds, pixels, camera_roll=0.0):
     """The last status of a person for whole seconds, at 15 Hz."""
-    session = Session(TrackerConfig(camera_roll=camera_roll), NodeSettings())
+    session = Session(TrackerConfig(height=1.75, camera_roll=camera_roll), NodeSettings())
     assert session.set_camera(camera_info(BACKEND)) is None
     diagnostics = Diagnostics(session, "tracker", 0.0)
     for second in range(seconds):
@@ -139,7 +139,7 @@ def test_an_upright_person_and_a_camera_with_a_known_roll_are_not_turned():
 def test_ids_that_begin_at_1_are_named():
     """The last landmark is never shown, so that no id is outside of the layout."""
     shown = np.arange(16)
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     for i in range(120):
         stamp_ns = START_NS + i * PERIOD_NS
@@ -149,7 +149,7 @@ def test_ids_that_begin_at_1_are_named():
 
 def test_a_person_seen_from_behind_has_no_face():
     shown = np.arange(3, 17)
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     for i in range(120):
         stamp_ns = START_NS + i * PERIOD_NS

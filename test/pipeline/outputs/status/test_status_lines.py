@@ -13,7 +13,7 @@ from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.camera_images import NOBODY
 from lassokin_ros.pipeline.concerns.catalogue import say
 from lassokin_ros.pipeline.concerns.rejections import advice_for
-from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
+from lassokin_ros.pipeline.depth.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
@@ -32,7 +32,7 @@ def session():
     """What Diagnostics reads of a session that tracks one person well."""
     view = SimpleNamespace(size=(640, 480))
     tracker = SimpleNamespace(
-        config=TrackerConfig(),
+        config=TrackerConfig(height=1.75),
         skeleton=SimpleNamespace(height=1.75),
         averaged=0.0,
         limitations="",
@@ -52,7 +52,6 @@ def session():
     return SimpleNamespace(
         enabled=True,
         first=only,
-        has_camera=True,
         counts=Counter(received=100, accepted=100),
         status=Status.TRACKING,
         ids=None,
@@ -66,8 +65,7 @@ def session():
         placement=SimpleNamespace(places=None, mount=None, camera_angles=(0.0, 0.0), camera_height=None),
         scene=SimpleNamespace(image=None),
         cameras={"": only},
-        nobody_in_view=False,
-        unused_confidence=0.0,
+        inputs=SimpleNamespace(has_camera=True, nobody_in_view=False, unused_confidence=0.0, camera_fault=""),
         untracked_at=lambda stamp_ns: 0,
         calibrations=dict,
         heights=dict,
@@ -122,14 +120,15 @@ def test_what_prevents_tracking_comes_first(session, diagnostics):
     assert said(diagnostics, 12.0) == (OK, "tracking")
     session.first.camera.fault = "K is wrong"
     assert said(diagnostics) == (ERROR, "camera_info refused: K is wrong; the last good one is used")
-    session.has_camera, session.first.camera.view = False, None
+    session.inputs.has_camera, session.first.camera.view = False, None
     assert said(diagnostics) == (ERROR, "camera_info refused: K is wrong")
     session.first.camera.fault = ""
     assert said(diagnostics) == (WARN, "waiting for camera_info")
     assert said(diagnostics, concern="and more") == (WARN, "waiting for camera_info; and more")
     session.enabled = False
     assert said(diagnostics) == (OK, "disabled by ~/set_enabled")
-    fresh = Diagnostics(SimpleNamespace(**{**vars(session), "enabled": True, "has_camera": True}), "tracker", 0.0)
+    session.enabled = session.inputs.has_camera = True
+    fresh = Diagnostics(session, "tracker", 0.0)
     assert said(fresh) == (WARN, "waiting for keypoints")
     assert not fresh.camera_received and not fresh.keypoints_received
     assert diagnostics.camera_received and diagnostics.keypoints_received
@@ -367,7 +366,7 @@ def test_calibration_of_people_who_are_there(session, diagnostics):
     session.ids, session.calibrations = ["p1", "p2"], lambda: {"p1": known(2.5), "p2": known(0.0), "p3": known(1.0)}
     values = diagnostics.line(11.0).values
     figures = {key: value for key, value in values.items() if "calibration" in key}
-    state = "learning" if TrackerConfig().calibrate else "off"
+    state = "learning" if TrackerConfig(height=1.75).calibrate else "off"
     assert figures == {
         "p1 calibration": state,
         "p1 calibration: motion seen [s]": "2.50",

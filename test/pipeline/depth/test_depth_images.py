@@ -19,14 +19,14 @@ from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
-from lassokin_ros.pipeline.depth_images import (  # noqa: E402
+from lassokin_ros.pipeline.depth.depth_images import (  # noqa: E402
     MATCHED,
     NOT_REGISTERED,
     REFUSED,
     UNMATCHED,
     DepthImages,
 )
-from lassokin_ros.pipeline.depth_sampling import sample_depth  # noqa: E402
+from lassokin_ros.pipeline.depth.depth_sampling import sample_depth  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
@@ -178,7 +178,7 @@ def test_a_jump_back_in_time_forgets_the_images():
 def track(scene, images, settings=None, config=None, frames=60, change=lambda message: message):
     """Mean joint and root errors (m) of the last second, and the session; images: None for none."""
     _, pixels, truth, _ = scene
-    session = Session(config or TrackerConfig(), settings or NodeSettings(depth="depth"))
+    session = Session(config or TrackerConfig(height=1.75), settings or NodeSettings(depth="depth"))
     session.set_camera(camera_info(BACKEND))
     errors = []
     for i in range(frames):
@@ -237,9 +237,9 @@ def test_height_0_measures_the_height(scene, images):
     assert session.heights() == {"": height} and height_in_words(height).endswith("deviation 0.06 m")
     session.reset()
     assert height_in_words(height) == "1.70 m, a mean of people: no depth was measured"
-    assert Session(TrackerConfig(), NodeSettings()).heights() == {}
+    assert Session(TrackerConfig(height=1.75), NodeSettings()).heights() == {}
     assert session.tracker.skeleton.height == pytest.approx(config.assumed_height) and not height.measured
-    assert (config.height_text, TrackerConfig().height_text) == ("to be measured", "1.75 m")
+    assert (TrackerConfig().height_text, TrackerConfig(height=1.75).height_text) == ("to be measured", "1.75 m")
     untold, session = track(scene, None, config=config, frames=20)
     assert session.tracker.skeleton.height == config.assumed_height
 
@@ -258,7 +258,7 @@ def test_the_cloud_may_contain_the_depth(scene, images):
     depth = landmarks[0, :, 2].copy()
     depth[3] = np.nan
     message = with_depths(BACKEND, cloud(BACKEND, START_NS, pixels[0]), depth)
-    session = Session(TrackerConfig(), NodeSettings())
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
     session.set_camera(camera_info(BACKEND))
     keypoints, _ = session.first._decode(message)
     assert np.isnan(keypoints.depth[3]) and keypoints.depth_of_surface

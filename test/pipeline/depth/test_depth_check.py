@@ -15,7 +15,7 @@ from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
-from lassokin_ros.pipeline.depth_check import MISFIT  # noqa: E402
+from lassokin_ros.pipeline.depth.depth_check import MISFIT  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -66,7 +66,7 @@ LIES = {
 
 
 def pipeline_with_depth():
-    session = Session(TrackerConfig(), NodeSettings(depth="aligned_depth_to_color"))
+    session = Session(TrackerConfig(height=1.75), NodeSettings(depth="aligned_depth_to_color"))
     assert session.set_camera(camera_info(BACKEND)) is None
     return session
 
@@ -105,7 +105,7 @@ def test_of_several_cameras_the_one_whose_depth_does_not_fit_is_named_and_its_de
     eyes = {one.name: one for one in (eye("left", 0), eye("right", 90))}
     settings = NodeSettings(cameras=("left", "right"), fixed_frame=MAP, depth="depth_registered", max_people=max_people)
     poses = {name: one.pose_at(0) for name, one in eyes.items()}
-    session, random = Session(TrackerConfig(), settings, poses=poses), np.random.default_rng(0)
+    session, random = Session(TrackerConfig(height=1.75), settings, poses=poses), np.random.default_rng(0)
     for name, one in eyes.items():
         session.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
     diagnostics = Diagnostics(session, "tracker", 0.0)
@@ -131,7 +131,7 @@ def test_with_smoothing_nothing_is_left_out_because_nothing_is_compared(scene):
     pixels, images, _ = scene
     session = pipeline_with_depth()
     assert play(session, pixels, LIES["of another camera"](images))[-1]
-    session.tune(TrackerConfig(smoothing_lag=0.1), session.config)
+    session.tune(TrackerConfig(height=1.75, smoothing_lag=0.1), session.config)
     left_out = session.counts[MISFIT]
     for i in range(FRAMES):
         stamp_ns = START_NS + round((3 + TIMES[i]) * 1e9)
