@@ -259,6 +259,7 @@ PEOPLE = [
         detector_id=12,
         guessed=True,
         doubtful=True,
+        velocity_covariance=np.arange(9.0).reshape(3, 3),
     ),
     people.PersonReport("x", False, 0.0, POSITIONS[0], QUATERNIONS[0], POSITIONS[0], COVARIANCE, np.zeros((2, 3))),
 ]
@@ -303,16 +304,39 @@ def test_people_as_people_msgs(backend):
     assert (found.name, found.reliability) == ("p7", 0.75)
     assert vector(found.position) == [3, 4, 5] and vector(found.velocity) == [23, 24, 25]
     assert found.tagnames[:7] == ["state", "xx", "xy", "xz", "yy", "yz", "zz"]
-    assert found.tagnames[7:] == ["age", "detector_id", "guessed", "doubtful", "locked"]
-    assert found.tags == ["tracking", *map(str, PERSON_COVARIANCE), "0.250", "12", "1", "1", "0"]
-    assert (lost.tags[0], lost.tags[-5:]) == ("lost", ["0.000", "-1", "0", "0", "0"])
+    assert found.tagnames[7:] == ["age", "detector_id", "guessed", "doubtful", "locked", "out_of_view"]
+    assert found.tags == ["tracking", *map(str, PERSON_COVARIANCE), "0.250", "12", "1", "1", "0", "0"]
+    assert (lost.tags[0], lost.tags[-6:]) == ("lost", ["0.000", "-1", "0", "0", "0", "0"])
 
 
 def test_people_as_a_cloud(backend):
     builder = people.people_builder(backend, next(iter(people.BUILDERS)))
     cloud = points(builder.fill(STAMP, FRAME, PEOPLE), people.POINT)
-    assert cloud[0].tolist() == (3, 4, 5, 23, 24, 25, *PERSON_COVARIANCE, 0.75, 0.25, 7, 1, 12, 1, 1, 0)
-    assert cloud[1].tolist()[12:] == (0, 0, PEOPLE[1].number, 0, -1, 0, 0, 0)
+    assert cloud[0].tolist() == (
+        3,
+        4,
+        5,
+        23,
+        24,
+        25,
+        *PERSON_COVARIANCE,
+        0.75,
+        0.25,
+        7,
+        1,
+        12,
+        1,
+        1,
+        0,
+        0,
+        0,
+        1,
+        2,
+        4,
+        5,
+        8,
+    )
+    assert cloud[1].tolist()[12:21] == (0, 0, PEOPLE[1].number, 0, -1, 0, 0, 0, 0)
     assert len(points(builder.fill(STAMP, FRAME, []), people.POINT)) == 0
 
 
