@@ -15,8 +15,8 @@ import numpy as np
 
 from lassokin_ros.core.body.rotations import exponential
 
-SIDE = 320
-"""px: longer side of the small images."""
+LONGEST_SIDE = 400
+"""px: the small images' longer side at most; they are smaller than the image by a whole number, which is fast."""
 CONTRAST_PX = 21
 """px: size of the window in which the local contrast is made even, which takes out flicker and exposure."""
 MOST_POINTS, FEWEST_POINTS, FEWEST_INLIERS = 100, 12, 8
@@ -44,13 +44,21 @@ class Turn:
     points: int
 
 
-def small_grey(rgb: np.ndarray) -> np.ndarray:
-    """Return an image (height, width, 3) uint8 as a small grey one with even local contrast."""
+def small(rgb: np.ndarray) -> np.ndarray:
+    """Return an image (height, width, 3) uint8 with a longer side of up to LONGEST_SIDE."""
     import cv2
 
-    scale = SIDE / max(rgb.shape[:2])
-    size = max(1, round(rgb.shape[1] * scale)), max(1, round(rgb.shape[0] * scale))
-    grey = cv2.cvtColor(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY).astype(np.float32)
+    factor = -(-max(rgb.shape[:2]) // LONGEST_SIDE)
+    height, width = (max(1, side // factor) for side in rgb.shape[:2])
+    inside = rgb[: height * factor, : width * factor]
+    return np.asarray(cv2.resize(inside, (width, height), interpolation=cv2.INTER_AREA))
+
+
+def even_grey(rgb: np.ndarray) -> np.ndarray:
+    """Return a small image as a grey one (height, width) uint8 with even local contrast."""
+    import cv2
+
+    grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32)
     window = (CONTRAST_PX, CONTRAST_PX)
     apart = grey - cv2.blur(grey, window)
     spread = np.sqrt(np.maximum(cv2.blur(apart * apart, window), 0.0)) + 8.0

@@ -12,7 +12,7 @@ from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import Calibration
 from lassokin_ros.video.detections import stamp_of
-from lassokin_ros.video.footage.background import Background, Turn, background, linked, points_of, small_grey
+from lassokin_ros.video.footage.background import Background, Turn, background, even_grey, linked, points_of, small
 from lassokin_ros.video.sources import Image
 
 UNLINKED, CHANGED, CHANGED_FEW, FEW = 0.1, 0.2, 0.5, 20
@@ -97,12 +97,13 @@ class Footage:
 
     def add(self, image: Image, people: Sequence[Detected]) -> None:
         """Use an image with the people in it."""
-        grey = small_grey(image.rgb)
-        scale = grey.shape[1] / image.rgb.shape[1]
+        picture = small(image.rgb)
+        grey = even_grey(picture)
+        scale = 1 / (image.rgb.shape[1] // grey.shape[1])
         if self._before is None:
             self._scale, self._background = scale, self._new(scale)
         mask = background(grey.shape, self._boxes_of(people) * scale, self._bars * scale)
-        seen = _Seen(image.seconds, grey, mask, _colours(image.rgb))
+        seen = _Seen(image.seconds, grey, mask, _colours(picture))
         if self._held:
             self._held.append(seen)
             if len(self._held) > CONFIRMED_AFTER:
@@ -227,8 +228,8 @@ def _colours(rgb: np.ndarray) -> np.ndarray:
     """Return the histogram of hue, saturation and value, with the sum 1."""
     import cv2
 
-    small = cv2.cvtColor(cv2.resize(rgb, (64, 64), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2HSV)
-    found = cv2.calcHist([small], [0, 1, 2], None, list(HUE_BINS), [0, 180, 0, 256, 0, 256])
+    hsv = cv2.cvtColor(cv2.resize(rgb, (64, 64), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2HSV)
+    found = cv2.calcHist([hsv], [0, 1, 2], None, list(HUE_BINS), [0, 180, 0, 256, 0, 256])
     return np.asarray(found / found.sum())
 
 
