@@ -1,6 +1,6 @@
-"""Publish a position for a hand-over: the right wrist, while it is visible and its deviation is small.
+"""Publish a position for a hand-over: the right wrist, while it is visible, certain, and held still.
 
-python3 examples/hand_over.py
+python3 examples/hand_over.py    # hand; --ros-args -p frame:=base_link
 """
 
 import numpy as np
@@ -9,25 +9,29 @@ from rclpy.node import Node
 
 from lassokin_ros import joints
 from lassokin_ros.node.executable import run
-from lassokin_ros.watch import PeopleWatch, covariance, points, position
+from lassokin_ros.watch import PeopleWatch, Stillness, covariance, position
 
-ACROSS, ALONG = 0.1, 0.3  # m: largest deviations across the direction of the least certainty, and along it
+ACROSS, ALONG, STILL = 0.1, 0.3, 0.1  # m: largest deviations across the most uncertain direction and along it; motion
 
 
 class HandOver(Node):
-    """Reads position and covariance of one joint; silent while it is hidden, in doubt, or 0.5 s old."""
+    """Silent while the wrist is hidden, moves, is in doubt or guessed; TF or the image is 0.5 s old."""
 
     def __init__(self):
         super().__init__("hand_over")
-        self.publisher = self.create_publisher(PointStamped, "hand", 10)
-        PeopleWatch(self).subscribe("skeleton", self.on_skeleton)
+        self.watch = PeopleWatch(self, frame=self.declare_parameter("frame", "").value)
+        self.publisher, self.still = self.create_publisher(PointStamped, "hand", 10), Stillness(seconds=0.5)
+        self.watch.subscribe("skeleton", self.on_skeleton)
 
     def on_skeleton(self, message):
-        """Publish the wrist in the frame of the message: the camera's optical frame, or the tracker's fixed_frame."""
-        wrist = points(message)[joints.RIGHT_WRIST]
+        """Publish the wrist in the parameter `frame`; if it is empty, in that of the tracker."""
+        body = self.watch.joints(message)
+        if body is None or not (wrist := body[joints.RIGHT_WRIST])["observed"]:
+            return
         _, across, along = np.linalg.eigvalsh(covariance(wrist))  # m^2
-        if wrist["observed"] and across < ACROSS**2 and along < ALONG**2:
-            x, y, z = position(wrist).tolist()
+        still = self.still.moved(message.header.stamp, position(wrist)) < STILL
+        if still and across < ACROSS**2 and along < ALONG**2:
+            message.header.frame_id, (x, y, z) = self.watch.frame_id, position(wrist).tolist()
             self.publisher.publish(PointStamped(header=message.header, point=Point(x=x, y=y, z=z)))
 
 

@@ -3,6 +3,7 @@
     watch = PeopleWatch(node, frame="camera_optical_frame")  # in a node; reads tracker/people and tracker/state
     for person in watch.tracked():                    # the nearest one first; empty if nothing is known
         person["x"], person["z"], person["detector_id"]
+    watch.predicted()                                 # the same people, where they are expected now
     watch.state                                       # "tracking", "nobody", or "lost": somebody may be there
 
 The tracker publishes in the camera's optical frame, or in its `fixed_frame`. A program that measures from the robot
@@ -14,7 +15,7 @@ so that the age is also too large if the tracker was killed or has no processor 
 the clocks of two machines differ. A person who is lost, or a detector that stops, is in the message itself.
 
 The joints of one person come by `watch.subscribe("skeleton", callback)`: only those that are fresh, and whose person is
-neither guessed nor doubtful in the same image.
+neither guessed nor doubtful in the same image. `watch.joints(message)` gives them in the frame of the watch.
 """
 
 from __future__ import annotations
@@ -24,14 +25,15 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time as Stamp
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2, PointField
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 
-from lassokin_ros.core.body.rotations import from_quaternion
+from lassokin_ros.core.body.rotations import from_quaternion, to_quaternion
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.people import POINT
 
@@ -41,10 +43,14 @@ STALE_S = 0.5
 AHEAD_S = 0.1
 """s: a stamp may lie so far in the future, since /clock may come 10 times per second only. The same time is lost when a
 tracker dies whose camera's clock is ahead."""
-SPEED, SPREAD = ("vx", "vy", "vz"), ("xx", "xy", "xz", "yy", "yz", "zz")
-"""Fields of the velocity, and of the upper triangle of the covariance of the position."""
+PLACE, SPEED, UP = ("x", "y", "z"), ("vx", "vy", "vz"), ("up_x", "up_y", "up_z")
+TURN = ("qx", "qy", "qz", "qw")
+SPREAD, SPEED_SPREAD = (tuple(of + name for name in ("xx", "xy", "xz", "yy", "yz", "zz")) for of in ("", "v"))
+"""Fields of vectors, of a rotation, and of the upper triangles of the covariances of position and velocity."""
 LOG_PERIOD_S = 5.0
 """s between two warnings about a missing transform, or about silence."""
+GAP_S = 0.3
+"""s: a longer gap between two places is an absence."""
 DEPTH = 10
 """Messages that are kept of each topic."""
 KINDS = {PointField.FLOAT32: "<f4", PointField.INT32: "<i4"}
@@ -61,27 +67,66 @@ def position(point: Any) -> np.ndarray:
     return np.array([point[name] for name in "xyz"], dtype=float)
 
 
-def seconds(message: Any) -> float:
-    """Return the stamp of a message, s."""
-    return Time.from_msg(message.header.stamp).nanoseconds * 1e-9
-
-
-def covariance(point: Any) -> np.ndarray:
-    """Return the covariance (3, 3) m^2 of the position of one point."""
+def covariance(point: Any, of: str = "") -> np.ndarray:
+    """Return the covariance (3, 3) m^2 of the position of one point, or (3, 3, k). of: "v" for that of the velocity."""
     rows = ("xx", "xy", "xz"), ("xy", "yy", "yz"), ("xz", "yz", "zz")
-    return np.array([[point[name] for name in row] for row in rows], dtype=float)
+    return np.array([[point[of + name] for name in row] for row in rows], dtype=float)
 
 
-def transformed(point: Any, transform: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return position (3,) m and covariance (3, 3) m^2 of one point, moved by a geometry_msgs/Transform."""
-    shift, matrix = transform.translation, from_quaternion(_quaternion(transform))
-    place = matrix @ position(point) + np.array([shift.x, shift.y, shift.z])
-    return place, matrix @ covariance(point) @ matrix.T
+def transformed(found: np.ndarray, transform: Any) -> np.ndarray:
+    """Return points (k,) of ~/people or ~/skeleton, moved by a geometry_msgs/Transform."""
+    moved, names = found.copy(), found.dtype.names or ()
+    turn, shift = transform.rotation, transform.translation
+    matrix = from_quaternion(np.array([turn.x, turn.y, turn.z, turn.w]))
+    fields: tuple[str, ...]
+    for fields in (PLACE, SPEED, UP):
+        if fields[0] in names:
+            vectors = matrix @ np.array([found[name] for name in fields], dtype=float)
+            if fields is PLACE:
+                vectors += [[shift.x], [shift.y], [shift.z]]
+            for name, values in zip(fields, vectors):
+                moved[name] = values
+    for fields, of in ((SPREAD, ""), (SPEED_SPREAD, "v")):
+        if fields[0] in names:
+            spread = np.einsum("ij,jkp,lk->ilp", matrix, covariance(found, of), matrix)
+            for name, values in zip(fields, spread[np.triu_indices(3)]):
+                moved[name] = values
+    if TURN[0] in names:
+        turns = from_quaternion(np.column_stack([found[name] for name in TURN]).astype(float))
+        for name, values in zip(TURN, to_quaternion(matrix @ turns).T):
+            moved[name] = values
+    return moved
 
 
-def _quaternion(transform: Any) -> np.ndarray:
-    turn = transform.rotation
-    return np.array([turn.x, turn.y, turn.z, turn.w])
+def cloud(stamp: Stamp, frame_id: str, places: np.ndarray) -> PointCloud2:
+    """Return places (k, 3) m as a PointCloud2 with x, y, z, such as obstacles for a costmap."""
+    fields = [PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1) for i, name in enumerate(PLACE)]
+    data = np.asarray(places, dtype="<f4").reshape(-1, 3).tobytes()
+    size = {"width": len(data) // 12, "height": 1, "point_step": 12, "row_step": len(data)}
+    return PointCloud2(header=Header(stamp=stamp, frame_id=frame_id), fields=fields, data=data, is_dense=True, **size)
+
+
+class Stillness:
+    """Tells how far a point has moved lately. A hand that is held still has moved by less than some centimetres."""
+
+    def __init__(self, seconds: float = 0.5) -> None:
+        """seconds: s, the time that counts."""
+        self._seconds, self._places = seconds - 1e-6, deque[tuple[float, np.ndarray]]()
+
+    def moved(self, stamp: Stamp, place: np.ndarray) -> float:
+        """Add a place (3,) m, and return its largest distance, m, from those of the last time.
+
+        Infinite until there are places of so much time, without a gap of more than GAP_S.
+        """
+        now_s = stamp.sec + 1e-9 * stamp.nanosec
+        if self._places and not 0 <= now_s - self._places[-1][0] <= GAP_S:
+            self._places.clear()
+        self._places.append((now_s, place))
+        while len(self._places) > 2 and now_s - self._places[1][0] >= self._seconds:
+            self._places.popleft()
+        if now_s - self._places[0][0] < self._seconds:
+            return np.inf
+        return max(float(np.linalg.norm(place - before)) for _, before in self._places)
 
 
 def is_fresh(age_s: float, stale_s: float) -> bool:
@@ -89,14 +134,14 @@ def is_fresh(age_s: float, stale_s: float) -> bool:
     return -AHEAD_S <= age_s <= stale_s
 
 
-def is_certain(people: np.ndarray) -> bool:
-    """Return True if somebody of ~/people (k,) is tracked, and nobody who is tracked is guessed or doubtful.
+def certain_person(people: np.ndarray) -> int | None:
+    """Return who of ~/people (k,) is tracked, if nobody who is tracked is guessed or doubtful; else None.
 
     If somebody is locked, only that person counts, whose joints are those of one person.
     """
     locked = people["locked"] == 1
     seen = people[(people["tracked"] == 1) & (locked | ~locked.any())]
-    return len(seen) > 0 and not (seen["guessed"] | seen["doubtful"]).any()
+    return None if len(seen) == 0 or (seen["guessed"] | seen["doubtful"]).any() else int(seen["person"][0])
 
 
 def camera_frame(node: Node) -> str:
@@ -115,7 +160,7 @@ class IntoFrame:
         self._ahead_ns = 0  # ns, stamp of the newest transform that was ahead of the time
 
     def move(self, people: np.ndarray, source: str) -> np.ndarray | None:
-        """Return people (k,) of the frame `source` in the wanted one, or None with a warning if TF does not give it.
+        """Return people or joints (k,) of the frame `source` in the wanted one; None, with a warning, if TF lacks it.
 
         The newest transform is used: a person stays in place in a fixed frame while the robot moves on.
         """
@@ -129,13 +174,7 @@ class IntoFrame:
                 throttle_duration_sec=LOG_PERIOD_S,
             )
             return None
-        moved, turn = people.copy(), from_quaternion(_quaternion(transform))
-        for person in moved:
-            place, spread = transformed(person, transform)
-            speed = turn @ [person[name] for name in SPEED]
-            for name, value in zip((*"xyz", *SPEED, *SPREAD), (*place, *speed, *spread[np.triu_indices(3)])):
-                person[name] = value
-        return moved
+        return transformed(people, transform)
 
     def _newest(self, source: str) -> tuple[Any, str]:
         """Return the newest geometry_msgs/Transform from `source` and "", or None and why there is none."""
@@ -175,10 +214,10 @@ class PeopleWatch:
         self._frame = frame
         self._people: PointCloud2 | None = None
         self._state = LOST
-        self._heard = self._sure = False  # since the last look at silence: ~/people, and one with `is_certain`
+        self._heard = self._sure = False  # since the last look at silence: ~/people, and one with a certain person
         self._outputs: dict[str, bool] = {}  # topic of `subscribe`: whether it was received since then
         self._missed: set[str] = set()  # topics that were not received before the last look, though `_sure`
-        self._certain: deque[int] = deque(maxlen=DEPTH)  # ns, stamps of images
+        self._certain: deque[tuple[int, int]] = deque(maxlen=DEPTH)  # ns, stamps of images, and the person
         self._waiting: deque[tuple[Callable[[Any], None], Any]] = deque(maxlen=DEPTH)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         node.create_subscription(PointCloud2, f"{tracker}/people", self._on_people, DEPTH)
@@ -193,9 +232,9 @@ class PeopleWatch:
                 f"people are not used: their stamp is {ahead_s:.1f} s ahead; expected the same time on all machines",
                 throttle_duration_sec=LOG_PERIOD_S,
             )
-        if is_certain(points(message)):
+        if (person := certain_person(points(message))) is not None:
             self._sure = True
-            self._certain.append(Time.from_msg(message.header.stamp).nanoseconds)
+            self._certain.append((Time.from_msg(message.header.stamp).nanoseconds, person))
         self._deliver()
 
     def _warn_of_silence(self) -> None:
@@ -223,8 +262,8 @@ class PeopleWatch:
         """Call back with the messages of ~/skeleton, ~/limbs or ~/hands that are fresh and whose person is certain.
 
         output: "skeleton", "limbs" or "hands". The person is certain if ~/people of the same image says so, see
-        `is_certain`; either message may come first. With `max_people` above 1 they are those of the locked person, see
-        ~/lock.
+        `certain_person`; either message may come first. With `max_people` above 1 they are those of the locked person,
+        see ~/lock.
         """
         topic = f"{self._tracker}/{output}"
         self._outputs[topic] = False
@@ -240,10 +279,22 @@ class PeopleWatch:
         """Call back with the waiting messages of certain images. The others are pushed out by newer ones."""
         for _ in range(len(self._waiting)):
             callback, message = self._waiting.popleft()
-            if Time.from_msg(message.header.stamp).nanoseconds not in self._certain:
+            if self.whose(message) is None:
                 self._waiting.append((callback, message))
             elif self.fresh(message.header):
                 callback(message)
+
+    def whose(self, message: PointCloud2) -> int | None:
+        """Return whose joints a message of `subscribe` has: `person` in ~/people. None if that is not certain."""
+        return dict(self._certain).get(Time.from_msg(message.header.stamp).nanoseconds)
+
+    def joints(self, message: PointCloud2) -> np.ndarray | None:
+        """Return the points of ~/skeleton or ~/skeletons in the frame of the watch; None, with a warning, without TF.
+
+        The newest transform is used: a person stays in place in a fixed frame while the robot moves on.
+        """
+        found = points(message)
+        return found if self._into is None else self._into.move(found, message.header.frame_id)
 
     def _on_state(self, message: String) -> None:
         self._state = message.data
@@ -274,6 +325,27 @@ class PeopleWatch:
         """
         return self._frame or ("" if self._people is None else str(self._people.header.frame_id))
 
+    @property
+    def stamp(self) -> Time | None:
+        """Stamp of the newest people; each was seen `age` s before it. None before a message."""
+        return None if self._people is None else Time.from_msg(self._people.header.stamp)
+
+    def predicted(self, now: Time | None = None, people: np.ndarray | None = None) -> np.ndarray:
+        """Return people (k,) with the places where they are expected at a time, and the covariance of these.
+
+        now: by default the time of the node's clock; also a later time, such as that of an action. people: of this
+        watch, by default `tracked`. Those who are not tracked stay where they are: their covariance has grown already.
+        """
+        people = self.tracked() if people is None else people.copy()
+        if self.stamp is not None:
+            ahead_s = ((now or self._clock.now()) - self.stamp).nanoseconds * 1e-9
+            seconds = np.where(people["tracked"] == 1, ahead_s + people["age"], 0.0)
+            for place, speed in zip(PLACE, SPEED):
+                people[place] += seconds * people[speed]
+            for spread, of_speed in zip(SPREAD, SPEED_SPREAD):
+                people[spread] += np.where(seconds > 0, seconds**2 * people[of_speed], 0.0)
+        return people
+
     def _read(self) -> np.ndarray | None:
         """Return the people (k,) of the newest message in the wanted frame; None if they are not known."""
         if self._people is None or not self.fresh(self._people.header):
@@ -284,9 +356,10 @@ class PeopleWatch:
     def everybody(self) -> np.ndarray:
         """Return all people of the newest message, also those who are lost, the nearest one first; none if not known.
 
-        The fields are x, y, z (m), vx, vy, vz (m/s, over ground if the tracker has a fixed frame), xx to zz (m^2),
-        confidence, age (s), person, tracked, detector_id, guessed, doubtful, locked. The nearest one is that to the
-        origin of `frame_id`. People in the image whom the tracker does not follow come last: their place is NaN.
+        The fields are x, y, z (m), vx, vy, vz (m/s, over ground if the tracker has a fixed frame), xx to zz (m^2), vxx
+        to vzz (m^2/s^2), confidence, age (s), person, tracked, detector_id, guessed, doubtful, locked, out_of_view. The
+        nearest one is that to the origin of `frame_id`. People in the image whom the tracker does not follow come last:
+        their place is NaN.
         """
         people = self._read()
         if people is None:

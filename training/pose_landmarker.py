@@ -1,11 +1,12 @@
-"""MediaPipe's pose model as one file for its Tasks API, from the weights in the wheel of an earlier release.
+"""MediaPipe's models of the pose or of a hand as one file for its Tasks API, from the wheel of an earlier release.
 
     pip download --no-deps --only-binary :all: --python-version 3.12 --platform manylinux_2_28_x86_64 mediapipe==0.10.21
     python -m training.pose_landmarker mediapipe-0.10.21-*.whl --output FILE   # needs pip install '.[mediapipe]'
+    python -m training.pose_landmarker mediapipe-0.10.21-*.whl --hand --output FILE
 
-A file of the Tasks API (`.task`) is a zip of two networks without compression: one finds the person, the other one the
-landmarks. The second one in the wheel lacks the metadata that the Tasks API reads, so they are added: pixels are from 0
-to 1. The weights are unchanged. The same wheel gives the same bytes.
+A file of the Tasks API (`.task`) is a zip of two networks without compression: one finds the person or the palm, the
+other one the landmarks. The second one of the pose lacks in the wheel the metadata that the Tasks API reads, so they
+are added: pixels are from 0 to 1. The weights are unchanged. The same wheel gives the same bytes.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from mediapipe.tasks.metadata import schema_py_generated as schema
 
 DETECTOR = "mediapipe/modules/pose_detection/pose_detection.tflite"
 LANDMARKS = "mediapipe/modules/pose_landmark/pose_landmark_full.tflite"
+PALM = "mediapipe/modules/palm_detection/palm_detection_full.tflite"
+HAND = "mediapipe/modules/hand_landmark/hand_landmark_full.tflite"
 ABOUT = (
     "Pose landmark model (full) of MediaPipe 0.10.21, Copyright The MediaPipe Authors. Changed for lassokin_ros: these "
     "metadata were added."
@@ -36,13 +39,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Write the file."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("wheel", type=Path)
+    parser.add_argument("--hand", action="store_true", help="the model of a hand instead of the pose")
     parser.add_argument("--output", type=Path, required=True)
     options = parser.parse_args(arguments)
     with zipfile.ZipFile(options.wheel) as wheel:
-        networks = {
-            "pose_detector.tflite": wheel.read(DETECTOR),
-            "pose_landmarks_detector.tflite": with_metadata(wheel.read(LANDMARKS)),
-        }
+        if options.hand:
+            networks = {"hand_detector.tflite": wheel.read(PALM), "hand_landmarks_detector.tflite": wheel.read(HAND)}
+        else:
+            networks = {
+                "pose_detector.tflite": wheel.read(DETECTOR),
+                "pose_landmarks_detector.tflite": with_metadata(wheel.read(LANDMARKS)),
+            }
     with zipfile.ZipFile(options.output, "w", zipfile.ZIP_STORED) as file:
         for name, data in networks.items():
             entry = zipfile.ZipInfo(name, DAY)

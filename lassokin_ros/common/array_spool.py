@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -56,7 +57,7 @@ class ArraySpool:
         """One array of a record, read-only; None if the record has no array of that name."""
         offset = record.offset
         for other, shape, kind in self._known[record.layout]:
-            size = kind.itemsize * int(np.prod(shape, dtype=int))
+            size = kind.itemsize * math.prod(shape)
             if other == name:
                 self._flush()
                 return np.frombuffer(os.pread(self._file.fileno(), size, offset), dtype=kind).reshape(shape)

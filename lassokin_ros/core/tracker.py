@@ -104,6 +104,18 @@ class Tracker:
         same_camera: True if the cameras stay as they are and only the person changes: the learned vertical and the
         corrections of the cameras' poses are kept.
         """
+        self._forget_state()
+        if self.learned.height is not None and self.learned.height.measured:
+            self.learned.resize(self.given_skeleton.height / self.skeleton.height)
+        self.learned.reset(same_camera)
+        self._use_body()
+
+    def begin_take(self) -> None:
+        """Forget the state: the next frame shows the same person from elsewhere. What is known of the person stays."""
+        self._forget_state()
+        self.learned.begin_take()
+
+    def _forget_state(self) -> None:
         self._solved: EvaluatedState | None = None
         self._replaced = False  # whether the next frame starts from another state than the last one solved
         self._status = Status.SEARCHING
@@ -111,13 +123,9 @@ class Tracker:
         parts: list[Any] = [*self._cameras, self._increments, self._starts, self._output_filter, self._lag]
         for part in parts:
             part.reset()
-        if self.learned.height is not None and self.learned.height.measured:
-            self.learned.resize(self.given_skeleton.height / self.skeleton.height)
-        self.learned.reset(same_camera)
         self.published: list[Estimate] = []
         """Estimates that became due with the last observation, in order: that observation's own, or with
         `smoothing_lag` earlier ones, smoothed, each with the stamp of its own frame."""
-        self._use_body()
 
     @property
     def state(self) -> BodyState | None:
@@ -160,7 +168,7 @@ class Tracker:
     def limitations(self) -> str:
         """What is off because joints or landmarks are missing, in one line; empty if nothing is."""
         off = missing_roles(self.skeleton.joint_names)
-        if not off and self.config.depth_prior and self._cameras[0].network is None:
+        if not off and self.config.depth_prior and not self._starts.with_network:
             return f"layout '{self.layout.name}' has too few of the points that the depth network needs; it is off"
         return off
 

@@ -44,7 +44,14 @@ class Detector(Protocol):
 
 
 def make_detector(name: str) -> Detector:
-    """Return a detector. name: "mediapipe", or the path of a MediaPipe or an ONNX file. Raises DetectorError."""
+    """Return a detector. Raises DetectorError.
+
+    name: "mediapipe", "mediapipe_hands" for a body with hands, or the path of a MediaPipe or an ONNX file.
+    """
+    if name == "mediapipe_hands":
+        from lassokin_ros.detector.mediapipe_hands import MediaPipeHands
+
+        return MediaPipeHands()
     if name == "mediapipe" or name.endswith(".task"):
         from lassokin_ros.detector.mediapipe_pose import MODEL, MediaPipePose
 
@@ -53,4 +60,4 @@ def make_detector(name: str) -> Detector:
         from lassokin_ros.detector.onnx_pose import OnnxPose
 
         return OnnxPose(user_path(name))
-    raise DetectorError(f"detector '{name}'; expected mediapipe, or the path of a .task or .onnx file")
+    raise DetectorError(f"detector '{name}'; expected mediapipe, mediapipe_hands, or the path of a .task or .onnx file")

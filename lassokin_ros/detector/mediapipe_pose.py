@@ -35,7 +35,7 @@ class MediaPipePose:
         _check(path)
         self._path, self._loaded = path, False
         self._given_ms, self._clock_ms = 0, 0
-        with _quiet_stderr():
+        with quiet_stderr():
             self._mediapipe, self._landmarker = _landmarker(path)
 
     def detect(self, image: np.ndarray, seconds: float) -> list[Detected]:
@@ -44,11 +44,11 @@ class MediaPipePose:
         self._clock_ms += max(given_ms - self._given_ms, 1)
         self._given_ms = given_ms
         shown = self._mediapipe.Image(image_format=self._mediapipe.ImageFormat.SRGB, data=np.ascontiguousarray(image))
-        with nullcontext() if self._loaded else _quiet_stderr():
+        with nullcontext() if self._loaded else quiet_stderr():
             try:
                 people = self._landmarker.detect_for_video(shown, self._clock_ms).pose_landmarks
             except (RuntimeError, ValueError) as error:  # by the status of the C code
-                raise DetectorError(f"the model '{self._path}' cannot be run: {_short(error)}") from None
+                raise DetectorError(f"the model '{self._path}' cannot be run: {short(error)}") from None
         if not people:
             return []
         self._loaded = True
@@ -80,8 +80,8 @@ def _check(path: Path) -> None:
         )
 
 
-def _landmarker(path: Path) -> tuple[Any, Any]:
-    """Return the package and its open landmarker."""
+def mediapipe_package() -> tuple[Any, Any, Any]:
+    """Return MediaPipe's package, its part for images, and its class of base options. Raises DetectorError."""
     try:
         version = metadata.version("mediapipe")
         if tuple(map(int, re.findall(r"\d+", version)[:3])) > NEWEST:
@@ -93,21 +93,28 @@ def _landmarker(path: Path) -> tuple[Any, Any]:
         from mediapipe.tasks.python import BaseOptions, vision
     except (ImportError, OSError) as error:  # OSError: a library that it loads
         raise DetectorError(f"the detector mediapipe cannot be imported ({error}); install it with: {NEEDED}") from None
+    return mediapipe, vision, BaseOptions
+
+
+def _landmarker(path: Path) -> tuple[Any, Any]:
+    """Return the package and its open landmarker."""
+    mediapipe, vision, base = mediapipe_package()
     options = vision.PoseLandmarkerOptions(
-        base_options=BaseOptions(model_asset_buffer=path.read_bytes()), running_mode=vision.RunningMode.VIDEO
+        base_options=base(model_asset_buffer=path.read_bytes()), running_mode=vision.RunningMode.VIDEO
     )
     try:
         return mediapipe, vision.PoseLandmarker.create_from_options(options)
     except Exception as error:  # RuntimeError, ValueError and others, by the status of the C code
-        raise DetectorError(f"'{path}' is no model of MediaPipe's pose landmarker: {_short(error)}") from None
+        raise DetectorError(f"'{path}' is no model of MediaPipe's pose landmarker: {short(error)}") from None
 
 
-def _short(error: Exception) -> str:
+def short(error: Exception) -> str:
+    """Return an error in one line."""
     return " ".join(str(error).split())[:160]
 
 
 @contextmanager
-def _quiet_stderr() -> Iterator[None]:
+def quiet_stderr() -> Iterator[None]:
     """Discard what compiled code writes to stderr. MediaPipe logs several lines whatever its log level is."""
     try:
         kept = os.dup(2)

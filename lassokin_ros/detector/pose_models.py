@@ -13,7 +13,7 @@ import numpy as np
 MEAN, DEVIATION = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])
 """Normalisation of RTMPose, RGB."""
 COCO = 17
-LAYOUTS = {COCO: "coco17", 26: "halpe26"}
+LAYOUTS = {COCO: "coco17", 26: "halpe26", 133: "coco133"}
 """Landmark layout by the number of keypoints."""
 LEAST_SCORE, LARGEST_OVERLAP = 0.25, 0.7
 """Score from which a box is a person, and ratio of intersection and union from which two boxes are the same person: the

@@ -10,7 +10,7 @@ import numpy as np
 from lassokin_ros.common.svg import Axes, document
 from lassokin_ros.measure.gait import DEVIATIONS, LENGTH, TIME, Gait
 from lassokin_ros.measure.poses import SIDES
-from lassokin_ros.measure.report import COLOURS, UNITS, asymmetry_text, gait_plot
+from lassokin_ros.measure.report import COLOURS, UNITS, asymmetry_text, gait_plot, support_text
 
 STYLE = """
 @page { size: A4; margin: 16mm }
@@ -32,7 +32,7 @@ def gait_page(gait: Gait, title: str, remarks: Sequence[str]) -> str:
         ("Cadence", f"{_number(gait.cadence, 0)} steps per minute"),
         ("Stride", f"{gait.stride_m:.2f} m in {gait.stride_s:.2f} s ({gait.strides} strides)"),
         ("Speed", f"{gait.speed:.2f} m/s"),
-        ("Both feet on the floor", f"{_number(100 * gait.double_support, 0)} % of a stride"),
+        ("Both feet on the floor", support_text(gait)),
     ]
     general = "".join(f"<tr><th>{name}</th><td>{words}</td></tr>" for name, words in rows)
     sides = "".join(_row(gait, name) for name in DEVIATIONS)

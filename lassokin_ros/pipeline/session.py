@@ -24,10 +24,11 @@ from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.bone_lengths import Calibration
 from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.core.learned.height import HeightEstimator
-from lassokin_ros.core.observation import CameraPose, Rejection, Status
+from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.answers import Answer, AnswersInOrder, frames_of
+from lassokin_ros.pipeline.camera.camera_places import GivenPoses
 from lassokin_ros.pipeline.camera.placement import Placement
 from lassokin_ros.pipeline.camera_images import UNREADABLE, UNREADABLE_WORDS, CameraImages
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
@@ -54,11 +55,11 @@ class Session:
         tracker_config: TrackerConfig,
         node_config: NodeSettings,
         evidence: Sequence[Evidence] = (),
-        poses: Mapping[str, CameraPose] | None = None,
+        poses: GivenPoses | None = None,
         bodies: Mapping[int | None, Skeleton] | None = None,
         patience: float = 0.0,
     ) -> None:
-        """evidence: the user's own, for each frame's lasso; all people share it. poses: of several cameras, by name, in
+        """evidence: the user's own, for each frame's lasso; all people share it. poses: see CameraPlaces, in
         place of those from TF. bodies: skeletons of people whose numbers in the messages are known, at most
         max_people; of the only person by None. patience: s, lower limit of the wait for depth images; messages in a
         recording have no exact order.
@@ -173,7 +174,10 @@ class Session:
         """
         if not (self.enabled and self.inputs.has_camera) or self.locked is not None:
             return False
-        if self.absent_at(self.image_at(now_ns)[0]):
+        stamp_ns, places = self.image_at(now_ns)[0], self.placement.places
+        if self.config.silent_when_empty and self.detector_connected and places is not None:
+            self._out_of_view.look(places.others((), stamp_ns), stamp_ns, self.config.forget_after)
+        if self.absent_at(stamp_ns):
             return False
         return self.scene.known_empty(now_ns, self.config, self.detector_connected)
 
@@ -243,8 +247,17 @@ class Session:
         for camera in self.cameras.values():
             camera.reset()
 
-    def _forget_people(self, unlock: bool) -> None:
-        self.people.reset(unlock)
+    def begin_take(self) -> list[Answer]:
+        """Note that the next image is of another shot; return the answers of everything that waits.
+
+        What was learned of the only person stays; several people are forgotten.
+        """
+        answers = self.finish()
+        self._forget_people(unlock=True, same_person=True)
+        return answers
+
+    def _forget_people(self, unlock: bool, same_person: bool = False) -> None:
+        self.people.reset(unlock, same_person)
         self.inputs.reset_sets()
         self._order.reset()
         self.placement.reset()

@@ -101,6 +101,10 @@ class Playback:
         self._tick(time_ns)
         self.session.push_transforms(message, static=True)
 
+    def begin_take(self) -> None:
+        """Note that the next image is of another shot, see `Session.begin_take`."""
+        self._take(self.session.begin_take(), time.perf_counter())
+
     def finish(self) -> None:
         """Process what still waits at the end of the recording."""
         if self.messages is not None:

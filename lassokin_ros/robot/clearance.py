@@ -14,7 +14,7 @@ from pink import Configuration
 from lassokin_ros.robot.model import RobotModel
 from lassokin_ros.robot.robot_file import PLACES, SIDES
 
-MARGIN = 0.02
+MARGIN = 0.03
 """m, between two surfaces, from which they are pushed apart."""
 WEIGHT = 30.0
 """1/m; those of the places are 2 to 4."""
@@ -63,21 +63,27 @@ class Clearance:
 
         The weights give the difference of the two closest points.
         """
-        at = np.stack([configuration.data.oMf[frame].translation for frame in self._frames])
-        a, b, c, d = np.moveaxis(self._ends @ at, 1, 0)
+        placed = configuration.data.oMf
+        at = np.array([placed[frame].translation for frame in self._frames])
+        a, b, c, d = (self._ends @ at).swapaxes(0, 1)
         s, t = closest(a, b, c, d)
         shares = np.stack([1 - s, s, t - 1, -t], axis=1)
-        weights = np.einsum("pe,pek->pk", shares, self._ends)
+        weights = (shares[:, None] @ self._ends)[:, 0]
         between = weights @ at
-        distances = np.linalg.norm(between, axis=1)
+        distances = np.sqrt((between * between).sum(axis=1))
         return distances - self._thickness, between / np.maximum(distances, 1e-9)[:, None], weights
 
 
 def closest(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return s, t (n,), 0 to 1: a + s (b - a), c + t (d - c) are the closest points of ab and cd, (n, 3) m."""
-    u, v, w = b - a, d - c, a - c
-    uu, vv, uv = (u * u).sum(1) + 1e-12, (v * v).sum(1) + 1e-12, (u * v).sum(1)
-    uw, vw = (u * w).sum(1), (v * w).sum(1)
-    s = np.clip((uv * vw - uw * vv) / np.maximum(uu * vv - uv * uv, 1e-12), 0.0, 1.0)
-    t = np.clip((uv * s + vw) / vv, 0.0, 1.0)
-    return np.clip((uv * t - uw) / uu, 0.0, 1.0), t
+    lines = np.stack([b - a, d - c, a - c], axis=1)
+    products = lines @ lines.swapaxes(1, 2)
+    uu, vv, uv = products[:, 0, 0] + 1e-12, products[:, 1, 1] + 1e-12, products[:, 0, 1]
+    uw, vw = products[:, 0, 2], products[:, 1, 2]
+    s = _share((uv * vw - uw * vv) / np.maximum(uu * vv - uv * uv, 1e-12))
+    t = _share((uv * s + vw) / vv)
+    return _share((uv * t - uw) / uu), t
+
+
+def _share(values: np.ndarray) -> np.ndarray:
+    return np.minimum(np.maximum(values, 0.0), 1.0)  # faster than clip

@@ -23,8 +23,10 @@ from lassokin_ros.robot.targets import Targets
 
 RAMP_S = 2.0
 """s: in which the speeds grow from 0 to their limits after a hold."""
-DOUBT_S = 3.0
+DOUBT_S = 3.5
 """s: of a hold after a motion that no person makes."""
+SHORTEST_S = 0.01
+"""s between two images: a shorter interval counts as this one."""
 TURN, SWING = 10.0, 30.0
 """rad/s: largest speeds of a person's heading and of a limb's bone."""
 DAMPING, SMOOTH, SMOOTH_BASE = 1e-6, 0.7, 4.0
@@ -43,6 +45,8 @@ class Imitation:
         self.configuration = Configuration(model.model, model.model.createData(), model.rest)
         self.speed = np.zeros(model.model.nv)
         self.holding, self.engaged, self.unsolved = True, 0.0, 0
+        self._smoothing = np.full(model.model.nv, SMOOTH**2)
+        self._smoothing[: model.v_at] = SMOOTH_BASE**2
         self._course = Course()
         self._person: Person | None = None
         self._targets = Targets(self.configuration, model)
@@ -101,7 +105,7 @@ class Imitation:
         shown = posture(person.places, person.up)
         last, self._shown = self._shown, shown
         self._doubt = max(self._doubt - interval, 0.0)
-        if last is not None and interval > 0 and too_fast(last, shown, interval):
+        if last is not None and too_fast(last, shown, max(interval, SHORTEST_S)):
             self._doubt = DOUBT_S
         if self._doubt > 0:
             self._stop()
@@ -149,10 +153,8 @@ class Imitation:
 
     def _smooth(self, problem: Any) -> None:
         """Add the weight of a change of the step."""
-        weights = np.full(len(self.speed), SMOOTH**2)
-        weights[: self.model.v_at] = SMOOTH_BASE**2
-        problem.P[np.diag_indices(len(weights))] += weights
-        problem.q -= weights * self.speed * self.period
+        problem.P.flat[:: len(self.speed) + 1] += self._smoothing
+        problem.q -= self._smoothing * self.speed * self.period
 
     def _solve(self, problem: Any) -> np.ndarray:
         """Return the speeds (nv,) of the solution; without one those that brake, counted in `unsolved`."""
@@ -173,8 +175,8 @@ class Imitation:
         model, period = self.model, self.period
         change = model.acceleration * period
         slowest, fastest = self.speed - change, self.speed + change
-        low = np.clip(-share * model.speed, slowest, fastest)
-        high = np.clip(share * model.speed, slowest, fastest)
+        low = np.minimum(np.maximum(-share * model.speed, slowest), fastest)
+        high = np.minimum(np.maximum(share * model.speed, slowest), fastest)
         at = slice(model.v_at, None)
         change = change[at] * period  # of the step
         for sign, room, bound in ((1, model.highest - self.positions, high), (-1, self.positions - model.lowest, low)):
@@ -185,7 +187,8 @@ class Imitation:
             bound[at] = sign * np.minimum(sign * bound[at], np.minimum(brake, room) / period)
         low[at], high[at] = np.minimum(low[at], high[at]), np.maximum(high[at], low[at])
         room_low, room_high = (model.lowest - self.positions) / period, (model.highest - self.positions) / period
-        low[at], high[at] = np.clip(low[at], room_low, room_high), np.clip(high[at], room_low, room_high)
+        low[at] = np.minimum(np.maximum(low[at], room_low), room_high)
+        high[at] = np.minimum(np.maximum(high[at], room_low), room_high)
         return low, high
 
     def _move(self, speed: np.ndarray) -> None:

@@ -38,7 +38,7 @@ class RobotModel:
         Raises RobotError with all that does not fit.
         """
         self.robot, self.free = robot, free
-        xml = _kinematic_tree(urdf)
+        xml = kinematic_tree(urdf)
         urdf = ElementTree.tostring(xml, encoding="unicode")
         whole = _parsed(urdf)
         _refuse(_unknown(whole, robot))
@@ -127,7 +127,7 @@ def _refuse(wrong: Iterable[str]) -> None:
         raise RobotError(words)
 
 
-def _kinematic_tree(urdf: str) -> ElementTree.Element:
+def kinematic_tree(urdf: str) -> ElementTree.Element:
     """Return the URDF without shapes: meshes need not be there. Raises RobotError."""
     if len(urdf) > LONGEST_URDF or "<!ENTITY" in urdf:
         raise RobotError(f"the URDF has {len(urdf)} characters; expected at most {LONGEST_URDF}, without entities")

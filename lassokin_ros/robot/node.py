@@ -67,7 +67,7 @@ class ImitateNode(Node):
         self._robot_file = load_robot(self._given["robot"])
         self._robot: Imitation | None = None
         self._enabled, self._person, self._why = False, -1, "not enabled: call the service enable"
-        self._stamp_ns: int | None = None  # of the newest image that is followed
+        self._stamp_ns: int | None = None  # of the newest image that the robot was shown
         self._seen_ns: int | None = None  # of the newest certain image
         self._measured: dict[str, float] = {}
         self._said = ""
@@ -167,11 +167,10 @@ class ImitateNode(Node):
         before_ns = stamp_ns if self._stamp_ns is None else self._stamp_ns
         interval = min(max((stamp_ns - before_ns) * 1e-9, 0.0), LONGEST_INTERVAL_S)
         view = Person(position(seen).T, observed, up, seen["contact"][ankles] == 1)
-        refused = self._robot.see(view, interval)
-        if refused:
-            return self._give_reason(refused)  # the robot holds already
-        self._person, self._stamp_ns = person, stamp_ns
-        self._give_reason("")
+        refused, self._stamp_ns = self._robot.see(view, interval), stamp_ns
+        if not refused:
+            self._person = person
+        self._give_reason(refused)  # the robot holds already
 
     def _hold(self, why: str) -> None:
         assert self._robot is not None

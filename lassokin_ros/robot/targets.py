@@ -31,7 +31,7 @@ FOOT_RAMP_S = 0.12
 """s, in which a foot that touches the floor is held, and one that leaves it is freed."""
 ON_FLOOR = 0.005
 """m: at the start a foot whose sole is not higher stands."""
-BALANCE, SUPPORT = 2.0, 0.05
+BALANCE, SUPPORT = 1.0, 0.05
 """1/m, of the centre of mass; m, how far it may be, on the floor, from the line between the ankles that stand."""
 POSTURE_GAIN = 0.1
 """Share of the way to the rest angles that a step aims at."""

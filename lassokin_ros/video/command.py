@@ -110,7 +110,17 @@ def parser() -> argparse.ArgumentParser:
         help="s by which each of several videos begins after the first one; without it, they are found from the person",
     )
     result.add_argument(
-        "--detector", default="mediapipe", metavar="NAME", help="mediapipe (default), or a .task or .onnx file"
+        "--detector",
+        default="mediapipe",
+        metavar="NAME",
+        help="mediapipe (default), mediapipe_hands, or a .task or .onnx file",
+    )
+    result.add_argument(
+        "--hands",
+        dest="detector",
+        action="store_const",
+        const="mediapipe_hands",
+        help="track fingers, too; short for --detector mediapipe_hands",
     )
     result.add_argument(
         "--person",

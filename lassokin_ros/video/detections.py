@@ -36,6 +36,8 @@ class Detections:
         """frame_id: of the keypoints. keep: whether they are kept in `found`."""
         self._source, self._detector, self._frame_id, self._keep = source, detector, frame_id, keep
         self.found: list[Found] = []
+        self.people: list[Detected] = []
+        """Those in the last image."""
         self._last = self._step = 0.0  # s: time of the last image, and since the one before
         self.detect_seconds: list[float] = []
         self.fault = ""
@@ -93,6 +95,7 @@ class Detections:
         began = time.monotonic()
         found = self._detector.detect(image.rgb, image.seconds)
         self.detect_seconds.append(time.monotonic() - began)
+        self.people = found
         self._step, self._last = image.seconds - self._last, image.seconds
         if self._keep:
             self.found.append((image.seconds, found))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 
@@ -66,6 +67,22 @@ def people_in(images: Sequence[Found]) -> list[Seen]:
     needed = min(LASTING_S, LASTING_SHARE * len(times) * period)
     lasting = [one for one in everybody if len(one.seconds) * period >= needed]
     return sorted(lasting, key=lambda one: -float(one.sizes.sum()))
+
+
+def people_of_shots(images: Sequence[Found], cuts: Sequence[float]) -> list[Seen]:
+    """Return the people of several shots: in each, they are in the order of their sizes; see `people_in`.
+
+    cuts: s, of the first image of each shot but the first. Nothing tells who is who in another shot.
+    """
+    edges = [-np.inf, *cuts, np.inf]
+    parts = [[one for one in images if low <= one[0] < high] for low, high in zip(edges, edges[1:])]
+    return [_joined([one for one in same if one is not None]) for same in zip_longest(*map(people_in, parts))]
+
+
+def _joined(parts: Sequence[Seen]) -> Seen:
+    """Return one person of the parts of a file, in order."""
+    seconds, sizes = (np.concatenate([getattr(one, name) for one in parts]) for name in ("seconds", "sizes"))
+    return Seen(seconds, [detected for one in parts for detected in one.detected], sizes)
 
 
 def choose(who: str, people: Sequence[Seen], most: int) -> list[int]:

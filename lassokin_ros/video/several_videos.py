@@ -1,4 +1,4 @@
-"""Synchronised videos of several cameras to one skeleton: detect each, then track all of them in one lasso a frame.
+"""Videos of several cameras to one skeleton: detect each, then track all of them in one lasso a frame.
 
 Without a file with the places of the cameras, a first pass finds them from the person.
 """
@@ -20,6 +20,7 @@ import numpy as np
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
+from lassokin_ros.core.body.landmarks import skeleton_of
 from lassokin_ros.core.config import CHECK, TrackerConfig
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.observation import CameraPose
@@ -76,7 +77,8 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     search = ["extrinsics:=learn"] if unplaced else []
     who = [f"max_people:={MOST_PEOPLE}"] if options.person == ALL else []
     chosen = [f"landmarks:={detector.landmarks}", names, RAW_IMAGES, *search, *who, *options.p, *height, *NO_TOPICS]
-    defaults = {"height": ASSUMED_HEIGHT if unplaced else 0.0, **({} if options.causal else WHOLE_FILE)}
+    body = {"height": ASSUMED_HEIGHT if unplaced else 0.0, "skeleton": skeleton_of(detector.landmarks)}
+    defaults = {**body, **({} if options.causal else WHOLE_FILE)}
     tracker_config, node_config = offline_settings(options.params_file, chosen, defaults)
     several = detector.several or any(one.several for one in stored)
     _check(options, node_config, [camera.name for camera in cameras], several)
@@ -191,7 +193,7 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
         calibration, pose = found[name]
         source, stored = _opened(options, path, calibration.size)
         if source.live:
-            raise SourceError(f"{path} is live; expected synchronised files with --cameras")
+            raise SourceError(f"{path} is live; expected files with --cameras")
         topic = _topic(name)
         scaled = calibration.scaled_to(source.size, f"{options.cameras}:{name}")
         placed = CameraPose(topic, pose.rotation, pose.translation)

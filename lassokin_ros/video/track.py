@@ -17,6 +17,7 @@ import numpy as np
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
+from lassokin_ros.core.body.landmarks import skeleton_of
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import CameraError, ConfigurationError
 from lassokin_ros.core.recording import WHOLE_FILE
@@ -31,6 +32,7 @@ from lassokin_ros.replay.playback import Playback
 from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.camera import Calibration, assumed_fov_warning, choose_camera
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
+from lassokin_ros.video.footage.shots import Footage, LiveFootage
 from lassokin_ros.video.keypoint_files.source import open_input
 from lassokin_ros.video.people import (
     ALL,
@@ -39,10 +41,10 @@ from lassokin_ros.video.people import (
     PersonError,
     Seen,
     choose,
-    people_in,
+    people_of_shots,
     settings_for,
 )
-from lassokin_ros.video.sources import Source, SourceError
+from lassokin_ros.video.sources import Image, Source, SourceError
 from lassokin_ros.video.track_outputs import TrackOutputs, height_given
 from msg_adapters.keypoints import Keypoints
 
@@ -80,18 +82,22 @@ def track(options: argparse.Namespace, detector: Detector | None = None) -> Trac
     if stored is not None:
         options.detector = source.name
     detector = detector or stored or make_detector(options.detector)
+    live = _is_live(options, source)
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         stack.callback(detector.close)
         configs = _settings(options, source, detector)
-        first = Playback(Session(*configs))
         camera = lens_of(options, source)
+        follow = LiveFootage if live else Footage
+        footage = None if stored is not None else follow(camera, source.size, source.content)
+        turning = footage.pose if isinstance(footage, LiveFootage) else None
+        first = Playback(Session(*configs, poses=turning))
         outputs = TrackOutputs(options, source, camera, first, stack)
         outputs.remarks += [HEIGHT_ASSUMED] * (not height_given(options))
         if options.fov is None and options.camera_info is None:
             remedy = assumed_fov_warning("`--fov` or `--camera-info`")
             outputs.remarks.append(remedy[0].upper() + remedy[1:])
-        run = Run(source, detector, camera, outputs)
-        tracker = run.live(first) if _is_live(options, source) else run.whole_file(first, configs, options)
+        run = Run(source, detector, camera, outputs, footage)
+        tracker = run.live(first) if live else run.whole_file(first, configs, options)
         written = outputs.write(files)
         files.check()
     return Tracked(run.summary(tracker, options, written), run.complete, run.detections.fault)
@@ -106,7 +112,8 @@ def _settings(options: argparse.Namespace, source: Source, detector: Detector) -
     height = [] if options.height is None else [f"height:={options.height}"]
     layout = f"landmarks:={detector.landmarks}"
     live = _is_live(options, source)
-    defaults = {"height": ASSUMED_HEIGHT, **({} if live else WHOLE_FILE)}
+    body = {"height": ASSUMED_HEIGHT, "skeleton": skeleton_of(detector.landmarks)}
+    defaults = {**body, **({} if live else WHOLE_FILE)}
     who = []
     if detector.several:
         who = settings_for(options.person or (NEAREST if live else LARGEST), live)
@@ -136,8 +143,16 @@ def _settings(options: argparse.Namespace, source: Source, detector: Detector) -
 class Run:
     """One run over a source."""
 
-    def __init__(self, source: Source, detector: Detector, camera: Calibration, outputs: TrackOutputs) -> None:
-        self._source, self._outputs = source, outputs
+    def __init__(
+        self,
+        source: Source,
+        detector: Detector,
+        camera: Calibration,
+        outputs: TrackOutputs,
+        footage: Footage | LiveFootage | None,
+    ) -> None:
+        """footage: follows the background; None without images."""
+        self._source, self._outputs, self._footage = source, outputs, footage
         self._info = camera.intrinsics(OPTICAL_FRAME)
         self.detections = Detections(source, detector, OPTICAL_FRAME, keep=not source.live)
         self._several = detector.several
@@ -158,10 +173,20 @@ class Run:
             for image, message in self.detections.images(stopped, progress):
                 self._outputs.add_report_image(image)
                 self._outputs.add_image(image)
+                self._follow_background(image)
                 tracker.keypoints(message, stamp_of(image.seconds))
                 progress.advance(note=tracker.session.status.value)
             tracker.finish()
         return tracker
+
+    def _follow_background(self, image: Image) -> None:
+        """Use an image; say it when the camera begins to turn."""
+        if self._footage is None:
+            return
+        stood = not self._footage.moves if isinstance(self._footage, LiveFootage) else False
+        self._footage.add(image, self.detections.people)
+        if stood and self._footage.moves:
+            _note(f"the camera turns from {image.seconds:.1f} s on; its rotation is taken out")
 
     def whole_file(self, first: Playback, configs: Configs, options: argparse.Namespace) -> Playback:
         """Detect all images, learn the people's lengths from them, and track them backward and forward with these."""
@@ -175,8 +200,11 @@ class Run:
             self._found = partial(self.detections.of_people, people, node.several_people)
 
         def make(config: TrackerConfig, bodies: Bodies | None = None) -> Session:
-            return Session(config, node, bodies=bodies)
+            return Session(config, node, bodies=bodies, poses=turning)
 
+        turning = self._shots.pose if self._shots is not None and self._shots.moves else None
+        if turning is not None:
+            first = Playback(make(config))
         learned = config.calibrate and config.height > 0
         known = learn(make, self._play, config) if learned else None
         last = Playback(first.session if known is None else known.session(make))
@@ -192,11 +220,19 @@ class Run:
         with stop_flag() as stopped:
             for image, _ in self.detections.images(stopped, progress):
                 self._outputs.add_report_image(image)
+                self._follow_background(image)
                 progress.advance(note=f"{len(self.detections.found[-1][1])} in view")
+        if self._shots is not None:
+            self._shots.finish()
+            for remark in self._shots.remarks():
+                _note(remark)
+                self._outputs.remarks.append(remark)
+            self._outputs.remarks += self._shots.unknown()
 
     def _chosen(self, person: str | None, node: NodeSettings) -> list[tuple[int, Seen]]:
         """Choose among the people in the images, and return their numbers and images."""
-        people, who = people_in(self.detections.found), person or (ALL if node.several_people else LARGEST)
+        people = people_of_shots(self.detections.found, [] if self._shots is None else self._shots.cuts)
+        who = person or (ALL if node.several_people else LARGEST)
         chosen = choose(who, people, node.max_people)
         self._who = _who_in_words(people, chosen, self._source.size[0])
         self._outputs.remarks += [self._who] if self._who else []
@@ -207,10 +243,21 @@ class Run:
         tracker.camera_info(self._info, FIRST_STAMP_NS)
         progress = Progress(len(self.detections.found), "frames")
         for seconds, keypoints in self._found():
+            self._begin_take(tracker, seconds)
             tracker.keypoints(keypoints, stamp_of(seconds))
             progress.advance(note=f"{title}, {tracker.session.status.value}")
         tracker.finish()
         progress.close()
+
+    @property
+    def _shots(self) -> Footage | None:
+        """The shots of a file."""
+        return self._footage if isinstance(self._footage, Footage) else None
+
+    def _begin_take(self, tracker: Playback, seconds: float) -> None:
+        """Begin a new take if an image at a time, s, is the first of a shot."""
+        if self._shots is not None and self._shots.begins_at(seconds):
+            tracker.begin_take()
 
     def _track_again(self, tracker: Playback, options: argparse.Namespace) -> None:
         """Track the kept keypoints; the images are read again if an output shows them."""
@@ -220,6 +267,7 @@ class Run:
         for seconds, keypoints in self._found():
             if self._outputs.needs_images:
                 self._outputs.add_image(_next_image(images, self._source.name))
+            self._begin_take(tracker, seconds)
             tracker.keypoints(keypoints, stamp_of(seconds))
             progress.advance(note="last pass")
         tracker.finish()

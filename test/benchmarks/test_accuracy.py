@@ -55,41 +55,6 @@ def test_records_have_all_fields(tmp_path, capsys):
 
 
 @needs_clips
-def test_errors_by_joint_are_printed_on_request(capsys, tmp_path):
-    file = tmp_path / "records.json"
-    options = ["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--json", str(file)]
-    assert main([*options, "--fps", "30", "--joints"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    (record,) = json.loads(file.read_text(encoding="utf-8"))
-    begin = next(i for i, line in enumerate(lines) if line.split()[:2] == ["method", "joint"])
-    rows = [line.split() for line in lines[begin + 2 :] if line.startswith("lasso")]
-    printed = {joint: [int(value) for value in values] for _, joint, *values in rows}
-    assert printed.keys() == record["joints_mm"].keys() == {*"hip knee ankle shoulder elbow wrist neck head".split()}
-    assert all(printed[joint] == [round(v) for v in values] for joint, values in record["joints_mm"].items())
-    assert all(0 < depth <= error for error, depth in record["joints_mm"].values())
-
-
-@needs_clips
-def test_several_seeds_have_one_summary(tmp_path, capsys):
-    def records(*options):
-        file = tmp_path / "records.json"
-        assert main(["--clips", "exp_running_1", "--views", "1", "--fps", "30", "--json", str(file), *options]) == 0
-        return untimed(json.loads(file.read_text(encoding="utf-8")))
-
-    both = records("--seed", "3", "--seeds", "2")
-    text = capsys.readouterr().out
-    assert both == records("--seed", "3") + records("--seed", "4") and both[0]["mpjpe_mm"] != both[1]["mpjpe_mm"]
-    assert "seeds 3 to 4" in text and "lasso   median        2" in text
-
-
-@needs_clips
-def test_training_clips_are_marked_and_not_in_the_summary(capsys):
-    assert main(["--clips", "02_03", "--views", "1", "--jobs", "1", "--fps", "30"]) == 0
-    text = capsys.readouterr().out
-    assert "02_03 *" in text and "training clips, not to be reported:" in text
-
-
-@needs_clips
 def test_every_baseline_runs_from_the_command_line(tmp_path):
     file = tmp_path / "records.json"
     options = ["--data", str(MOCAP), "--clips", "exp_running_1", "--views", "1", "--fps", "30", "--jobs", "1"]
@@ -216,21 +181,6 @@ def test_measured_bones_have_the_lengths_of_the_reference():
 
 
 @needs_clips
-def test_a_run_without_a_person_is_counted_and_a_short_clip_is_left_out(capsys):
-    options = ["--clips", "exp_running_1,12_01", "--views", "1", "--jobs", "1", "--fps", "30"]
-    nobody = [*options, "--set", "min_landmarks=18"]
-    assert main(nobody) == 0
-    said = capsys.readouterr().out
-    assert "median        2" in said and "without an estimate of their last frame: 2 of 2" in said
-    assert main([*nobody, "--score-from", "2"]) == 0  # exp_running_1 lasts 1.4 s
-    assert "without an estimate of their last frame: 1 of 1" in capsys.readouterr().out
-    assert main([*options, "--score-from", "2"]) == 0
-    assert "without an estimate of their last frame: 0 of 1" in capsys.readouterr().out
-    assert main([*nobody, "--initialisation", "--per-clip", "2"]) == 0
-    assert capsys.readouterr().out.splitlines()[-1].split() == ["lasso", "4", "0", "-", "-", "-", "-"]
-
-
-@needs_clips
 def test_training_clips_are_not_in_the_bins(tmp_path, capsys, figure="--failure-probability", count="frames"):
     def records(*clips):
         file = tmp_path / "records.json"
@@ -269,28 +219,6 @@ def test_an_invalid_option_is_refused_by_name(option, capsys):
 def test_contradictory_options_are_refused(options):
     with pytest.raises(SystemExit, match="for clips|frame by frame|expected some of"):
         main(options.split())
-
-
-@needs_clips
-def test_clips_with_another_frame_rate_are_listed(capsys):
-    options = ["--clips", "exp_running_1,ad_jumping_jacks", "--views", "1", "--jobs", "1"]
-    for rate, said in ((60, "ad_jumping_jacks 30"), (30, "")):
-        assert main([*options, "--fps", str(rate)]) == 0
-        text = capsys.readouterr().out
-        assert (f"Not at {rate} Hz, but at: {said}.\n" in text) if said else "Not at" not in text
-
-
-@needs_clips
-def test_measured_depth_is_printed_and_improves_the_pose(capsys, tmp_path):
-    file, errors = tmp_path / "records.json", {}
-    options = ["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--offset-px", "3", "--json", str(file)]
-    for depth in ((), ("--depth-noise", "0.01")):
-        assert main([*options, *depth]) == 0
-        (record,) = json.loads(file.read_text(encoding="utf-8"))
-        errors[bool(depth)] = record["mpjpe_mm"]
-        assert record["depth_sensor"] == ({"noise": 0.01, "bias": 0, "occluded": 0, "noise_z2": 0} if depth else None)
-    assert errors[True] < 0.95 * errors[False]
-    assert "Depth of each keypoint is measured: noise 0.01 m" in capsys.readouterr().out
 
 
 @needs_clips

@@ -111,13 +111,6 @@ def test_every_clip_counts_with_any_number_of_processes(folder, tmp_path, capsys
 
 
 @needs_clips
-def test_other_measurements_use_that_prior_too(folder, tmp_path):
-    options = ["--data", str(folder), "--clips", "exp_running_1", "--jobs", "1", "--initialisation", "--per-clip", "1"]
-    shipped, own = (records_of(tmp_path, *options, *more)[-1] for more in ([], ["--leave-one-out"]))
-    assert own["init_mpjpe_mm"] != shipped["init_mpjpe_mm"]
-
-
-@needs_clips
 def test_a_single_take_is_refused(folder):
     for clip in CLIPS[1:]:
         (folder / f"{clip}.npz").unlink()

@@ -18,9 +18,10 @@ from rclpy.time import Time  # noqa: E402
 from sensor_msgs.msg import PointCloud2  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-from lassokin_ros.watch import PeopleWatch  # noqa: E402
+from lassokin_ros.watch import PeopleWatch, Stillness, covariance, points, position  # noqa: E402
 from msg_adapters.backends import RclpyBackend  # noqa: E402
 from msg_adapters.output_messages.people import PersonReport, people_builder  # noqa: E402
+from msg_adapters.output_messages.skeleton_cloud import JointsReport, SkeletonCloudBuilder  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 NOW_S = 1000.0
@@ -71,11 +72,14 @@ def transforms(monkeypatch):
     tf = sys.modules["tf2_ros"]
     monkeypatch.setattr(tf, "TransformListener", lambda buffer, _: buffers.append(buffer))
 
-    def send(stamp_s):
-        message = TransformStamped(child_frame_id="odom")
-        message.header.frame_id = "camera"
+    def send(stamp_s, parent="camera", child="odom", shift=(0.0, 0.0, 0.0), turn=(0.0, 0.0, 0.0, 1.0)):
+        message = TransformStamped(child_frame_id=child)
+        message.header.frame_id = parent
         message.header.stamp = Time(nanoseconds=round(stamp_s * 1e9)).to_msg()
-        message.transform.rotation.w = 1.0
+        for name, value in zip("xyz", shift):
+            setattr(message.transform.translation, name, value)
+        for name, value in zip("xyzw", turn):
+            setattr(message.transform.rotation, name, value)
         buffers[0].set_transform(message)
 
     return send
@@ -227,6 +231,82 @@ def test_an_output_that_does_not_come_while_somebody_is_tracked_is_logged(node):
         check()
         assert len(node.log) == logged
     assert "nothing was received on /robot/tracker/skeleton" in node.log[0] and "~/lock" in node.log[0]
+
+
+def test_people_are_predicted_to_now_with_a_covariance(node):
+    watch = PeopleWatch(node)
+    walking = report(velocity=np.array([1.0, 0, 0]), age=0.1, velocity_covariance=0.04 * np.eye(3))
+    lost = report(id="p2", tracked=False, velocity=np.array([1.0, 0, 0]), velocity_covariance=np.eye(3))
+    node.calls["tracker/people"](people(NOW_S, walking, lost))
+    assert watch.stamp.nanoseconds == round(NOW_S * 1e9)
+    node.now_s += 0.1
+    (one,) = watch.predicted()
+    assert position(one) == pytest.approx([0.2, 0, 3.0])
+    assert covariance(one) == pytest.approx((0.1**2 + 0.2**2 * 0.04) * np.eye(3))
+    later = Time(nanoseconds=round((NOW_S + 0.4) * 1e9), clock_type=ClockType.ROS_TIME)
+    both = watch.predicted(later, watch.everybody())
+    assert sorted(both["x"].tolist()) == pytest.approx([0.0, 0.5])  # who is lost stays
+
+
+def test_joints_come_in_the_frame_of_the_watch_and_with_their_person(node, transforms):
+    watch, got = PeopleWatch(node, frame="base"), []
+    watch.subscribe("skeleton", got.append)
+    turns = np.tile([0.0, 0, 0, 1], (24, 1))
+    sizes, yes = np.ones(24), np.ones(24, dtype=bool)
+    spread = np.tile(np.diag([0.01, 0.04, 0.09]), (24, 1, 1))
+    places, speeds = np.tile([1.0, 2, 3], (24, 1)), np.tile([1.0, 0, 0], (24, 1))
+    body = JointsReport(7, places, speeds, spread, yes, yes, yes, sizes, sizes, turns, np.array([0.0, -1, 0]))
+    message = SkeletonCloudBuilder(RclpyBackend(), 24).fill(round(NOW_S * 1e9), "camera", body)
+    node.calls["tracker/people"](people(NOW_S, report(id="p7")))
+    node.calls["tracker/skeleton"](message)
+    assert got == [message] and watch.whose(message) == 7 and watch.whose(cloud(NOW_S + 1)) is None
+    assert watch.joints(message) is None and "expected 'base'" in node.log[-1]
+    transforms(NOW_S, "base", "camera", shift=(0.0, 0.0, 1.0), turn=(-0.5, 0.5, -0.5, 0.5))  # optical to z up
+    joint = watch.joints(message)[5]
+    assert position(joint) == pytest.approx([3, -1, -1]) and covariance(joint) == pytest.approx(
+        np.diag([0.09, 0.01, 0.04])
+    )
+    assert [joint[name] for name in ("vx", "vy", "vz")] == pytest.approx([0, -1, 0], abs=1e-6)
+    assert [joint[name] for name in ("up_x", "up_y", "up_z")] == pytest.approx([0, 0, 1], abs=1e-6)
+    assert [joint[name] for name in ("qx", "qy", "qz", "qw")] == pytest.approx([-0.5, 0.5, -0.5, 0.5])
+
+
+def test_a_point_is_still_if_it_has_not_moved_for_the_whole_time():
+    still = Stillness(seconds=0.5)
+
+    def moved(at_s, x=1.0):
+        return still.moved(Time(nanoseconds=round(at_s * 1e9)).to_msg(), np.array([x, 0, 0]))
+
+    assert [moved(10 + i / 10) for i in range(5)] == [np.inf] * 5
+    assert moved(10.5) == 0 and moved(10.6, 1.2) == pytest.approx(0.2)
+    assert [moved(10.6 + i / 10, 1.2) for i in range(1, 7)] == pytest.approx([0.2] * 4 + [0, 0])
+    assert moved(12.0, 1.2) == np.inf  # after a gap
+
+
+@pytest.mark.parametrize(
+    "state, reports, untracked, discs",
+    [
+        ("nobody", [], 0, 0),
+        ("lost", [], 0, None),
+        ("tracking", [{}], 0, 1),
+        ("lost", [{"tracked": False, "out_of_view": True, "deviation_m": 0.6}], 0, 1),
+        ("tracking", [{}], 1, None),  # somebody is there whose place is not known
+    ],
+)
+def test_a_costmap_has_everybody_or_nothing(node, state, reports, untracked, discs):
+    module = load("costmap")
+    watch = PeopleWatch(node)
+    node.calls["tracker/people"](people(NOW_S, *(report(**one) for one in reports), untracked=untracked))
+    node.calls["tracker/state"](String(data=state))
+    module.Costmap.on_timer(SimpleNamespace(watch=watch, publisher=node.publisher, get_clock=node.get_clock))
+    if discs is None:
+        assert not node.sent
+        return
+    found = points(node.sent[0])
+    assert (len(found) > 0) == bool(discs) and node.sent[0].header.frame_id == "camera"
+    if discs:
+        doubt = reports[0].get("deviation_m", 0.1)
+        assert position(found)[0].max() == pytest.approx(0.3 + 2 * doubt, abs=0.11)
 
 
 def test_the_locked_person_alone_is_followed(node):

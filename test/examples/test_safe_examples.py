@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,12 +18,15 @@ rclpy = pytest.importorskip("rclpy")
 from forked import Forked  # noqa: E402
 from geometry_msgs.msg import PointStamped, PoseArray, PoseWithCovarianceStamped, TransformStamped, Twist  # noqa: E402
 from live import BACKEND, NO_HANDLERS, NodeProcess  # noqa: E402
-from messages import FRAME, camera_info, cloud, pixels_of_motion, raw_cloud  # noqa: E402
+from messages import FRAME, camera_info, cloud, crowd, pixels_of_motion, raw_cloud  # noqa: E402
 from rcl_interfaces.msg import Log  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from sensor_msgs.msg import CameraInfo, PointCloud2  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
+from std_srvs.srv import SetBool  # noqa: E402
+
+from lassokin_ros.watch import points  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 LATE_TF = ROOT / "test" / "support" / "late_tf"
@@ -52,7 +55,6 @@ SCENES = {
     "safety_zone": (String, "zone", lambda message: message.data == "safe"),
     "wrist_in_base": (PointStamped, "right_wrist", bool),
     "two_cameras": (PointStamped, "person", bool),
-    "hand_over": (PointStamped, "hand", bool),
 }
 """Message type, topic, and whether a message makes the robot do something."""
 
@@ -73,6 +75,7 @@ class Robot:
         self.tf_late_s, self.keypoints_late_s, self.pixels = 0.1, 0.0, PIXELS
         self.transform = base_to_camera
         self.detects, self.sent, self.fresh_ns = True, 0, 0
+        self.numbers = ()
         self.published = []
         self.node.create_timer(0.05, self._detect)
         self.node.create_timer(0.02, self._send_tf)
@@ -91,7 +94,10 @@ class Robot:
         for camera, keypoints in zip(self._cameras, self._keypoints):
             if self.sent % 20 == 0:
                 camera.publish(camera_info(BACKEND))
-            keypoints.publish(cloud(BACKEND, stamp_ns, self.pixels[self.sent % len(self.pixels)]))
+            one = self.pixels[self.sent % len(self.pixels)]
+            people = [(one + [shift, 0], np.full(17, sure)) for shift, sure in ((0, 0.9), (200, 0.6)) if self.numbers]
+            message = crowd(BACKEND, stamp_ns, people, self.numbers) if people else cloud(BACKEND, stamp_ns, one)
+            keypoints.publish(message)
         self.sent += 1
 
     def _send_tf(self):
@@ -142,11 +148,11 @@ def camera_in_odom(stamp_ns):
 
 
 @contextmanager
-def running(name, robot):
+def running(name, robot, *arguments):
     """The process of an example, ended by SIGKILL."""
     path = [str(LATE_TF), str(ROOT), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, path))}
-    command = [sys.executable, f"examples/{name}.py", "--ros-args", "-p", f"camera_frame:={FRAME}"]
+    command = [sys.executable, f"examples/{name}.py", "--ros-args", "-p", f"camera_frame:={FRAME}", *arguments]
     process = Forked(command, ROOT, environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     try:
         yield process
@@ -159,7 +165,8 @@ def running(name, robot):
 
 @pytest.fixture
 def robot(request):
-    spaces = ("/left", "/right") if request.node.callspec.params.get("name") == "two_cameras" else ("/",)
+    params = getattr(request.node, "callspec", SimpleNamespace(params={})).params
+    spaces = ("/left", "/right") if params.get("name") == "two_cameras" else ("/",)
     result = Robot(spaces)
     result.spaces = spaces
     yield result
@@ -250,6 +257,66 @@ def test_a_robot_stops(robot, name):
             robot.spin_until(lambda: sum(m.width for m in answers) > 20 or name == "safety_zone", "old people")
             robot.spin_for(3.0)
             assert not acts(robot, active)
+
+
+STILL = {
+    "costmap": (PointCloud2, "people_obstacles"),
+    "gaze": (PointStamped, "gaze"),
+    "hand_over": (PointStamped, "hand"),
+}
+
+
+def test_costmap_gaze_and_hand_over_beside_one_tracker(robot):
+    """TF late, numbers exchanged, the detector dead, the tracker killed. The person stands still, and is locked."""
+    got = {name: [] for name in STILL}
+    for name, (message_type, topic) in STILL.items():
+        robot.node.create_subscription(message_type, topic, got[name].append, 100)
+    robot.pixels = PIXELS[0] + np.random.default_rng(0).normal(0, 0.5, PIXELS.shape)
+    robot.numbers, robot.transform = (7, 9), None
+    frame = ("-p", "frame:=base_link")
+    with ExitStack() as stack:
+        for name in STILL:
+            stack.enter_context(running(name, robot, *frame))
+        (node,) = stack.enter_context(trackers(robot, "-p", "lock:=true", "-p", "max_people:=2"))
+        people, lock = [], robot.node.create_client(SetBool, "/tracker/lock")
+        robot.node.create_subscription(PointCloud2, "/tracker/people", people.append, 10)
+
+        def all_have(count):
+            """Whether each example has sent more. A pause of this busy process is a silence of the detector."""
+            if people and (points(people[-1])["locked"] & points(people[-1])["guessed"]).any():
+                lock.call_async(SetBool.Request(data=True))  # the one who is detected best, as before
+            return all(len(messages) > count.get(name, 0) + 5 for name, messages in got.items())
+
+        robot.spin_until(lambda: sum(message.width for message in people) > 40, "people")
+        robot.transform, robot.tf_late_s = base_to_camera, 2.0
+        robot.spin_for(1.0)
+        assert not any(got.values())  # TF is too late
+        robot.tf_late_s = 0.1
+        robot.spin_until(lambda: all_have({}), "all outputs")
+        assert {messages[-1].header.frame_id for messages in got.values()} == {"base_link"}
+        head, hand = got["gaze"][-1].point, got["hand_over"][-1].point
+        assert 0 < head.z - hand.z < 1.2 and np.hypot(head.x - hand.x, head.y - hand.y) < 1.2
+        robot.numbers = (9, 7)
+        counts = {name: len(messages) for name, messages in got.items()}
+        robot.spin_until(lambda: all_have(counts), "the outputs afterwards")
+        for name, before in ("gaze", head), ("hand_over", hand):
+            after = [message.point for message in got[name][counts[name] :]]
+            assert max(np.hypot(point.x - before.x, point.y - before.y) for point in after) < 0.4, name
+        robot.detects = False
+        robot.spin_for(STOP_S + 0.4)  # and a moment for what was under way
+        for messages in got.values():
+            messages.clear()
+        robot.spin_for(0.5)
+        assert not got["gaze"] and not got["hand_over"]
+        assert all(message.width > 0 for message in got["costmap"])  # somebody may be there
+        robot.detects = True
+        robot.spin_until(lambda: got["costmap"] and got["costmap"][-1].width > 0, "people again")
+        node.process.kill()
+        robot.spin_for(STOP_S + 0.4)
+        for messages in got.values():
+            messages.clear()
+        robot.spin_for(0.5)
+        assert not any(got.values())
 
 
 @pytest.mark.parametrize("name", ["safety_zone"])

@@ -71,6 +71,12 @@ def scores_of(confidence):
     return keypoints(range(len(confidence)), confidence=confidence).as_landmarks(len(confidence))[1]
 
 
+def test_points_that_were_not_found_are_no_negative_logits():
+    scores = [1.5, 1.5, *[0.9] * 13]
+    assert scores_of([*scores, -1.0, -1.0]).tolist() == [1.0, 1.0, *[0.9] * 13, 0.0, 0.0]
+    assert "2 of 15 confidences are above 1.2" in refused(lambda: scores_of([*scores, -2.0, -0.5]), "confidence_range")
+
+
 def test_a_few_high_percentages_of_a_body_that_is_hardly_visible_are_refused():
     """Three of them are single invalid scores; the others would count as confident in percent, too."""
     for visible, read in ((3, True), (5, False)):
@@ -106,9 +112,9 @@ def test_points_with_a_position_and_no_score_are_counted():
 
 def test_ids_outside_the_layout_and_repeated_ones_are_refused():
     assert keypoints([0, 4]).as_landmarks(5)[1].tolist() == [0.5, 0, 0, 0, 0.5]
-    assert "id 5; expected 0 to 4" in refused(lambda: keypoints([0, 5]).as_landmarks(5), "unknown_id")
+    said = refused(lambda: keypoints([0, 5]).as_landmarks(5), "unknown_id")
+    assert said == "keypoint id 5; expected 0 to 4 of the landmark layout"
     assert "id -1; expected 0 to 4" in refused(lambda: keypoints([0, -1]).as_landmarks(5), "unknown_id")
-    assert "begin at 0" not in refused(lambda: keypoints([2, 5]).as_landmarks(5), "unknown_id")
     assert "(2 people need numbers, or an array the dimensions 2 x 5 x 3)" in refused(
         lambda: keypoints(range(10)).as_landmarks(5), "unknown_id"
     )

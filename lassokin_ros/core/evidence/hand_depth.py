@@ -49,7 +49,8 @@ class HandDepth(Evidence):
         pose, given = about.states.pose, self._given(about.frame)
         places, whitened, scale = self._whitened(pose, about.frame)
         weight = robust_weight(whitened)
-        sight = np.broadcast_to(given.sight, (*places.shape[:-1], 1, 3))
+        sight = np.empty((*places.shape[:-1], 1, 3))
+        sight[...] = given.sight
         by_point = np.empty((*columns.shape[:-1], len(self._index)))
         root = pose.positions[..., 0, :]
         self._kinematics.point_columns(about.twists, root, places, self._joints, sight, by_point)

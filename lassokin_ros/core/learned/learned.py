@@ -74,6 +74,11 @@ class Learned:
         if self.extrinsics is not None:
             self.extrinsics.reset(same_camera)
 
+    def begin_take(self) -> None:
+        """Forget where the camera and the feet are; what is known of the person and the detector stays."""
+        self.feet.reset()
+        self.vertical.reset()
+
     def resize(self, ratio: float, centre: np.ndarray | None = None) -> None:
         """Scale what is known to a body that is taller by a factor.
 

@@ -32,6 +32,8 @@ LEAST_SEEN = 8
 """Smallest number of points that must be visible."""
 LARGEST_OFFSET = 0.005
 """In heights: largest distance of a landmark from the centre of its joint. A tip is further away."""
+MIRROR = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
+"""Factors on the coordinates of the left and of the right hand that make left hands of both."""
 LOG_SCALES = -6.0, 1.0
 """Limits of the logarithm of the deviation."""
 
@@ -93,17 +95,16 @@ class HandNetwork:
         W, b = self.layers[-1]
         return np.asarray(h @ W + b)
 
-    def estimate(self, points: np.ndarray, seen: np.ndarray, side: str) -> HandDepths | None:
-        """The depths of one hand; None if fewer than `LEAST_SEEN` of its points are visible.
+    def estimate(self, points: np.ndarray, seen: np.ndarray, mirrors: np.ndarray) -> list[HandDepths]:
+        """The depths of h hands, at least `LEAST_SEEN` of whose points are visible.
 
-        points: (21, 2) normalised, any finite value if not visible; seen: (21,) bool.
+        points: (h, 21, 2) normalised, any finite value if not visible; seen: (h, 21) bool; mirrors: (h, 3), see
+        `MIRROR`.
         """
-        if np.count_nonzero(seen) < LEAST_SEEN:
-            return None
-        mirror = np.array([1.0 if side == SIDES[0] else -1.0, 1.0, 1.0])
-        inputs, size, rotation = features(points * mirror[:2], seen)
+        inputs, sizes, rotations = features(points * mirrors[:, None, :2], seen)
         depths, deviations = interpreted(self(inputs).astype(float))
-        return HandDepths(rotation[2] * mirror, size * depths, self.whitening / (size * deviations))
+        hands = zip(rotations[:, 2] * mirrors, sizes[:, None] * depths, sizes[:, None] * deviations)
+        return [HandDepths(sight, ratios, self.whitening / scale) for sight, ratios, scale in hands]
 
 
 class HandEstimator:
@@ -111,7 +112,9 @@ class HandEstimator:
 
     def __init__(self, kinematics: Kinematics) -> None:
         self._network = shipped_hand_network()
-        self._indices = [hand_index(kinematics, side) for side in SIDES]
+        indices = [hand_index(kinematics, side) for side in SIDES]
+        self._sides = np.array([side for side, index in enumerate(indices) if index is not None])
+        self._indices = np.array([index for index in indices if index is not None])
 
     @staticmethod
     def fits(kinematics: Kinematics) -> bool:
@@ -121,22 +124,20 @@ class HandEstimator:
     def estimate(
         self, points: np.ndarray, seen: np.ndarray, camera: CameraPose
     ) -> tuple[HandDepths | None, HandDepths | None]:
-        """Of the left and the right hand, with the line of sight in the frame of the skeleton.
+        """Of the left and the right hand, with the line of sight in the frame of the skeleton; None if fewer than
+        `LEAST_SEEN` points of a hand are visible.
 
         points: (l, 2) normalised; seen: (l,) bool.
         """
-        left, right = (self._one(index, side, points, seen, camera) for index, side in zip(self._indices, SIDES))
-        return left, right
-
-    def _one(
-        self, index: np.ndarray | None, side: str, points: np.ndarray, seen: np.ndarray, camera: CameraPose
-    ) -> HandDepths | None:
-        if index is None:
-            return None
-        given = self._network.estimate(points.take(index, axis=0), seen.take(index), side)
-        if given is None or camera.is_identity:
-            return given
-        return replace(given, sight=camera.rotation.T @ given.sight)
+        given: list[HandDepths | None] = [None, None]
+        shown = seen.take(self._indices)
+        enough = np.flatnonzero(np.count_nonzero(shown, axis=1) >= LEAST_SEEN)
+        if len(enough):
+            places = points.take(self._indices[enough], axis=0)
+            found = self._network.estimate(places, shown[enough], MIRROR[self._sides[enough]])
+            for side, hand in zip(self._sides[enough], found):
+                given[side] = hand if camera.is_identity else replace(hand, sight=camera.rotation.T @ hand.sight)
+        return given[0], given[1]
 
 
 def load_weights(file: Path | None = None) -> HandNetwork:

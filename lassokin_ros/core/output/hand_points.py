@@ -72,6 +72,7 @@ class HandPoints:
         self.sides = tuple(side for side in SIDES if f"{side}_hand_wrist" in places)
         self._rows = [places[f"{side}_hand_wrist"] + np.arange(COUNT) for side in self.sides]
         self._eyes = [places[eye] for eye in EYES if eye in places]
+        self._tips = [layout.joints[rows[INDEX_TIP]] for rows in self._rows]
         self._moved = skeleton.ancestors[layout.joints]  # (l, n), joint j moves landmark l
         below = skeleton.ancestors & ~np.eye(skeleton.joint_count, dtype=bool)
         #: (n,) bool for each hand, the joints of its fingers.
@@ -97,7 +98,7 @@ class HandPoints:
         axes, wrist = hand_axes(places), places[WRIST]
         points = (places - wrist) @ axes
         lever = levers(rows, self._moved[rows] & self._fingers[hand])
-        covariance = axes.T @ _covariance(posterior, lever) @ axes
+        covariance = HAND_FACTOR**2 * axes.T @ _covariance(posterior, lever) @ axes
         covariance += SIZE_DEVIATION**2 * points[:, :, None] * points[:, None, :]
         covariance += PLACE_DEVIATION**2 * np.eye(3)
         covariance[WRIST] = 0.0
@@ -111,7 +112,7 @@ class HandPoints:
         lever = levers(ends, self._moved[ends])
         apart = pose.landmarks[ends[-1]] - pose.landmarks[ends[:-1]].mean(axis=0)
         change = lever[-1:] - lever[:-1].mean(axis=0)
-        covariance = _covariance(posterior, change)[0]
+        covariance = posterior.factor[self._tips[hand]] ** 2 * _covariance(posterior, change)[0]
         length = max(float(np.linalg.norm(apart)), 1e-6)
         ray = apart / length
         across = float(np.trace(covariance) - ray @ covariance @ ray) / 2 + 2 * PLACE_DEVIATION**2
@@ -119,11 +120,11 @@ class HandPoints:
 
 
 def _covariance(posterior: Posterior, levers: np.ndarray) -> np.ndarray:
-    """Return (k, 3, 3) m^2 of points by their levers (k, 3, live)."""
+    """Return (k, 3, 3) m^2 of points by their levers (k, 3, live), without a factor."""
     count = levers.shape[-1]
     seen, _ = lapack.dtrtrs(posterior.lower, levers.reshape(-1, count).T, lower=1)
     seen = seen.T.reshape(levers.shape)
-    return np.asarray(HAND_FACTOR**2 * (seen @ seen.swapaxes(1, 2)))
+    return np.asarray(seen @ seen.swapaxes(1, 2))
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

@@ -8,8 +8,8 @@ import numpy as np
 
 STEP_S = 1 / 60
 """s between two times of the grid."""
-KERNEL_S = 0.035
-"""s: standard deviation of the Gaussian weights of the local line."""
+KERNEL_S, KERNEL_PERIODS, LONGEST_KERNEL_S = 0.035, 0.7, 0.12
+"""s: standard deviation of the Gaussian weights of the local line; in periods of a slow camera; and at most, s."""
 REACH = 4.0
 """Standard deviations of the kernel at which its weights end."""
 AT_ONCE = 512
@@ -49,25 +49,31 @@ def track_of(stamps: np.ndarray, points: np.ndarray, known: np.ndarray) -> Track
     """
     if len(stamps) < 2:
         return None
+    kernel = float(np.clip(KERNEL_PERIODS * np.median(np.diff(stamps)), KERNEL_S, LONGEST_KERNEL_S))
     times = np.arange(stamps[0], stamps[-1] + 1e-9, STEP_S)
     flat = np.where(known[..., None], points, 0.0).reshape(len(stamps), -1)
     weights = known.astype(float)
-    parts = [_lines(times[i : i + AT_ONCE], stamps, flat, weights) for i in range(0, len(times), AT_ONCE)]
+    parts = [_lines(times[i : i + AT_ONCE], stamps, flat, weights, kernel) for i in range(0, len(times), AT_ONCE)]
     values, found = (np.concatenate(part) for part in zip(*parts))
     return Track(float(times[0]), np.where(found[..., None], values, 0.0), found)
 
 
-def _lines(times: np.ndarray, stamps: np.ndarray, flat: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return the values (t, l, 2) of the lines at the times (t,), and whether they are known (t, l)."""
-    reach = REACH * KERNEL_S
+def _lines(
+    times: np.ndarray, stamps: np.ndarray, flat: np.ndarray, weights: np.ndarray, deviation: float
+) -> tuple[np.ndarray, ...]:
+    """Return the values (t, l, 2) of the lines at the times (t,), and whether they are known (t, l).
+
+    deviation: s, of the kernel.
+    """
+    reach = REACH * deviation
     inside = slice(*np.searchsorted(stamps, [times[0] - reach, times[-1] + reach]))
     stamps, flat, weights = stamps[inside], flat[inside], weights[inside]
     apart = stamps - times[:, None]
-    kernel = np.exp(-0.5 * (apart / KERNEL_S) ** 2) * (np.abs(apart) < reach)
+    kernel = np.exp(-0.5 * (apart / deviation) ** 2) * (np.abs(apart) < reach)
     moments = [(kernel * apart**power) @ weights for power in range(3)]
     level, slope = kernel @ flat, (kernel * apart) @ flat
     spread = moments[0] * moments[2] - moments[1] ** 2
-    known = (spread > LEAST_SPREAD * (moments[0] * KERNEL_S) ** 2) & (moments[0] > LEAST_WEIGHT)
+    known = (spread > LEAST_SPREAD * (moments[0] * deviation) ** 2) & (moments[0] > LEAST_WEIGHT)
     shape = (*weights.shape, 2)[1:]
     level, slope = level.reshape(len(times), *shape), slope.reshape(len(times), *shape)
     divisor = np.where(known, spread, 1.0)[..., None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from msg_adapters.errors import AdapterError
 
 LEVEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """(3, 3) from a frame with z up to the optical frame of a level camera that looks along its y axis."""
+GivenPoses = Mapping[str, CameraPose] | Callable[[int], CameraPose]
+"""Poses of cameras by name, or a function that returns that of the only camera at a stamp, ns."""
 
 
 class CameraPlaces:
@@ -20,18 +22,20 @@ class CameraPlaces:
     subject, meanwhile = "the cameras' poses", "images of the camera are rejected"
     """What TF gives, and what is done without it."""
 
-    def __init__(self, fixed_frame: str, names: tuple[str, ...], given: Mapping[str, CameraPose] | None = None) -> None:
+    def __init__(self, fixed_frame: str, names: tuple[str, ...], given: GivenPoses | None = None) -> None:
         """fixed_frame: name of the frame; empty for the optical frame of the first camera. names: of the cameras.
 
         given: poses by name in a common frame, in place of those from TF, which gives the ones that are not known. It
-        is the fixed frame, if that has a name.
+        is the fixed frame, if that has a name. A function returns the pose of the only camera at a stamp, ns.
         """
-        self._first, self._given = names[0], given
+        self._first = names[0]
+        self._turning = given if callable(given) else None
+        self._given = None if callable(given) else given
         self.base = fixed_frame.lstrip("/")
         """Name of the frame. Without a fixed frame it is that of the first camera, empty before its first image."""
         self._fixed = bool(self.base)
-        if given is not None and not self._fixed:
-            self._given = {name: given[name].relative_to(given[names[0]]) for name in names}
+        if self._given is not None and not self._fixed:
+            self._given = {name: self._given[name].relative_to(self._given[names[0]]) for name in names}
         self.transforms = Transforms()
         self.known = False
         """True if TF has given a pose."""
@@ -81,6 +85,9 @@ class CameraPlaces:
 
     def _pose(self, name: str, frame_id: str, stamp_ns: int) -> CameraPose:
         """Return the pose of a camera at a time. Raises TransformError."""
+        if self._turning is not None:
+            self.base = frame_id
+            return self._turning(stamp_ns)
         if not self._fixed and name == self._first:
             self.base = frame_id
             return CameraPose(name)

@@ -7,7 +7,7 @@ contradicts the others are left out.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from lassokin_ros.core.config import LEARN
 from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
-from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces
+from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces, GivenPoses
 from lassokin_ros.pipeline.camera.camera_selection import View
 from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.camera.rig_check import RigCheck
@@ -41,12 +41,12 @@ class Placement:
         config: NodeSettings,
         people: Sequence[TrackedPerson],
         counts: Counter[str],
-        poses: Mapping[str, CameraPose] | None,
+        poses: GivenPoses | None,
     ) -> None:
         """people: all who can be tracked. poses: given ones, in place of those from TF."""
         self._people, self.counts, self._several_people = people, counts, config.several_people
         self._names, self._several = config.camera_names, config.several_cameras
-        placed = bool(config.fixed_frame) or config.several_cameras
+        placed = bool(config.fixed_frame) or config.several_cameras or callable(poses)
         self.places = CameraPlaces(config.fixed_frame, self._names, poses) if placed else None
         """Where the cameras are; None for one camera in whose frame the skeleton is kept."""
         self.mount = CameraMount(config.camera_mount_frame) if config.camera_mount_frame else None

@@ -31,6 +31,8 @@ CLOCKS_S, CLOCKS_EVERY_S, CLOCKS_SEARCHED_S = 10.0, 10.0, 0.3
 CLOCKS_APART_S = 0.025
 """s: difference of two cameras' stamps that is said. The keypoints of free-running cameras are predicted by as much
 without a loss (docs/several-cameras.md)."""
+CLOCKS_CLEARLY, CLOCKS_DEVIATION_S = 4.0, 0.01
+"""Deviations from which a difference is no chance, and their largest value, s."""
 SAME_S = 0.015
 """s: two comparisons that differ by less agree."""
 
@@ -175,7 +177,8 @@ class RigCheck:
             if not offset.is_sure:
                 continue
             before = self._clocks.get(name)
-            off = abs(offset.seconds) > max(CLOCKS_APART_S, 3 * offset.deviation)
+            clear = offset.deviation < CLOCKS_DEVIATION_S
+            off = clear and abs(offset.seconds) > max(CLOCKS_APART_S, CLOCKS_CLEARLY * offset.deviation)
             agrees = before is not None and abs(before.offset.seconds - offset.seconds) < SAME_S
             self._clocks[name] = _Clock(offset, off and agrees)
 

@@ -142,10 +142,11 @@ class PeopleTracker:
         left, self._roster.left = self._roster.left, []
         return [*left, *(result for person in self._roster.people for result in person.body.flush())]
 
-    def reset(self, unlock: bool = True) -> None:
+    def reset(self, unlock: bool = True, same_person: bool = False) -> None:
         """Forget all people. Ids are not used again, so that nobody inherits the id of another person.
 
-        unlock: whether a lock ends too; otherwise it stays, on nobody (`GONE`).
+        unlock: whether a lock ends too; otherwise it stays, on nobody (`GONE`). same_person: keep what was learned of
+        the only person, who is seen from elsewhere.
         """
         self._roster.gone = self._roster.locked_id is not None and not unlock
         self._roster.locked, self._lock_next = None, self._lock_first and not self._roster.gone
@@ -153,7 +154,10 @@ class PeopleTracker:
             if self._roster.one:
                 self._roster.rename(person)
                 person.tracks, person.guessed = {}, False
-                person.body.reset()
+                if same_person:
+                    person.body.begin_take()
+                else:
+                    person.body.reset()
             else:
                 self._roster.remove(person)
         for body in self._roster.idle:

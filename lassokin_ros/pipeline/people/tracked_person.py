@@ -64,13 +64,22 @@ class TrackedPerson:
         if not same_camera:
             self._repeats = {}
         self.tracker.reset(same_camera)
+        self._origin_ns: int | None = None
+        self._forget_motion()
+
+    def begin_take(self) -> None:
+        """Forget where the person is; see `Tracker.begin_take`."""
+        self._repeats = {}
+        self.tracker.begin_take()
+        self._forget_motion()
+
+    def _forget_motion(self) -> None:
         self._doubts.reset()
         self._joint_states = JointStates(self.tracker.skeleton.axes)  # results of before keep theirs
         self.status = Status.SEARCHING
         self.seen_ns: int | None = None
         self.seen_by: dict[str, int] = {}
         """Stamps in ns of the images with the person of the last accepted frame, by camera."""
-        self._origin_ns: int | None = None
         self._instant_ns = 0
         self._last: tuple[Moment, np.ndarray] | None = None  # and the positions of its joints
         # Results held back by smoothing_lag: stamp in ns, stamp in s of the tracker, function that makes the result.

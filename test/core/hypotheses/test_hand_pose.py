@@ -59,6 +59,7 @@ def test_it_is_of_a_hand_alone():
 def test_the_first_frame_needs_no_search(monkeypatch):
     motion, points = scene("left", 4.0)
     tracker = hand_tracker("left")
+    assert tracker.limitations == ""
     monkeypatch.setattr(tracker._starts.initialiser, "fit", lambda frame: pytest.fail("searched"))
     for number in range(0, 120, 15):
         tracker.reset()

@@ -10,6 +10,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.network.hand_network import (
     DEPTHS,
     LEAST_SEEN,
+    MIRROR,
     POINTS,
     HandEstimator,
     features,
@@ -55,8 +56,8 @@ def test_the_deviations_are_those_of_the_errors(hands):
 def test_a_mirrored_hand_has_the_mirrored_estimate():
     random = np.random.default_rng(5)
     points, seen = random.normal(size=(21, 2)) * 0.1 + [0.3, 0.1], random.random(21) < 0.8
-    left = shipped_hand_network().estimate(points, seen, "left")
-    right = shipped_hand_network().estimate(points * [-1, 1], seen, "right")
+    both = np.stack([points, points * [-1, 1]])
+    left, right = shipped_hand_network().estimate(both, np.stack([seen, seen]), MIRROR)
     assert np.allclose(left.ratios, right.ratios) and np.allclose(left.whitening, right.whitening)
     assert np.allclose(left.sight, right.sight * [-1, 1, 1])
 
@@ -65,11 +66,12 @@ def test_what_is_not_seen_has_no_influence():
     points, seen = np.random.default_rng(6).normal(size=(21, 2)), np.ones(21, dtype=bool)
     seen[LEAST_SEEN:] = False
     other = np.where(seen[:, None], points, 1e6)
-    network = shipped_hand_network()
+    estimator = HandEstimator(kinematics_of("left"))
     assert np.array_equal(features(points, seen)[0], features(other, seen)[0])
-    assert np.array_equal(network.estimate(points, seen, "left").ratios, network.estimate(other, seen, "left").ratios)
+    (one, _), (same, _) = (estimator.estimate(shown, seen, HERE) for shown in (points, other))
+    assert np.array_equal(one.ratios, same.ratios)
     seen[0] = False
-    assert network.estimate(points, seen, "left") is None
+    assert estimator.estimate(points, seen, HERE) == (None, None)
 
 
 def test_the_line_of_sight_is_in_the_frame_of_the_skeleton():

@@ -259,6 +259,7 @@ PEOPLE = [
         detector_id=12,
         guessed=True,
         doubtful=True,
+        velocity_covariance=np.arange(9.0).reshape(3, 3),
     ),
     people.PersonReport("x", False, 0.0, POSITIONS[0], QUATERNIONS[0], POSITIONS[0], COVARIANCE, np.zeros((2, 3))),
 ]
@@ -303,16 +304,39 @@ def test_people_as_people_msgs(backend):
     assert (found.name, found.reliability) == ("p7", 0.75)
     assert vector(found.position) == [3, 4, 5] and vector(found.velocity) == [23, 24, 25]
     assert found.tagnames[:7] == ["state", "xx", "xy", "xz", "yy", "yz", "zz"]
-    assert found.tagnames[7:] == ["age", "detector_id", "guessed", "doubtful", "locked"]
-    assert found.tags == ["tracking", *map(str, PERSON_COVARIANCE), "0.250", "12", "1", "1", "0"]
-    assert (lost.tags[0], lost.tags[-5:]) == ("lost", ["0.000", "-1", "0", "0", "0"])
+    assert found.tagnames[7:] == ["age", "detector_id", "guessed", "doubtful", "locked", "out_of_view"]
+    assert found.tags == ["tracking", *map(str, PERSON_COVARIANCE), "0.250", "12", "1", "1", "0", "0"]
+    assert (lost.tags[0], lost.tags[-6:]) == ("lost", ["0.000", "-1", "0", "0", "0", "0"])
 
 
 def test_people_as_a_cloud(backend):
     builder = people.people_builder(backend, next(iter(people.BUILDERS)))
     cloud = points(builder.fill(STAMP, FRAME, PEOPLE), people.POINT)
-    assert cloud[0].tolist() == (3, 4, 5, 23, 24, 25, *PERSON_COVARIANCE, 0.75, 0.25, 7, 1, 12, 1, 1, 0)
-    assert cloud[1].tolist()[12:] == (0, 0, PEOPLE[1].number, 0, -1, 0, 0, 0)
+    assert cloud[0].tolist() == (
+        3,
+        4,
+        5,
+        23,
+        24,
+        25,
+        *PERSON_COVARIANCE,
+        0.75,
+        0.25,
+        7,
+        1,
+        12,
+        1,
+        1,
+        0,
+        0,
+        0,
+        1,
+        2,
+        4,
+        5,
+        8,
+    )
+    assert cloud[1].tolist()[12:21] == (0, 0, PEOPLE[1].number, 0, -1, 0, 0, 0, 0)
     assert len(points(builder.fill(STAMP, FRAME, []), people.POINT)) == 0
 
 
@@ -348,7 +372,7 @@ def test_hands_have_the_points_and_what_all_points_of_a_hand_share(backend):
         numbers = first + np.arange(63.0).reshape(21, 3)
         return hand_cloud.HandReport(
             side, 7, numbers, np.tile(SYMMETRIC[0], (21, 1, 1)), np.arange(21) % 2 == 0, numbers[0], np.arange(4.0),
-            numbers[1], 0.5,
+            numbers[1], 0.5, 3, 0.25,
         )  # fmt: skip
 
     message = hand_cloud.HandCloudBuilder(backend, 2).fill(STAMP, FRAME, [hand(0, 0.0), hand(1, 500.0)])
@@ -360,4 +384,5 @@ def test_hands_have_the_points_and_what_all_points_of_a_hand_share(backend):
     assert cloud["observed"][1, :3].tolist() == [1, 0, 1] and (cloud["person"] == 7).all()
     shared = {name: cloud[name][1] for name in hand_cloud.OF_HAND}
     assert all((values == values[0]).all() for values in shared.values())
-    assert [values[0] for values in shared.values()] == [500, 501, 502, 0, 1, 2, 3, 503, 504, 505, 0.5]
+    assert [values[0] for values in shared.values()] == [500, 501, 502, 0, 1, 2, 3, 503, 504, 505, 0.5, 0.25]
+    assert (cloud["gesture"] == 3).all()

@@ -10,7 +10,7 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.pipeline.input_checks.hands import ALIKE, EXCHANGED, FAR, FEWEST, ORDER, SAME, HandCheck
+from lassokin_ros.pipeline.input_checks.hands import ALIKE, EXCHANGED, FAR, FEWEST, LIMBS, ORDER, SAME, HandCheck
 from lassokin_ros.pipeline.seen import Seen
 
 SKELETON = Skeleton.load("body_hands", 1.75)
@@ -175,3 +175,10 @@ def test_hands_are_alike_up_to_a_share_of_their_size():
         given[RIGHT] = given[LEFT] + [share * extent, 0.0]
         HandCheck(LAYOUT.names, counts).checked([seen(given)])
         assert (SAME in counts) is found
+
+
+def test_the_lengths_of_limbs_are_those_of_the_skeleton():
+    body = Skeleton.load("anthropometric", 1.0)
+    for ends, share in LIMBS.items():
+        places = [body.rest_positions[body.index(f"left_{joint}")] for joint in ends]
+        assert np.linalg.norm(np.subtract(*places)) == pytest.approx(share, abs=0.02), ends

@@ -25,7 +25,7 @@ from msg_adapters.backends import RosbagsBackend  # noqa: E402
 from msg_adapters.inputs import point_cloud  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[3]
-FRAMES = 75
+FRAMES, FEW = 75, 36
 PERIOD_NS = 1_000_000_000 // 30
 
 
@@ -60,13 +60,13 @@ def unpacked(packed):
     return np.where(counts == data.MISSING, np.nan, counts * packed["step"])
 
 
-def recording(path, spoil=None, times=None, late=0, uncalibrated=False):
+def recording(path, spoil=None, times=None, late=0, uncalibrated=False, frames=FRAMES):
     """Messages with keypoints of the synthetic motion, changed by spoil(stamps, pixels, confidence).
 
     times: of recording. late: number of messages before the first camera_info. uncalibrated: one without K precedes
     all.
     """
-    stamps, pixels, confidence = synthetic_pixels(FRAMES)
+    stamps, pixels, confidence = synthetic_pixels(frames)
     times = stamps.copy() if times is None else times(stamps.copy())
     if spoil is not None:
         spoil(stamps, pixels, confidence)
@@ -258,7 +258,7 @@ CASES = {
         ("problem", "Nobody was tracked from 0.6 to 2.7 s (2.0 s): no keypoint messages."),
     ),
     "no camera": (
-        {"late": 10, "uncalibrated": True},
+        {"late": 10, "uncalibrated": True, "frames": FEW},
         (
             "problem",
             "10 frames rejected: no camera_info received: camera_info must come before the keypoints; record it from",
@@ -280,30 +280,30 @@ CASES = {
     ),
     "one stamp": ({"spoil": one_stamp}, ("note", "1 frame rejected: stamp jump: a single jump is")),
     "noisy": (
-        {"spoil": noisy},
+        {"spoil": noisy, "frames": FEW},
         (
             "problem",
             r"The median reprojection error is \d\d.\d px, with noise_px 3: check noise_px, camera_info (resolution,",
         ),
     ),
-    "swapped": ({"spoil": swapped}, ("problem", "Landmarks far from their reprojection: ")),
+    "swapped": ({"spoil": swapped, "frames": FEW}, ("problem", "Landmarks far from their reprojection: ")),
     "upside down": (
-        {"spoil": upside_down},
+        {"spoil": upside_down, "frames": FEW},
         ("problem", "The body has pointed down in the image in most images: check"),
     ),
     "larger image": (
-        {"spoil": of_a_larger_image},
-        ("problem", f"Keypoints lie outside the image of 1280 x 720 px of camera_info in {FRAMES} of {FRAMES}"),
+        {"spoil": of_a_larger_image, "frames": FEW},
+        ("problem", f"Keypoints lie outside the image of 1280 x 720 px of camera_info in {FEW} of {FEW}"),
     ),
     "partly outside": (
-        {"spoil": legs_below_the_image},
+        {"spoil": legs_below_the_image, "frames": FEW},
         (
             "note",
             "In 100% of the images the person is partly outside of the image.",
         ),
     ),
     "slow": (
-        {"times": lambda s: s, "spoil": lambda s, p, c: s.__iadd__((s - s[0]) * 4)},
+        {"times": lambda s: s, "spoil": lambda s, p, c: s.__iadd__((s - s[0]) * 4), "frames": FEW},
         ("note", "The keypoint rate is 6.0 Hz: "),
     ),
     "exchanged": (
@@ -315,10 +315,13 @@ CASES = {
         ("doubt", r"The pose is likely wrong from 1.1 to \d.\d s: the detector continues with another person"),
     ),
     "without legs": (
-        {"spoil": without_legs},
+        {"spoil": without_legs, "frames": FEW},
         ("note", "Not seen: left leg (seen in 0% of the frames), right leg (seen in 0%"),
     ),
-    "repeated": ({"spoil": repeated}, ("note", f"{FRAMES // 2} of {FRAMES} messages repeat the previous keypoints")),
+    "repeated": (
+        {"spoil": repeated, "frames": FEW},
+        ("note", f"{FEW // 2} of {FEW} messages repeat the previous keypoints"),
+    ),
     "late": (
         {"times": lambda s: s + 2_500_000_000},
         ("problem", "Keypoints are 2.5 s old when they arrive: the detector queues images or is too slow; let it"),
@@ -328,8 +331,8 @@ CASES = {
         ("problem", f"Keypoints without a stamp: outputs carry the time of their arrival ({FRAMES} messages): let"),
     ),
     "nothing": (
-        {"spoil": absent(0, FRAMES)},
-        ("problem", f"Nothing was tracked: none of {FRAMES} messages produced a skeleton."),
+        {"spoil": absent(0, FEW), "frames": FEW},
+        ("problem", f"Nothing was tracked: none of {FEW} messages produced a skeleton."),
     ),
 }
 

@@ -85,11 +85,13 @@ def test_everything_is_drawn(page):
         wanted, known = page.value(kinds)  # of a type that it does not know, plotly.js makes a scatter
         assert wanted == known and set(wanted) <= {"scatter", "scatter3d", "mesh3d"}, plot
     lines = "document.querySelectorAll('#series .scatterlayer .trace path.js-line').length"
-    assert page.value(lines) == 7
+    basic = page.value(lines)
+    assert basic >= 7
     page.page.check("#inner")
-    page.reach(f"{lines} > 9", "the solver's figures")
+    page.reach(f"{lines} > {basic} + 1", "the solver's figures")
     page.page.uncheck("#inner")
-    page.reach(f"{lines} === 7", "the figures without them")
+    page.reach(f"{lines} === {basic}", "the figures without them")
+    page.value("window.scrollTo(0, 0)")  # the box is far down; the controls would cover the next picture
     assert page.value("document.querySelectorAll('#image .scatterlayer .trace').length") == 6
     assert page.value("document.documentElement.scrollWidth <= 1280")  # nothing exceeds the page
 

@@ -42,6 +42,7 @@ def result(stamp_ns=SECOND, frame_id="a", wrong=0.25, person="", rejection=None,
         rejection,
         person=person,
         velocity=velocity,
+        velocity_covariance=np.eye(3),
         measure=lambda _: uncertainty,
     )
 

@@ -1,0 +1,161 @@
+"""The examples that hand motions to simulations, arms and GMR: their parts without ROS, and loaders' forms."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import toy_robot
+from scipy.spatial.transform import Rotation
+
+from lassokin_ros import joints
+
+pytest.importorskip("rclpy")
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def example(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / "examples" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def mujoco_example():
+    pytest.importorskip("mujoco", reason="needs the package mujoco: pip install mujoco")
+    return example("humanoid_in_mujoco")
+
+
+def test_mujoco_shows_commands_at_once(mujoco_example):
+    simulation = mujoco_example.Simulation(toy_robot.urdf())
+    simulation.command(["left_elbow", "of_another_robot", "waist"], [-1.0, 1.0, np.nan])
+    simulation.advance(0.02)
+    assert simulation.data.qpos[simulation.at["left_elbow"]] == -1.0 and np.isfinite(simulation.data.qpos).all()
+
+
+def test_mujoco_follows_commands_with_torques(mujoco_example):
+    simulation = mujoco_example.Simulation(toy_robot.urdf(), "pd")
+    for step in range(60):
+        simulation.command(["left_elbow", "right_shoulder_pitch"], [-min(step, 40) / 40, -min(step, 40) / 20])
+        simulation.advance(0.02)
+    off = np.degrees(simulation.target - simulation.data.qpos)
+    assert np.abs(off).max() < 2.5 and simulation.data.qpos[simulation.at["left_elbow"]] < -0.9
+    with pytest.raises(ValueError, match="expected kinematic or pd"):
+        mujoco_example.Simulation(toy_robot.urdf(), "torque")
+
+
+def test_an_arm_of_one_chain_goes_to_its_target_within_its_limits():
+    pytest.importorskip("pink", reason="needs the extra robot: pip install lassokin_ros[robot]")
+    example_of_arm = example("imitate_arm_joints")
+    links = ['<robot name="arm"><link name="base"/>']
+    for index, (axis, x) in enumerate((("0 0 1", 0.0), ("0 1 0", 0.0), ("0 1 0", 0.3), ("0 1 0", 0.25))):
+        parent = f"link_{index - 1}" if index else "base"
+        links.append(
+            f'<link name="link_{index}"/><joint name="joint_{index}" type="revolute"><parent link="{parent}"/><child '
+            f'link="link_{index}"/><origin xyz="{x} 0 0"/><axis xyz="{axis}"/>'
+            '<limit lower="-1.5" upper="1.5" effort="1" velocity="3"/></joint>'
+        )
+    urdf = "".join([*links, "</robot>"])
+    arm, place = example_of_arm.Arm(urdf, "link_3"), np.array([0.35, 0.15, -0.2])
+    steps = [arm.step(place, 0.01).copy() for _ in range(300)]
+    assert np.linalg.norm(arm.configuration.get_transform_frame_to_world("link_3").translation - place) < 2e-3
+    assert np.abs(np.diff(steps, axis=0)).max() < 0.01 * (1 + 1e-3)  # 1 rad/s
+    far = np.array([arm.step(np.array([-9.0, 0.0, 9.0]), 0.01) for _ in range(300)])
+    assert np.isfinite(far).all() and np.abs(far).max() <= 1.5 + 1e-3
+    with pytest.raises(ValueError, match="the URDF has no link 'tool0'"):
+        example_of_arm.Arm(urdf, "tool0")
+
+
+def seen_person(turn):
+    """Points of ~/skeleton of a person who stands, in a frame that `turn` has turned."""
+    from lassokin_ros.robot.check import people
+    from msg_adapters.output_messages.skeleton_cloud import POINT
+
+    person, points = people()["arms down"], np.zeros(24, POINT)
+    for index, name in enumerate("xyz"):
+        points[name] = (person.places @ turn.as_matrix().T)[:, index]
+        points[f"up_{name}"] = turn.apply(person.up)[index]
+    for index, name in enumerate(("qx", "qy", "qz", "qw")):
+        points[name] = turn.as_quat()[index]
+    return points
+
+
+def test_gmr_gets_places_with_z_up_and_a_scale_from_the_pelvis():
+    pytest.importorskip("pink", reason="needs the extra robot: pip install lassokin_ros[robot]")
+    gmr = example("gmr_live")
+    images = [gmr.human(seen_person(Rotation.from_rotvec([0.4, 0.1, 2.0])))] * 3
+    floor, pelvis = gmr.pelvis_height(images)
+    assert 0.8 < pelvis < 1.0  # m, of a person of 1.7 m
+    place, turn = images[0]["head"]
+    assert place[2] - floor > 1.4 and np.linalg.norm(turn) == pytest.approx(1)
+    assert gmr.height_for_gmr(0.9 * pelvis, pelvis) == pytest.approx(1.8)  # GMR's table shrinks it so already
+    # The frame of each joint is turned as the person is: its y is up.
+    assert np.allclose(Rotation.from_quat(turn, scalar_first=True).apply([0, 1, 0]), [0, 0, 1], atol=1e-6)
+
+
+def test_gmr_itself_follows_a_still_person():
+    pytest.importorskip("general_motion_retargeting", reason="needs a clone of GMR in PYTHONPATH")
+    gmr = example("gmr_live")
+    from general_motion_retargeting import GeneralMotionRetargeting
+
+    body = gmr.human(seen_person(Rotation.identity()))
+    retargeting = GeneralMotionRetargeting("smplx", "unitree_g1", 1.6, verbose=False)
+    gmr.without_arm_turns(retargeting)
+    q = retargeting.retarget({name: value for name, value in body.items() if name in retargeting.human_scale_table})
+    assert np.isfinite(q).all()
+
+
+def read_as_lafan(text):
+    """What the loaders of LAFAN1 read: names, parents, offsets, one order of rotations, frames of place and angles.
+
+    As their extract.py: line by line, CHANNELS with three or six entries, the order of the first joint for all.
+    """
+    names, parents, offsets, order, active, rows, end = [], [], [], None, -1, [], False
+    for line in text.splitlines():
+        if found := re.match(r"\s*(ROOT|JOINT)\s+(\w+)", line):
+            names.append(found[2])
+            parents.append(active)
+            offsets.append(None)
+            active = len(names) - 1
+        elif "End Site" in line:
+            end = True
+        elif "}" in line:
+            active, end = (active, False) if end else (parents[active], False)
+        elif (found := re.match(r"\s*OFFSET\s+(\S+)\s+(\S+)\s+(\S+)", line)) and not end:
+            offsets[active] = [float(value) for value in found.groups()]
+        elif (found := re.match(r"\s*CHANNELS\s+(\d)\s+(.*)", line)) and order is None:
+            order = "".join(word[0] for word in found[2].split()[-3:])
+        elif re.match(r"\s*-?\d", line):
+            rows.append([float(value) for value in line.split()])
+    return names, parents, np.array(offsets), order, np.array(rows)
+
+
+def test_a_bvh_with_nokovs_names_has_what_gmr_reads():
+    """GMR's form nokov: LeftFoot for the place and LeftToeBase for the turn; cm; y up, which it turns to z."""
+    from lassokin_ros.core.body.skeleton import Skeleton
+    from lassokin_ros.core.config import TrackerConfig
+    from lassokin_ros.replay.exports.bvh import hierarchy
+
+    skeleton = Skeleton.load(TrackerConfig(height=1.75).skeleton, 1.7)
+    angles = np.zeros((2, 3 * skeleton.joint_count))
+    angles[1, 3 * 1] = 30.0  # the first rotation, about z, of the joint after the root
+    rows = "\n".join(" ".join(str(v) for v in (0.1, 0.9, -3.0, *frame)) for frame in angles)
+    text = f"{hierarchy(skeleton)}MOTION\nFrames: 2\nFrame Time: 0.033333333\n{rows}\n"
+    names, parents, offsets, order, frames = read_as_lafan(example("nokov_bvh").renamed(text))
+    assert {"Hips", "LeftUpLeg", "LeftFoot", "LeftToeBase", "RightToeBase", "LeftForeArm", "Head"} <= set(names)
+    assert not {name for name in names if "_" in name or name in joints.NAMES} and order == "ZYX"
+    assert np.allclose(frames[:, :3], [10.0, 90.0, -300.0]) and np.allclose(frames[:, 3:], angles)
+    assert offsets[names.index("LeftLeg")] == pytest.approx(
+        100 * skeleton.offsets[skeleton.index("left_knee")], abs=1e-3
+    )
+    turns, places = [], []
+    for joint, parent in enumerate(parents):
+        own = Rotation.from_euler("ZYX", frames[1, 3 + 3 * joint : 6 + 3 * joint], degrees=True)
+        turns.append(own if parent < 0 else turns[parent] * own)
+        places.append(frames[1, :3] if parent < 0 else places[parent] + turns[parent].apply(offsets[joint]))
+    to_z_up = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+    metres = np.array(places) @ to_z_up.T / 100
+    assert metres[names.index("Head"), 2] > 1.3 > metres[names.index("LeftFoot"), 2]
