@@ -6,9 +6,9 @@ python3 examples/pointing.py    # the tracker has hands, and a fixed_frame with 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 
-from lassokin_ros.gestures import GestureWatch, gesture_probabilities, hand_points, on_floor
+from lassokin_ros.gestures import GESTURES, on_floor
 from lassokin_ros.node.executable import run
-from lassokin_ros.watch import PeopleWatch, points, seconds
+from lassokin_ros.watch import PeopleWatch, points
 
 
 class Pointing(Node):
@@ -16,17 +16,15 @@ class Pointing(Node):
 
     def __init__(self):
         super().__init__("pointing")
-        self.gestures = GestureWatch(), GestureWatch()
         self.publisher = self.create_publisher(PoseWithCovarianceStamped, "pointed_at", 10)
         PeopleWatch(self).subscribe("hands", self.on_hands)
 
     def on_hands(self, message):
         """Follow the ray of a pointing hand to the floor, up to a deviation of 1 m."""
         for hand in points(message).reshape(-1, 21):
-            gesture = gesture_probabilities(hand_points(hand))
-            name, _ = self.gestures[hand[0]["side"]].update(seconds(message), gesture)
             place, covariance = on_floor(hand)
-            if name == "pointing" and hand["observed"][8] and covariance.trace() < 1.0:
+            points_at = hand[0]["gesture"] == GESTURES.index("pointing") and hand[8]["observed"]
+            if points_at and covariance.trace() < 1.0:
                 target = PoseWithCovarianceStamped(header=message.header)
                 target.pose.pose.position.x, target.pose.pose.position.y = place.tolist()
                 target.pose.covariance.reshape(6, 6)[:2, :2] = covariance

@@ -21,21 +21,22 @@ from lassokin_ros.core.body.rotations import from_quaternion
 
 GESTURES = ("other", "fist", "open_palm", "pointing", "thumbs_up", "victory")
 """Names; a gesture's number is its place."""
-BENT, BENT_WIDTH = 120.0, 10.0
+BENT, BENT_WIDTH = 105.0, 10.0
 """Degrees: bend of a finger (sum of its knuckle's and the next joint's) from which on it is bent, and width of the step
 of the logistic function. A finger of a fist has 150 to 210."""
 STRAIGHT, STRAIGHT_WIDTH = 80.0, 8.0
 """Degrees: bend up to which a finger is straight. Straight ones have 10 to 70."""
-OPEN, OPEN_WIDTH = 55.0, 3.5
-"""Degrees: mean bend of the four fingers up to which a hand is open. An open one has 35, a relaxed one 65."""
+OPEN, OPEN_WIDTH, OPEN_THUMB = 43.0, 4.0, 100.0
+"""Degrees: mean bend of the four fingers up to which a hand is open if the thumb is 1.3 palms away, and how much more
+it may be per palm that the thumb is farther away. An open hand has 32 and 1.42, a relaxed one 55 and 1.23."""
 THUMB_OUT, THUMB_WIDTH = 1.12, 0.06
 """Of the palm's length (wrist to middle knuckle): distance of the thumb's tip from the knuckle of the little finger
 from which on the thumb is stretched out. A fist has 0.6 to 0.95, thumbs up 1.35 to 1.9."""
-SPREAD, SPREAD_WIDTH = 5.0, 1.5
+SPREAD, SPREAD_WIDTH = 3.0, 1.5
 """Degrees between index and middle finger from which on two straight fingers are a V."""
 UP, UP_WIDTH = 0.5, 0.12
 """Cosine of the angle between a thumb and the vertical at which it points up, if the vertical is given."""
-HELD_S, SURE = 0.3, 0.5
+HELD_S, SURE = 0.3, 0.45
 """s over which probabilities are averaged, and the mean from which on a gesture is said."""
 LONGEST_GAP_S = 0.5
 """s: after a longer time without a hand the average begins again."""
@@ -65,10 +66,10 @@ def gesture_probabilities(points: np.ndarray, up: np.ndarray | None = None) -> n
     """
     bends = finger_bends(points)
     bent, straight = _step(bends, BENT, BENT_WIDTH), _step(-bends, -STRAIGHT, STRAIGHT_WIDTH)
-    is_open = _step(-bends.mean(axis=-1), -OPEN, OPEN_WIDTH)
     palm = np.linalg.norm(points[..., 9, :] - points[..., 0, :], axis=-1)
     apart = np.linalg.norm(points[..., 4, :] - points[..., 17, :], axis=-1) / np.maximum(palm, 1e-12)
     out = _step(apart, THUMB_OUT, THUMB_WIDTH)
+    is_open = _step(OPEN_THUMB * (apart - 1.3) - bends.mean(axis=-1), -OPEN, OPEN_WIDTH)
     index, middle = (points[..., finger[3], :] - points[..., finger[0], :] for finger in FINGERS[:2])
     spread = np.degrees(np.arccos(np.clip(_cosine(index, middle), -1.0, 1.0)))
     raised = 1.0 if up is None else _step(_cosine(points[..., 4, :] - points[..., 2, :], up), UP, UP_WIDTH)

@@ -67,11 +67,6 @@ def position(point: Any) -> np.ndarray:
     return np.array([point[name] for name in "xyz"], dtype=float)
 
 
-def seconds(message: Any) -> float:
-    """Return the stamp of a message, s."""
-    return Time.from_msg(message.header.stamp).nanoseconds * 1e-9
-
-
 def covariance(point: Any, of: str = "") -> np.ndarray:
     """Return the covariance (3, 3) m^2 of the position of one point, or (3, 3, k). of: "v" for that of the velocity."""
     rows = ("xx", "xy", "xz"), ("xy", "yy", "yz"), ("xz", "yz", "zz")

@@ -12,7 +12,7 @@ from lassokin_ros.replay.exports.named_angles import angles_of
 
 PUSH_UP, LUNGE, SIT_TO_STAND = "push-up", "lunge", "sit-to-stand"
 JOINT = {PUSH_UP: "elbow", LUNGE: "knee", SIT_TO_STAND: "knee"}
-"""Joint whose mean flexion of both sides tells the repetitions."""
+"""Joint whose flexion tells the repetitions: the mean of both sides, in a lunge that of the knee that bends more."""
 LEAST = 40.0
 """Degrees by which it bends in one."""
 SMOOTHING_S = 0.2
@@ -22,15 +22,17 @@ LYING = 45.0
 """Degrees of the trunk from the vertical above which arms that bend do a push-up."""
 APART = 0.15
 """Least distance of the feet to the front in a lunge, as a share of the leg's length."""
+ASIDE, UNEQUAL = 0.5, 20.0
+"""The same of the feet in a lunge to the side, and degrees by which one knee then bends more."""
 
 
 @dataclass(frozen=True)
 class Repetition:
     """One repetition. start, turn, end: s; the turn is the lowest place, and of rising from a chair the upright one.
 
-    bend: mean flexion at the turn of both elbows or knees, degrees; rising: before it. lean: of the trunk from the
-    vertical at the turn, degrees. front: foot that is in front in a lunge, or empty. doubtful: share of its frames that
-    the report marks.
+    bend: flexion at the turn, degrees, see `JOINT`; rising: before it. lean: of the trunk from the vertical at the
+    turn, degrees. front: foot that is in front in a lunge, or that a lunge to the side goes to, or empty. doubtful:
+    share of its frames that the report marks.
     """
 
     start: float
@@ -55,11 +57,12 @@ def measure_repetitions(poses: Poses, what: str) -> list[Repetition]:
 
 def _repetitions(poses: Poses, what: str) -> list[Repetition]:
     angles = angles_of(poses.names, poses.positions)
-    both = [angles.get(f"{side}_{JOINT[what]} flexion") for side in SIDES]
+    left_bend, right_bend = (angles.get(f"{side}_{JOINT[what]} flexion") for side in SIDES)
     lean = angles.get("trunk lean")
-    if both[0] is None or both[1] is None or lean is None:
+    if left_bend is None or right_bend is None or lean is None:
         raise MeasureError(f"the motion has no {JOINT[what]}s; its joints are: {', '.join(poses.names)}")
-    bend = smoothed(0.5 * (both[0] + both[1]), poses, SMOOTHING_S)
+    mean, larger = 0.5 * (left_bend + right_bend), np.maximum(left_bend, right_bend)
+    bend = smoothed(larger if what == LUNGE else mean, poses, SMOOTHING_S)
     rising = what == SIT_TO_STAND
     signal = bend.max() - bend if rising else bend
     result = []
@@ -87,13 +90,17 @@ def _repetitions(poses: Poses, what: str) -> list[Repetition]:
 
 
 def _front(poses: Poses, frame: int) -> str:
-    """Return the side of the foot that is in front; empty if none is."""
+    """Return the side of the foot that is in front, or to whose side the body is; empty if neither is."""
     left = sum(poses.place(f"left_{part}")[frame] - poses.place(f"right_{part}")[frame] for part in ("hip", "shoulder"))
     front = np.cross(left, [0.0, -1.0, 0.0])
     front /= max(float(np.linalg.norm(front)), 1e-9)
     hip, knee, ankle = (poses.place(f"left_{joint}")[frame] for joint in ("hip", "knee", "ankle"))
     leg = np.linalg.norm(ankle - knee) + np.linalg.norm(knee - hip)
-    ahead = float(front @ (ankle - poses.place("right_ankle")[frame]))
-    if abs(ahead) < APART * leg:
+    apart = ankle - poses.place("right_ankle")[frame]
+    if abs(ahead := float(front @ apart)) >= APART * leg:
+        return "left" if ahead > 0 else "right"
+    angles = angles_of(poses.names, poses.positions[frame : frame + 1])
+    more = float(angles["left_knee flexion"][0] - angles["right_knee flexion"][0])
+    if np.linalg.norm(apart[[0, 2]]) < ASIDE * leg or abs(more) < UNEQUAL:
         return ""
-    return "left" if ahead > 0 else "right"
+    return "left" if more > 0 else "right"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.common.svg import Axes, document, text
-from lassokin_ros.measure.gait import ALONG, LENGTH, POINTS, SEVERAL, SIDE, STANCE, SURE, TIME, Gait, Sides
+from lassokin_ros.measure.gait import ALONG, LENGTH, OBLIQUE, POINTS, SEVERAL, SIDE, STANCE, SURE, TIME, Gait, Sides
 from lassokin_ros.measure.poses import SIDES, Poses
 from lassokin_ros.measure.repetitions import JOINT, LUNGE, Repetition
 from lassokin_ros.measure.squat import Squat
@@ -76,9 +76,12 @@ def asymmetry_text(sides: Sides) -> str:
     return f"{more} larger by {abs(sides.asymmetry):.0%} +- {off:.0%}"
 
 
+SEEN_FROM = {SIDE: "the side", OBLIQUE: "about 45 degrees", ALONG: "the front or behind", SEVERAL: "several cameras"}
+
+
 def trust_lines(gait: Gait, passes: Sequence[Poses]) -> list[str]:
     """Return what the figures rest on: lens and height, the view, steps that are left out, slow motion."""
-    lines = [f"seen from: {gait.view}"] if gait.view else []
+    lines = [f"seen from {SEEN_FROM[gait.view]}"]
     if gait.view == ALONG:
         lines.append("step lengths are not measured along the line of sight; film from the side")
     if any(one.lens == ASSUMED for one in passes) and gait.view != SEVERAL:
@@ -86,7 +89,7 @@ def trust_lines(gait: Gait, passes: Sequence[Poses]) -> list[str]:
         lines.append(f"the lens is assumed: times hold, seen from here {wrong}; set --fov or --camera-info")
     if any(one.height == ASSUMED for one in passes):
         lines.append("the height is assumed: lengths and speed scale with it; set --height")
-    lines += [f"{number} steps left out: {reason}" for reason, number in gait.left_out.items()]
+    lines += [f"{number} step{'s' * (number > 1)} left out: {reason}" for reason, number in gait.left_out.items()]
     if gait.slow_motion:
         lines.append(
             f"the steps are long for their cadence, as in slow motion (about {gait.slow_motion:.1f} times): "

@@ -174,7 +174,10 @@ class Session:
         """
         if not (self.enabled and self.inputs.has_camera) or self.locked is not None:
             return False
-        if self.absent_at(self.image_at(now_ns)[0]):
+        stamp_ns, places = self.image_at(now_ns)[0], self.placement.places
+        if self.config.silent_when_empty and self.detector_connected and places is not None:
+            self._out_of_view.look(places.others((), stamp_ns), stamp_ns, self.config.forget_after)
+        if self.absent_at(stamp_ns):
             return False
         return self.scene.known_empty(now_ns, self.config, self.detector_connected)
 

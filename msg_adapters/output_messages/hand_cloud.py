@@ -13,10 +13,11 @@ from msg_adapters.output_messages.joint_uncertainty import COVARIANCE, UPPER
 
 COUNT = 21
 """Points of a hand: the wrist, then thumb, index, middle, ring and pinky finger, from the root to the tip."""
-OF_HAND = ("wrist_x", "wrist_y", "wrist_z", "qx", "qy", "qz", "qw", "ray_x", "ray_y", "ray_z", "ray_deviation")
+_PLACE, _TURN, _RAY = ("wrist_x", "wrist_y", "wrist_z"), ("qx", "qy", "qz", "qw"), ("ray_x", "ray_y", "ray_z")
+OF_HAND = (*_PLACE, *_TURN, *_RAY, "ray_deviation", "gesture_confidence")
 POINT = np.dtype(
     [(name, "<f4") for name in ("x", "y", "z", *COVARIANCE, "deviation")]
-    + [(name, "<i4") for name in ("index", "side", "observed", "person")]
+    + [(name, "<i4") for name in ("index", "side", "observed", "person", "gesture")]
     + [(name, "<f4") for name in OF_HAND]
 )
 
@@ -32,6 +33,7 @@ class HandReport:
     observed: (21,) bool, whether a keypoint of this image shows the point.
     wrist: (3,) m; quaternion: (4,) x, y, z, w, the axes of the hand; ray: (3,) unit vector, where the hand would point
     from the tip of its index finger on; these three in the frame of the message. ray_deviation: rad.
+    gesture: number, gesture_confidence: 0 to 1, see lassokin_ros.gestures.
     """
 
     side: int
@@ -43,6 +45,8 @@ class HandReport:
     quaternion: np.ndarray
     ray: np.ndarray
     ray_deviation: float
+    gesture: int
+    gesture_confidence: float
 
 
 class HandCloudBuilder(Cloud):
@@ -66,5 +70,7 @@ class HandCloudBuilder(Cloud):
             values[:, :3], values[:, 3:9] = hand.points, covariance.take(UPPER, axis=1)
             values[:, 9] = np.sqrt(covariance[:, ::4].sum(axis=1))
             points["side"], points["observed"], points["person"] = hand.side, hand.observed, hand.person
-            values[:, 14:] = np.concatenate([hand.wrist, hand.quaternion, hand.ray, [hand.ray_deviation]])
+            points["gesture"] = hand.gesture
+            ends = hand.ray_deviation, hand.gesture_confidence
+            values[:, 15:] = np.concatenate([hand.wrist, hand.quaternion, hand.ray, ends])
         return self._points.reshape(-1).view(np.uint8)

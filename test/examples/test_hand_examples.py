@@ -15,6 +15,7 @@ from test_examples_live import example, person_of, robot  # noqa: E402, F401
 
 from lassokin_ros.core.body.rotations import to_quaternion  # noqa: E402
 from lassokin_ros.core.output.hand_points import hand_axes  # noqa: E402
+from lassokin_ros.gestures import GESTURES  # noqa: E402
 from msg_adapters.backends import RclpyBackend  # noqa: E402
 from msg_adapters.output_messages.hand_cloud import HandCloudBuilder, HandReport  # noqa: E402
 
@@ -22,11 +23,12 @@ CLOUD = HandCloudBuilder(RclpyBackend(), 2)
 TO_MANO = np.array([[0, 0, -1], [-1, 0, 0], [0, 1, 0]])
 
 
-def hands(places, ray=(0.0, 0.6, -0.8), seen=True):
+def hands(places, gesture="other", ray=(0.0, 0.6, -0.8), seen=True):
     """A ~/hands of now with two hands at the same places (21, 3) m."""
     axes = hand_axes(places)
     along, quaternion = (places - places[0]) @ axes, to_quaternion(axes)
     shared = np.tile(1e-6 * np.eye(3), (21, 1, 1)), np.full(21, seen), places[0], quaternion, np.array(ray), 0.05
+    shared += GESTURES.index(gesture), 0.9
     return CLOUD.fill(time.time_ns(), "map", [HandReport(side, 1, along, *shared) for side in (0, 1)])
 
 
@@ -44,15 +46,17 @@ def test_the_place_on_the_floor_is_published_while_a_hand_points(robot):  # noqa
     robot.listen(PoseWithCovarianceStamped, "pointed_at")
     send = Sender(robot)
     pointing, fist = posture("pointing") + [0, 0, 1.2], posture("fist") + [0, 0, 1.2]
-    with example("pointing", robot, lambda: send(hands(pointing))):
-        robot.spin_until(lambda: robot.got, "a place", lambda: send(hands(pointing)))
-        for count in range(10):
-            send(hands(fist))
-            send(hands(pointing), "doubtful")
+    with example("pointing", robot, lambda: send(hands(pointing, "pointing"))):
+        robot.spin_until(lambda: robot.got, "a place", lambda: send(hands(pointing, "pointing")))
+        for _ in range(3):
+            send(hands(fist, "fist"))
+            send(hands(fist, "pointing"), "doubtful")
+            send(hands(fist, "pointing", seen=False))
     tip = pointing[8]
     place, covariance = robot.got[0].pose.pose.position, robot.got[0].pose.covariance.reshape(6, 6)
     assert robot.got[0].header.frame_id == "map" and place.z == 0
     assert (place.x, place.y) == pytest.approx((tip[0], tip[1] + 0.75 * tip[2]), abs=1e-4)
+    assert {target.pose.pose.position.y for target in robot.got} == {place.y}
     across = 0.05 * tip[2] / 0.8
     assert np.allclose(covariance[:2, :2], np.diag([across**2, (across / 0.8) ** 2]), rtol=1e-3)
 

@@ -86,7 +86,7 @@ def test_more_steps_make_a_smaller_limit_until_common_errors_remain():
 
 def test_slow_motion_an_assumed_lens_and_an_assumed_height_are_said():
     poses = walk(seconds=8.0, heading=1.57)
-    assert trust_lines(measure_gait(poses), [poses]) == ["seen from: oblique"]
+    assert trust_lines(measure_gait(poses), [poses]) == ["seen from about 45 degrees"]
     slow = replace(poses, seconds=2 * poses.seconds, lens=ASSUMED, height=ASSUMED)
     lines = "\n".join(trust_lines(measure_gait(slow), [slow]))
     assert "slow motion (about 2.1 times)" in lines

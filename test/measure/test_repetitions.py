@@ -55,6 +55,17 @@ def test_a_lunge_has_its_front_foot():
         measure_repetitions(squats(), LUNGE)
 
 
+def test_a_lunge_to_the_side_has_the_side_of_the_knee_that_bends():
+    t, bend = bends(3)
+    poses = body(t, np.stack([0.5 * bend, 0 * bend], axis=1), np.stack([bend, 0 * bend], axis=1))
+    places = poses.positions.copy()
+    places[:, NAMES.index("left_knee"), 0] += 0.36
+    places[:, NAMES.index("left_ankle"), 0] += 0.7
+    places[:, NAMES.index("left_ankle"), 2] = places[:, NAMES.index("right_ankle"), 2]
+    found = measure_repetitions(replace(poses, positions=places), LUNGE)
+    assert [one.front for one in found] == ["left"] * 3
+
+
 def test_rising_from_a_chair_is_counted_and_timed():
     t, bend = bends(5, 3.0)
     sitting = 90.0 - bend

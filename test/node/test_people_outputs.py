@@ -84,7 +84,7 @@ class PeerOfTwo:
 def test_each_of_several_people_has_a_set_of_topics():
     namespace = "/several"
     # Stamps alone decide that a person has left, because this test sends nothing at times. Lengths stay those given.
-    settings = [f"-p {item}" for item in ("max_people:=3", "forget_after:=300.0", "calibrate:=false")]
+    settings = [f"-p {item}" for item in ("max_people:=3", "forget_after:=300.0", "calibrate:=false", "height:=1.75")]
     with NodeProcess(namespace, *" ".join(settings).split()) as node, Peer(namespace, outputs=False) as peer:
         them = PeerOfTwo(peer)
         them.send_until(them.complete, "every topic of both people")

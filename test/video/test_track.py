@@ -410,6 +410,7 @@ def test_findings_of_a_video_give_no_advice_about_ros(long_video, tmp_path, monk
     found = re.search(r'<ul id="findings">(.*?)</ul>', page.read_text(encoding="utf-8"), re.DOTALL).group(1)
     assert '<li class="note">Nobody was in view from 0.9 to 2.5 s.</li>' in found and "problem" not in found
     assert '<li class="note">The person is taken to be 1.75 m tall.' in found
+    assert "a field of view of 60 degrees is assumed" in found
     for word in ("message", "camera_info", "topic", "landmarks", "noise_px", "certified"):
         assert word not in found, word
     assert "height          1.75 m is assumed" in capsys.readouterr().out
@@ -460,7 +461,9 @@ def test_files_of_an_earlier_run_do_not_stay_if_nobody_is_tracked(images, tmp_pa
         main([str(images), "--fov", "60", "--force", *(word for file in old for word in ("--export", str(file)))]) == 0
     )
     assert not any(file.exists() for file in old)
-    assert "not exported    motion.npz, motion.bvh: nobody was tracked" in capsys.readouterr().out.splitlines()
+    said = capsys.readouterr().out
+    assert "not exported    motion.npz, motion.bvh: nobody was tracked" in said.splitlines()
+    assert "\nproblem         Nobody was tracked in 6 images" in said  # without --report too
 
 
 def test_a_height_that_the_floor_measures_is_in_the_summary(images, monkeypatch, capsys):

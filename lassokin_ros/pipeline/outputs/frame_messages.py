@@ -16,7 +16,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.body_frames import BodyFrames
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names
-from lassokin_ros.pipeline.outputs.hands import hands_report
+from lassokin_ros.pipeline.outputs.hands import Hands
 from lassokin_ros.pipeline.outputs.limbs import Limbs
 from lassokin_ros.pipeline.outputs.rep155 import MappedJoints
 from lassokin_ros.pipeline.outputs.skeletons_message import joints_report
@@ -76,8 +76,8 @@ class FrameMessages:
         self._add_uncertainty_outputs(skeleton, prefix)
         self._add_image_outputs(skeleton, prefix)
         if hands is not None and hands.sides:
-            cloud = self._fill(HandCloudBuilder(backend, len(hands.sides)))
-            self._builders[topics.HANDS] = lambda t, f, frame, _: cloud(t, f, hands_report(frame, hands))
+            cloud, report = self._fill(HandCloudBuilder(backend, len(hands.sides))), Hands(hands).report
+            self._builders[topics.HANDS] = lambda t, f, frame, _: cloud(t, f, report(frame))
         if self._config.publish_tf != OFF:
             self._add_tf(BodyFrames(skeleton, self._config, name, person))
         if self._config.detects_bodies:

@@ -372,7 +372,7 @@ def test_hands_have_the_points_and_what_all_points_of_a_hand_share(backend):
         numbers = first + np.arange(63.0).reshape(21, 3)
         return hand_cloud.HandReport(
             side, 7, numbers, np.tile(SYMMETRIC[0], (21, 1, 1)), np.arange(21) % 2 == 0, numbers[0], np.arange(4.0),
-            numbers[1], 0.5,
+            numbers[1], 0.5, 3, 0.25,
         )  # fmt: skip
 
     message = hand_cloud.HandCloudBuilder(backend, 2).fill(STAMP, FRAME, [hand(0, 0.0), hand(1, 500.0)])
@@ -384,4 +384,5 @@ def test_hands_have_the_points_and_what_all_points_of_a_hand_share(backend):
     assert cloud["observed"][1, :3].tolist() == [1, 0, 1] and (cloud["person"] == 7).all()
     shared = {name: cloud[name][1] for name in hand_cloud.OF_HAND}
     assert all((values == values[0]).all() for values in shared.values())
-    assert [values[0] for values in shared.values()] == [500, 501, 502, 0, 1, 2, 3, 503, 504, 505, 0.5]
+    assert [values[0] for values in shared.values()] == [500, 501, 502, 0, 1, 2, 3, 503, 504, 505, 0.5, 0.25]
+    assert (cloud["gesture"] == 3).all()

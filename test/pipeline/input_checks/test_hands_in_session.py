@@ -11,6 +11,7 @@ from lassokin_ros.core.body.rotations import exponential, from_quaternion
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.output.hand_points import HandPoints
+from lassokin_ros.gestures import GESTURES
 from lassokin_ros.pipeline.concerns.catalogue import CONCERNS
 from lassokin_ros.pipeline.concerns.live import HANDS
 from lassokin_ros.pipeline.input_checks.hands import EXCHANGED, FAR, ORDER, SAME
@@ -36,8 +37,8 @@ def session(landmarks="mediapipe75", skeleton="body_hands"):
     return made
 
 
-def places(one, time):
-    """px of the landmarks of a person who moves the right arm."""
+def places(one, time, points_with=""):
+    """px of the landmarks of a person who moves the right arm. points_with: side of a hand that points."""
     skeleton, body = one.tracker.skeleton, one.tracker.kinematics
     turns = np.zeros((skeleton.joint_count, 3))
     turns[0] = np.pi, 0, 0
@@ -45,7 +46,9 @@ def places(one, time):
         turns[skeleton.index(f"{side}_shoulder")] = 0, 0, -0.9 * sign
         turns[skeleton.index(f"{side}_elbow")] = 0, -0.4 * sign, (1.1 + 0.5 * time * (side == "right")) * sign
         for finger in ("index", "middle", "ring", "pinky"):
-            turns[skeleton.index(f"{side}_{finger}2")] = 0, 0, -0.5 * sign
+            bent = side == points_with and finger != "index"
+            for part, bend in zip((1, 2, 3), (1.4, 1.7, 0.9) if bent else (0, 0.5 if side != points_with else 0.1, 0)):
+                turns[skeleton.index(f"{side}_{finger}{part}")] = 0, 0, -bend * sign
     pose = body.pose(BodyState(exponential(turns), np.array([0.0, 0.0, 2.5])))
     (camera,) = one.cameras.values()
     return camera.camera.view.lens.distort(project(pose.landmarks))
@@ -155,6 +158,20 @@ def test_the_topic_of_hands_has_both_hands_in_their_axes():
         assert np.allclose(row["deviation"], np.sqrt(hand.covariance.trace(axis1=1, axis2=2)))
         assert np.allclose([row[0][f"ray_{axis}"] for axis in "xyz"], hand.ray)
         assert np.allclose(row["ray_deviation"], hand.ray_deviation)
+
+
+def test_the_topic_says_a_gesture_while_it_is_held():
+    one, said = session(), []
+    builder = FrameMessages(BACKEND, one.tracker.skeleton, hands=HandPoints(one.tracker.skeleton, one.tracker.layout))
+    for i in range(12):
+        pixels, confidence = places(one, 0.0, "right"), np.ones(75)
+        confidence[33:54] = 0
+        frame = one.process(Keypoints(round(1e9 * (1 + i / 30)), FRAME, np.arange(75), pixels, confidence), 7)
+        ((_, message),) = builder.build(frame, {topics.HANDS})
+        said.append(points_of(message).reshape(2, 21)[["gesture", "gesture_confidence"]][:, 0].tolist())
+    left, right = zip(*said)
+    assert set(left) == {(0, 0.0)} and right[0][0] == 0
+    assert right[-1][0] == GESTURES.index("pointing") and 0.5 < right[-1][1] <= 1
 
 
 def test_a_body_without_hands_has_no_such_topic():

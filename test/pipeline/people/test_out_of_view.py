@@ -77,6 +77,16 @@ def test_a_person_who_is_seen_again_is_remembered_anew(watch):
     assert look(watch, 0.5, since_s=1.0) == ["p1"]
 
 
+def test_the_silence_of_a_detector_that_sends_nothing_without_people_is_a_look(watch):
+    here, away = image(START_NS).camera, image(START_NS, np.pi).camera
+    for i in range(1, 30):
+        watch.look([away], START_NS + i * STEP_NS, 3.0)
+    assert watch.ids == ["p1"]
+    for i in range(30, 42):
+        watch.look([here], START_NS + i * STEP_NS, 3.0)
+    assert watch.ids == [] and not watch.at(START_NS + 42 * STEP_NS, 30.0)
+
+
 def test_a_shorter_forget_after_holds(watch):
     assert look(watch, 0.3, empty_after_s=0.2) == []
 

@@ -428,7 +428,7 @@ def test_an_existing_file_is_replaced_only_by_force(recording, tmp_path, capsys)
 
 
 BAD = {
-    "walk.fbx": "--export 'walk.fbx': unknown suffix; expected one of: .csv, .npz, .bvh, .amass.npz, .trc, .c3d",
+    "walk.fbx": "--export 'walk.fbx': unknown suffix; expected one of: .csv, .npz, .bvh, .amass.npz, .trc, .c3d, .glb",
     "nowhere/walk.csv": "there is no folder 'nowhere' for 'walk.csv'",
     "folder.csv": "'folder.csv' is a folder; expected the name of a file",
 }
@@ -521,6 +521,7 @@ def test_files_of_a_person_who_enters_late_say_when(tmp_path, capsys):
     assert line.endswith("p9 0.500 s after the recording begins: shift .bvh and .amass.npz by it")
     assert main([*arguments[:2], str(tmp_path / "b"), *arguments[3:], "--export", str(tmp_path / "walk.trc")]) == 0
     assert "files begin" not in capsys.readouterr().out  # its times are right
+    assert (tmp_path / "walk_p9.trc").read_text().split("\n")[0].endswith("\twalk_p9.trc")
     for person, start in (("p4", 0.0), ("p9", 0.5)):
         times = trc(output / f"motion_{person}.trc")[1]
         assert np.allclose(times[[0, -1]], [start, 29 / 30], atol=1e-5)
