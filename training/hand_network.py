@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.network.hand_network import (
     DEPTHS,
     INPUTS,
@@ -22,7 +21,7 @@ from lassokin_ros.core.network.hand_network import (
     features,
     interpreted,
 )
-from training.hands import FINGERS, POINTS, points_of, postures, somebody
+from training.hands import FINGERS, POINTS, orientations, points_of, postures, somebody
 
 WIDTH, BATCH = 224, 512
 RATE, DISTANCE, TAIL = 2e-3, 3.0, 4.0
@@ -41,12 +40,9 @@ def shapes(random: np.random.Generator, people: int, each: int) -> np.ndarray:
 
 
 def views(random: np.random.Generator, hands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(inputs (n, INPUTS), depths (n, DEPTHS)) of hands turned anywhere before a camera, some with hidden points."""
+    """(inputs (n, INPUTS), depths (n, DEPTHS)) of hands before a camera, some with hidden points."""
     count = len(hands)
-    axis = random.normal(size=(count, 4))
-    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    half = np.arccos(np.clip(axis[:, :1], -1, 1))  # a uniform quaternion
-    turn = exponential(2 * half * axis[:, 1:] / np.maximum(np.sin(half), 1e-9))
+    turn = orientations(random, count)
     z = np.exp(random.uniform(math.log(NEAREST), math.log(FARTHEST), count))
     place = np.concatenate([random.uniform(-ASIDE, ASIDE, (count, 2)), np.ones((count, 1))], axis=1) * z[:, None]
     true = hands @ turn.swapaxes(-1, -2) + place[:, None]
@@ -117,7 +113,7 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--output", type=Path, required=True, help="npz file to write")
-    parser.add_argument("--steps", type=int, default=8000)
+    parser.add_argument("--steps", type=int, default=9000)
     arguments = parser.parse_args()
     random = np.random.default_rng(1)
     weights = trained(random, shapes(random, 300, 250), arguments.steps)

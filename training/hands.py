@@ -56,6 +56,39 @@ SIZE, BONE, PALM, AXIS, DIP = 0.06, 0.05, 0.03, 0.10, (0.62, 0.06)
 and deviation of the share by which the last joint bends."""
 
 
+TILT = 0.45
+"""rad: standard deviation about the directions."""
+
+
+def _axes(fingers: tuple[float, ...], back: tuple[float, ...]) -> np.ndarray:
+    """(3, 3) orientation of a left hand whose fingers (+x) and back (+y) point to these directions in the camera."""
+    x = np.array(fingers) / np.linalg.norm(fingers)
+    y = np.array(back) - x * (x @ np.array(back))
+    y /= np.linalg.norm(y)
+    return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
+DIRECTIONS = np.array([
+    _axes((0, -1, 0), (0, 0, 1)), _axes((0, -1, 0), (0, 0, -1)), _axes((0, -1, 0), (1, 0, 0)),
+    _axes((0, -1, 0), (-1, 0, 0)), _axes((0, -0.3, -1), (0, -1, 0)), _axes((1, 0, -0.3), (0, -1, 0)),
+    _axes((-1, 0, -0.3), (0, -1, 0)), _axes((0, 1, 0), (0, 0, -1)),
+])  # fmt: skip
+"""Up with palm, back and edges to the camera; to the camera; to the sides; down."""
+SHARES = np.array([0.28, 0.12, 0.12, 0.12, 0.14, 0.08, 0.08, 0.06])
+"""How often people hold a hand like this before a camera."""
+
+
+def orientations(random: np.random.Generator, count: int) -> np.ndarray:
+    """(n, 3, 3) in the camera: half of them anywhere, half about the `DIRECTIONS`."""
+    anywhere = random.normal(size=(count, 4))
+    anywhere /= np.linalg.norm(anywhere, axis=1, keepdims=True)
+    half = np.arccos(np.clip(anywhere[:, :1], -1, 1))  # a uniform quaternion
+    turned = exponential(2 * half * anywhere[:, 1:] / np.maximum(np.sin(half), 1e-9))
+    chosen = DIRECTIONS[random.choice(len(DIRECTIONS), size=count, p=SHARES)]
+    usual = chosen @ exponential(TILT * random.normal(size=(count, 3)))
+    return np.where((random.random(count) < 0.5)[:, None, None], usual, turned)
+
+
 @dataclass(frozen=True, eq=False)
 class Hand:
     """offsets: (21, 3) m, of each of `POINTS` from its parent, the wrist's 0; axes: (21, 3) unit vectors of flexion."""

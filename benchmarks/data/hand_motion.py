@@ -17,34 +17,15 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.roles import SIDES
 from lassokin_ros.core.body.rotations import exponential, logarithm
 from lassokin_ros.core.body.skeleton import Skeleton
-from training.hands import GESTURES, HIGH, LOW, POINTS, VARIATION, points_of, somebody
+from training.hands import DIRECTIONS, GESTURES, HIGH, LOW, POINTS, SHARES, TILT, VARIATION, points_of, somebody
 
 FPS = 30.0
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 ORDER = np.array([0, *(POINTS.index(f"{finger}{end}") for finger in FINGERS for end in ("1", "2", "3", "_tip"))])
 """(21,) index among `POINTS` of each point of the layouts."""
-TILT = 0.45
-"""rad: standard deviation about the directions."""
 NOISE_PX, NOISE_SHARE, OFFSET, KEPT = 0.6, 0.018, 0.003, 0.6
 """Standard deviation of a keypoint: px, as a share of the hand's size in the image, lasting m; and the share of its
 error that stays from frame to frame."""
-
-
-def _axes(fingers: tuple[float, ...], back: tuple[float, ...]) -> np.ndarray:
-    """(3, 3) orientation of a left hand whose fingers (+x) and back (+y) point to these directions in the camera."""
-    x = np.array(fingers) / np.linalg.norm(fingers)
-    y = np.array(back) - x * (x @ np.array(back))
-    y /= np.linalg.norm(y)
-    return np.stack([x, y, np.cross(x, y)], axis=1)
-
-
-DIRECTIONS = np.array([
-    _axes((0, -1, 0), (0, 0, 1)), _axes((0, -1, 0), (0, 0, -1)), _axes((0, -1, 0), (1, 0, 0)),
-    _axes((0, -1, 0), (-1, 0, 0)), _axes((0, -0.3, -1), (0, -1, 0)), _axes((1, 0, -0.3), (0, -1, 0)),
-    _axes((-1, 0, -0.3), (0, -1, 0)), _axes((0, 1, 0), (0, 0, -1)),
-])  # fmt: skip
-"""Up with palm, back and edges to the camera; to the camera; to the sides; down."""
-SHARES = np.array([0.28, 0.12, 0.12, 0.12, 0.14, 0.08, 0.08, 0.06])
 
 
 @dataclass(frozen=True, eq=False)

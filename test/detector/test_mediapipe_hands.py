@@ -13,7 +13,9 @@ from lassokin_ros.detector import mediapipe_hands
 from lassokin_ros.detector.backend import Detected, DetectorError, make_detector
 from lassokin_ros.detector.mediapipe_hands import POINTS, REACH, hand_regions
 from lassokin_ros.detector.pose_models import LAYOUTS
+from lassokin_ros.video.command import parser
 from lassokin_ros.video.sources import open_source
+from lassokin_ros.video.track import _settings
 
 SAMPLE = Path(__file__).parents[2] / "examples" / "balancing.mp4"
 LAYOUT = Layout.load("mediapipe75", Skeleton.load("body_hands", 1.75))
@@ -109,3 +111,21 @@ def test_a_hand_of_the_sample_is_found_at_its_wrist():
     assert (found.confidence[54:] > 0.5).all()
     hand = found.pixels[54:]
     assert np.linalg.norm(hand[0] - found.pixels[16]) < 0.5 * np.linalg.norm(np.ptp(hand, axis=0))
+
+
+def test_track_takes_the_skeleton_of_the_detectors_layout(tmp_path):
+    """Unless a parameter names another one."""
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("tracker:\n  ros__parameters:\n    skeleton: left_hand\n")
+    source = SimpleNamespace(live=False, size=(640, 480))
+    cases = {
+        (): ("mediapipe", "mediapipe33", "anthropometric"),
+        ("--hands",): ("mediapipe_hands", "mediapipe75", "body_hands"),
+        ("--detector", "whole.onnx"): ("whole.onnx", "coco133", "body_hands"),
+        ("--hands", "--params-file", str(mine)): ("mediapipe_hands", "mediapipe75", "left_hand"),
+    }
+    for words, (name, layout, skeleton) in cases.items():
+        options = parser().parse_args(["walk.mp4", "--height", "1.7", *words])
+        assert options.detector == name
+        config, _ = _settings(options, source, SimpleNamespace(landmarks=layout, several=False))
+        assert (config.landmarks, config.skeleton) == (layout, skeleton)

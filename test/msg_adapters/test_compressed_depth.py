@@ -11,6 +11,7 @@ pytest.importorskip("cv2", reason="OpenCV reads PNG")
 from depth_camera import compressed_message, png  # noqa: E402
 from messages import FRAME, rosbags_backend  # noqa: E402
 
+from msg_adapters import compressed_depth  # noqa: E402
 from msg_adapters.compressed_depth import HEADER_BYTES, decode_compressed_depth  # noqa: E402
 from msg_adapters.errors import AdapterError  # noqa: E402
 
@@ -90,3 +91,10 @@ def test_a_chunk_that_claims_more_than_the_data_is_refused_before_opencv_allocat
     message.data = changed(message.data, place, length)
     with pytest.raises(AdapterError, match="chunk"):
         decode_compressed_depth(message).unpacked()
+
+
+@pytest.mark.parametrize("width, height", [(0, 4), (4, 0), (2**31, 2), (60_000, 60_000)])
+def test_a_size_that_no_image_has_is_refused_before_memory_is_allocated(width, height):
+    header = width.to_bytes(4, "little") + height.to_bytes(4, "little")
+    with pytest.raises(AdapterError, match=f"a header with {width} x {height} px"):
+        compressed_depth._from_rvl(header + bytes(64))

@@ -71,6 +71,12 @@ def scores_of(confidence):
     return keypoints(range(len(confidence)), confidence=confidence).as_landmarks(len(confidence))[1]
 
 
+def test_points_that_were_not_found_are_no_negative_logits():
+    scores = [1.5, 1.5, *[0.9] * 13]
+    assert scores_of([*scores, -1.0, -1.0]).tolist() == [1.0, 1.0, *[0.9] * 13, 0.0, 0.0]
+    assert "2 of 15 confidences are above 1.2" in refused(lambda: scores_of([*scores, -2.0, -0.5]), "confidence_range")
+
+
 def test_a_few_high_percentages_of_a_body_that_is_hardly_visible_are_refused():
     """Three of them are single invalid scores; the others would count as confident in percent, too."""
     for visible, read in ((3, True), (5, False)):

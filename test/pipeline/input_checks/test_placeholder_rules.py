@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lassokin_ros.pipeline.input_checks.placeholders import without_placeholders
+from lassokin_ros.pipeline.input_checks.placeholders import people_shown, without_placeholders
 from msg_adapters.keypoints import Keypoints
 
 SIZE = (641, 481)
@@ -143,3 +143,13 @@ def test_a_coordinate_is_shared_within_one_person_only():
     points = person(12)
     points[3:7, 1] = 99.5
     assert removed(points, persons=[9, 9, *range(12)]) == [False] * 12
+
+
+def test_each_person_of_a_message_is_shown_by_points_of_their_own():
+    """Nobody is written as one position; two people as their numbers tell, whatever these are."""
+    xy = np.random.default_rng(0).uniform(100, 300, (12, 2))
+    numbers, scores = np.repeat([3, 8, 9], 4), np.full(12, 0.9)
+    xy[8:] = 320.0, 240.0  # the image's centre
+    message = Keypoints(1, "a", np.tile(np.arange(4), 3), xy, scores, numbers)
+    kept = without_placeholders(message, (640, 480))
+    assert people_shown(message, kept, 0.2) == 2 and people_shown(message, kept, 0.95) == 0
