@@ -350,7 +350,7 @@ def test_the_network_of_each_camera_is_told_the_vertical_in_its_own_frame():
     tracker = Tracker(CONFIG, up=np.array([0.0, 0.0, 1.0]))
     _, front, side, observe = scene(0.2)
     network = RecordingNetwork()
-    camera = Camera(tracker.kinematics, network)
+    camera = Camera(tracker.kinematics, network, None)
     observation = observe(side, 0)
     weights = np.ones(len(observation.points))
     measurement = camera.measure(observation, weights, None, 0.0, tracker.config, alone=True)
