@@ -42,7 +42,7 @@ ARGUMENTS = {
     ),
     "fov": ("", "field of view along the longer side of the image, degrees (by OpenCV)"),
     "calibration": ("", "calibration file of ROS (ost.yaml)"),
-    "detector": ("mediapipe", "mediapipe, or the path of a .task or .onnx file"),
+    "detector": ("mediapipe", "mediapipe, mediapipe_hands, or the path of a .task or .onnx file"),
     "height": ("", "the person's height, m; empty: the value of the parameter file"),
     "rviz": ("false", "start RViz"),
 }
@@ -63,6 +63,8 @@ def _start(context: LaunchContext) -> list:
     defaults = {"landmarks": "coco17"}
     if not detector.endswith(".onnx"):
         defaults = {"landmarks": "mediapipe33", "params": "mediapipe"}
+    if detector == "mediapipe_hands":
+        defaults = {"landmarks": "mediapipe75", "params": "mediapipe_hands"}
     frame = str(context.launch_configurations.get("frame", "")).strip() or FRAME
     defaults["frame"] = frame
     settings = {name: value for name, value in defaults.items() if name not in context.launch_configurations}

@@ -53,6 +53,21 @@ class Answer:
         return self.frame.seen_by > 1
 
     @property
+    def place_covariance(self) -> np.ndarray | None:
+        """(3, 3) m^2: what the deviations of the cameras' poses add to that of the place; None if they have none.
+
+        Those of cameras on one robot are the same, so that they do not average out.
+        """
+        if not any(any(camera.pose.deviation) for camera in self.measured):
+            return None
+        found = np.zeros((3, 3))
+        for camera in self.measured:
+            turn, shift = camera.pose.deviation
+            sight = self.solved.state.translation - camera.pose.centre
+            found += turn**2 * (sight @ sight * np.eye(3) - np.outer(sight, sight)) + shift**2 * np.eye(3)
+        return found / len(self.measured)
+
+    @property
     def visible(self) -> np.ndarray:
         """(l,) bool: landmarks that a camera has shown and that have a weight."""
         return np.asarray(reduce(np.logical_or, [one.visible & one.used for one in self.measured.values()]))

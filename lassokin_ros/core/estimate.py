@@ -33,6 +33,7 @@ class Estimate:
     that of the logarithm of a measured height; of a given one 0, or its error if it is wrong. cameras: see
     `FrameData.seen_by`. centre: (3,) m, of the first of them, in the skeleton's frame. joint_depths: what the depth
     network estimates from its keypoints.
+    place_covariance: (3, 3) m^2, that the poses of the cameras add to the covariance of the place, None without.
     still: (n,) bool, ankles of feet that stand still. contacts: (n,) bool, those of them that are on the floor, see
     `foot_contacts.on_floor`. up: (3,) unit vector, the vertical in the skeleton's frame: given by a fixed frame or the
     camera's mount, learned from the person otherwise. prior_cost: of the pose prior for `solved`, with weight 1,
@@ -64,6 +65,7 @@ class Estimate:
     length_deviation: np.ndarray | float = 0.0
     size_deviation: float = 0.0
     joint_depths: JointDepths | None = None
+    place_covariance: np.ndarray | None = None
     cameras: int = 1
     centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
     still: np.ndarray | None = None

@@ -61,7 +61,8 @@ class CameraPose:
     """Where a camera is, in the frame in which the skeleton is kept: x_camera = rotation x + translation.
 
     name: each camera of a tracker has another one. rotation: (3, 3) into the camera's optical frame. translation: (3,)
-    m. The default is a single camera's own optical frame. known: False for a pose that is not known; with `extrinsics`
+    m. deviation: standard deviations of both, rad and m, beyond what is usual. The default is a single camera's own
+    optical frame. known: False for a pose that is not known; with `extrinsics`
     learn, it is found from the person. Raises CameraError if they are not a rotation and a finite translation.
     """
 
@@ -69,6 +70,7 @@ class CameraPose:
     rotation: np.ndarray = field(default_factory=lambda: AXES)
     translation: np.ndarray = field(default_factory=lambda: ORIGIN)
     known: bool = True
+    deviation: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         if not _is_pose(self.rotation, self.translation):

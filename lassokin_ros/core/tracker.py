@@ -383,6 +383,7 @@ class Tracker:
             length_deviation=self.learned.lengths.deviation,
             size_deviation=self.learned.size_deviation,
             joint_depths=frame.seeing.joint_depths,
+            place_covariance=self.learned.place_covariance(answer),
             cameras=frame.seen_by,
             centre=frame.seeing.camera.centre,
             still=self.learned.still,

@@ -127,5 +127,5 @@ def _waits_of(
         longest_s = max(config.depth_wait, patience)
         waits.append(Wait(lambda _, stamp_ns: depth.may_receive(stamp_ns), longest_s, lambda: depth.arrival_ns))
     if may_reach is not None:
-        waits.append(Wait(may_reach, max(config.tf_wait, patience), polled_s=TF_POLL_S))
+        waits.append(Wait(may_reach, max(config.tf_wait, patience), polled_s=TF_POLL_S, gives_up=False))
     return waits

@@ -26,7 +26,8 @@ class Wait:
 
     may_come: of a frame_id and a stamp (ns, None without one), whether it may still come. longest_s: s. last_ns: of the
     clock of arrivals, when the last one came; None if that says nothing. silent_s: s without one, after which nobody
-    waits. polled_s: s between two looks, if nothing tells that it has come; 0 if something does.
+    waits. polled_s: s between two looks, if nothing tells that it has come; 0 if something does. gives_up: whether
+    messages no longer wait if it mostly comes later; a part of the wait is of use otherwise.
     """
 
     may_come: Callable[[str, int | None], bool]
@@ -34,6 +35,7 @@ class Wait:
     last_ns: Callable[[], int] | None = None
     silent_s: float = 0.5
     polled_s: float = 0.0
+    gives_up: bool = True
     failed: int = 0
 
     def holds(self, frame_id: str, stamp_ns: int | None, waited_s: float, now_ns: int) -> bool:
@@ -42,7 +44,7 @@ class Wait:
             self.failed = max(self.failed - 1, 0)
             return False
         silent = self.last_ns is not None and now_ns - self.last_ns() > 1e9 * self.silent_s
-        if self.failed >= MOST_FAILED_WAITS or silent:
+        if (self.gives_up and self.failed >= MOST_FAILED_WAITS) or silent:
             return False
         if waited_s < self.longest_s:
             return True

@@ -1,4 +1,4 @@
-"""Synchronised videos of several cameras to one skeleton: detect each, then track all of them in one lasso a frame.
+"""Videos of several cameras to one skeleton: detect each, then track all of them in one lasso a frame.
 
 Without a file with the places of the cameras, a first pass finds them from the person.
 """
@@ -193,7 +193,7 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
         calibration, pose = found[name]
         source, stored = _opened(options, path, calibration.size)
         if source.live:
-            raise SourceError(f"{path} is live; expected synchronised files with --cameras")
+            raise SourceError(f"{path} is live; expected files with --cameras")
         topic = _topic(name)
         scaled = calibration.scaled_to(source.size, f"{options.cameras}:{name}")
         placed = CameraPose(topic, pose.rotation, pose.translation)

@@ -13,7 +13,7 @@ from lassokin_ros.core.body.skeleton import has_built_in_proportions
 from lassokin_ros.core.cameras import Camera
 from lassokin_ros.core.errors import CameraError, ConfigurationError
 from lassokin_ros.core.image.frame_data import FrameData, View
-from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.image.projection import carried, project
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.observation import CameraPose, Observation, Rejection
@@ -481,3 +481,21 @@ def test_a_correction_is_used_as_far_as_it_is_larger_than_those_of_exact_poses(d
     found, used = extrinsics.solution("side")[0], np.linalg.norm(extrinsics.corrections["side"][:3])
     assert least * found <= used <= most * found
     assert np.degrees(found) == pytest.approx(degrees, abs=1.0)
+
+
+def test_a_camera_that_was_moved_is_in_the_numbers_at_once():
+    """By 6 degrees about the vertical after 3 s; two cameras do not show which one it was."""
+    truth, front, side, observe = scene(4.2)
+    tracker, turn = Tracker(CONFIG), exponential(np.array([[0.0, np.radians(6.0), 0.0]]))[0]
+    stated, doubted = [], []
+    for frame in range(len(truth.positions)):
+        seen = observe(side, frame)
+        if frame >= 90:
+            seen = replace(seen, points=carried(seen.points, turn, np.zeros((17, 3))))
+        estimate = tracker.track([observe(front, frame), seen])
+        stated.append(np.sqrt(tracker.uncertainty(estimate).absolute.pelvis[:3, :3].trace()))
+        doubted.append("a camera was moved" in tracker.learned.doubts)
+    assert not any(doubted[:90]) and any(doubted[90:120])
+    error = np.linalg.norm(estimate.pose.positions[0] - truth.positions[-1][0])
+    assert max(stated[60:90]) < 0.08 < error < 2 * stated[-1]
+    assert "one of them was moved" in tracker.learned.extrinsics.contradiction

@@ -85,7 +85,7 @@ def tracked(seed, points):
     size = np.linalg.norm(np.ptp(pixels, axis=1), axis=1)
     pixels += random.normal(size=(21, 2)) * 0.003 * focal / 0.6
     error = np.zeros((21, 2))
-    tracker = Tracker(TrackerConfig(skeleton=f"{side}_hand", landmarks=f"{side}_hand21", noise_px=2.0))
+    tracker = Tracker(TrackerConfig(height=1.75, skeleton=f"{side}_hand", landmarks=f"{side}_hand21", noise_px=2.0))
     found = []
     for i, shown in enumerate(pixels):
         error = 0.6 * error + 0.8 * random.normal(size=(21, 2))

@@ -139,7 +139,7 @@ def test_a_bvh_with_nokovs_names_has_what_gmr_reads():
     from lassokin_ros.core.config import TrackerConfig
     from lassokin_ros.replay.exports.bvh import hierarchy
 
-    skeleton = Skeleton.load(TrackerConfig().skeleton, 1.7)
+    skeleton = Skeleton.load(TrackerConfig(height=1.75).skeleton, 1.7)
     angles = np.zeros((2, 3 * skeleton.joint_count))
     angles[1, 3 * 1] = 30.0  # the first rotation, about z, of the joint after the root
     rows = "\n".join(" ".join(str(v) for v in (0.1, 0.9, -3.0, *frame)) for frame in angles)

@@ -37,7 +37,8 @@ def test_every_parameter_file_starts_a_tracker(name):
 
 
 def test_each_usual_set_up_has_a_parameter_file():
-    assert set(FILES) == {"tracker", "webcam_yolo", "openpose", "mediapipe", "rosbag", "realsense", "oak", "zed"}
+    detectors = {"webcam_yolo", "openpose", "mediapipe", "mediapipe_hands"}
+    assert set(FILES) == {"tracker", *detectors, "rosbag", "realsense", "oak", "zed"}
 
 
 def test_the_urdf_follows_from_settings():

@@ -131,7 +131,7 @@ def test_the_tracker_gets_the_detectors_layout(webcam, tmp_path):
     """It replaces that of a parameter file, such as a copy of config/tracker.yaml."""
     tracker_launch, onnx, file = load("tracker"), {"detector": "rtmpose.onnx"}, tmp_path / "mine.yaml"
     file.write_text("/**:\n  ros__parameters: {camera_pitch: 0.1}\n")
-    cases = [({"landmarks": "h36m17"}, "h36m17")]
+    cases = [({"landmarks": "h36m17"}, "h36m17"), ({"detector": "mediapipe_hands"}, "mediapipe75")]
     for params in ({}, {"params": str(file)}, {"params": "tracker"}, {"params": "mediapipe"}):
         cases += [(params, "mediapipe33"), ({**params, **onnx}, "coco17")]
     for given, layout in cases:

@@ -33,6 +33,21 @@ FOUND_DEVIATION = np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])
 """rad and m: the same of a pose that was found from the person: it does not count."""
 TURNED, SHIFTED = np.array(3 * [1.0] + 3 * [1e-6]), np.array(3 * [1e-6] + 3 * [3.0])
 """rad and m: as FOUND_DEVIATION, for a camera that was only turned, and for one that was only shifted."""
+LATELY = 6
+"""Frames that show at once that a camera was moved."""
+LATELY_DEVIATION = 3 * GIVEN_DEVIATION
+"""rad and m: standard deviation of a pose in these."""
+CHANGED, CONTRADICTS = 0.75, 1.2
+"""Sizes, in GIVEN_DEVIATION, of what the last frames suggest beyond what all frames before did: half of it is used in
+the covariance, and from which on the cameras are said to contradict each other. A detector's errors cause 0.3 to 0.9, a
+camera that was turned by 3 degrees 1.5 (people of validation)."""
+LEAST_CHANGE, UNSURE, FARTHEST_OFF = 0.4, 0.5, 2.0
+"""The same, below which nothing is added to the covariance, and by how much it may be larger; and m, limit of the
+deviation that is added."""
+IMPLAUSIBLE = 2.2
+"""The same, from which on the first frames do not count as those before."""
+USUAL = 25
+"""Corrections suggested before, of which the mean is taken; a camera that was moved does not change it."""
 CLEARLY = 2.0
 """Ratio of the median distances from the epipolar lines from which one explanation is said to be right. A turn and a
 shift look alike if the person stays in one place: 1 m and 15 degrees at 3.6 m have ratios of up to 2, with a person who
@@ -106,6 +121,12 @@ class Extrinsics:
         self._frames: dict[str, deque[Pairs]] = {}
         self._finders: dict[str, CameraFinder] = {}
         self._newest, self.frame_count = -math.inf, 0
+        self._lately: dict[str, deque[Pairs]] = {}
+        self._suggested: dict[str, np.ndarray] = {}  # (6,) correction that the last frames suggest, by camera
+        self._usual: dict[str, tuple[np.ndarray, int]] = {}  # (6,) mean of those before, and their number
+        self.moves: dict[str, np.ndarray] = {}
+        """(6,) by how much a camera was moved lately, relative to the anchor, as the last frames suggest, by name."""
+        self._first = ""  # the anchor of these
 
     def adopt(self, other: Extrinsics) -> None:
         """Begin with what was learned about the same cameras."""
@@ -223,6 +244,7 @@ class Extrinsics:
         for name, pair in seen.items():
             if pair is None:
                 continue
+            self._look(name, first.camera.name, pair)
             frames = self._frames.setdefault(name, deque(maxlen=LONGEST))
             frames.append(pair)
             if due and len(frames) >= FEWEST:
@@ -236,6 +258,69 @@ class Extrinsics:
             before = self.corrections.get(name, np.zeros(6))
             wanted = solution if name in self.found else _significant(solution)
             self.corrections[name] = before + FOLLOWING * (wanted - before)
+
+    def _look(self, name: str, first: str, pair: Pairs) -> None:
+        """Find by how much a camera was moved lately. first: name of the anchor."""
+        frames = self._lately.setdefault(name, deque(maxlen=LATELY))
+        frames.append(pair)
+        if name in self.found or len(frames) < LATELY or self.frame_count % 2:
+            return
+        start = self._suggested.get(name, np.zeros(6))
+        suggested = self._solved(_stacked(frames), start, LATELY_DEVIATION, self.size_known, steps=2)
+        self._suggested[name], self._first = suggested, first
+        if self._used:
+            self.moves[name] = suggested - self.corrections.get(name, np.zeros(6))
+            return
+        usual, count = self._usual.get(name, (np.zeros(6), 0))
+        plausible = _relative(suggested) < IMPLAUSIBLE
+        if count >= FEWEST or not plausible:
+            self.moves[name] = suggested - usual
+        if plausible and (count < FEWEST or _relative(self.moves[name]) < CHANGED):
+            self._usual[name] = usual + (suggested - usual) / min(count + 1, USUAL), count + 1
+
+    @property
+    def contradicting(self) -> list[str]:
+        """Names of the cameras that contradict the anchor since a moment: they were moved, or it was."""
+        return [name for name, move in self.moves.items() if _relative(move) > CONTRADICTS]
+
+    @property
+    def contradiction(self) -> str:
+        """Which camera was moved, in words; empty if none was.
+
+        Of two cameras it cannot be told which one. If several contradict the anchor, it was the anchor.
+        """
+        names = self.contradicting
+        if not names:
+            return ""
+        largest = max((self.moves[name] for name in names), key=_relative)
+        by = f"about {math.degrees(_size(largest)[0]):.0f} degrees or {_size(largest)[1]:.2f} m"
+        if len(self.moves) == 1:
+            return f"cameras '{self._first}' and '{names[0]}' contradict each other: one of them was moved, by {by}"
+        moved = names[0] if len(names) == 1 else self._first
+        return f"camera '{moved}' contradicts the others: it was moved, by {by}"
+
+    def place_covariance(self, place: np.ndarray) -> np.ndarray | None:
+        """(3, 3) m^2: how far a place (3,) m is elsewhere with the poses that the last frames suggest; None if nowhere.
+
+        It is where the line of sight of the moved camera meets the anchor's. Either of both may have been moved, so
+        that the place is off in all directions of the plane of the two lines.
+        """
+        anchor, found = self._given.get(self._first), np.zeros((3, 3))
+        for name, move in self.moves.items():
+            given, size = self._given.get(name), _relative(move)
+            if anchor is None or given is None or size < LEAST_CHANGE:
+                continue
+            share = size**4 / (size**4 + CHANGED**4) * (1 + UNSURE / size)
+            seen = _moved(given, share * move)
+            a, b = place - anchor.centre, seen.rotation.T @ (given.rotation @ (place - given.centre))
+            normal = np.cross(a, b)
+            if not normal.any():
+                continue
+            s, t, _ = np.linalg.solve(np.stack([a, -b, normal], axis=1), seen.centre - anchor.centre)
+            off = 0.5 * (anchor.centre + s * a + seen.centre + t * b) - place
+            normal = normal / np.linalg.norm(normal)
+            found += min(off @ off, FARTHEST_OFF**2) * (np.eye(3) - np.outer(normal, normal))
+        return found if found.any() else None
 
     def _anchor_of(self, frame: FrameData) -> View | None:
         """Return the view of the camera whose pose is not corrected: the chosen one, None if it has none; without a
@@ -349,6 +434,11 @@ def _significant(correction: np.ndarray) -> np.ndarray:
     return size / (size + EXACT**4) * correction
 
 
+def _relative(correction: np.ndarray) -> float:
+    """Return the size of a correction (6,), in GIVEN_DEVIATION."""
+    return float(np.linalg.norm(correction / GIVEN_DEVIATION))
+
+
 def _size(correction: np.ndarray) -> tuple[float, float]:
     """rad and m, of a correction (6,)."""
     return float(np.linalg.norm(correction[:3])), float(np.linalg.norm(correction[3:]))
@@ -356,4 +446,6 @@ def _size(correction: np.ndarray) -> tuple[float, float]:
 
 def _moved(pose: CameraPose, correction: np.ndarray) -> CameraPose:
     turn = exponential(correction[None, :3])[0]
-    return CameraPose(pose.name, turn @ pose.rotation, turn @ pose.translation + correction[3:])
+    return CameraPose(
+        pose.name, turn @ pose.rotation, turn @ pose.translation + correction[3:], deviation=pose.deviation
+    )

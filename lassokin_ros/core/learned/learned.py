@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 WRONG_HEIGHT = "the height of {:.2f} m does not fit"
 """Doubt about a given height."""
+MOVED_CAMERA = "a camera was moved"
+"""Doubt about a place."""
 
 
 class Learned:
@@ -114,8 +116,12 @@ class Learned:
     @property
     def doubts(self) -> tuple[str, ...]:
         """Why the place or the size of the body is doubted, in words; empty if they are not."""
-        wrong = self.height is None and self.size_check.wrong
-        return (WRONG_HEIGHT.format(self.lengths.proportions.given.height),) if wrong else ()
+        found = []
+        if self.height is None and self.size_check.wrong:
+            found.append(WRONG_HEIGHT.format(self.lengths.proportions.given.height))
+        if self.extrinsics is not None and self.extrinsics.contradicting:
+            found.append(MOVED_CAMERA)
+        return tuple(found)
 
     @property
     def lengths_for_network(self) -> tuple[Skeleton, bool]:
@@ -145,6 +151,14 @@ class Learned:
     def given(self, pose: CameraPose) -> CameraPose:
         """The same without what was learned; see `Extrinsics.given`."""
         return pose if self.extrinsics is None else self.extrinsics.given(pose)
+
+    def place_covariance(self, answer: Answer) -> np.ndarray | None:
+        """(3, 3) m^2: what is unsure in the place by the poses of the cameras, see `Estimate`."""
+        found = answer.place_covariance
+        if self.extrinsics is not None and len(answer.cameras) > 1:
+            moved = self.extrinsics.place_covariance(answer.solved.state.translation)
+            found = moved if found is None else found if moved is None else found + moved
+        return found
 
     def follow_feet(self, answer: Answer, replaced: bool, held: bool) -> None:
         """Note which feet stand still. replaced: whether the pose does not continue the last one. held: see
@@ -217,6 +231,8 @@ class Learned:
         if answer.repeated or deep or not self.size_check.is_due(answer.stamp):
             return
         if answer.several:
+            if self.extrinsics is not None and self.extrinsics.contradicting:
+                return
             places = self._triangulated(answer)
             self.size_check.add(answer.stamp, self.size_check.ratios(places, np.isfinite(places[:, 0])))
         elif (floor := self._floor_size(answer, self.lengths.proportions.given.height, tilt_deviation)) is not None:

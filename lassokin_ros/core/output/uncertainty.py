@@ -157,6 +157,8 @@ class JointUncertainty:
         if not (estimate.depth_measured or estimate.cameras > 1):
             sight = max(SCALE_DEVIATION, estimate.size_deviation) * (pose.positions[0] - estimate.centre)
             place += sight[:, None] * sight
+        if estimate.place_covariance is not None:
+            place += estimate.place_covariance
         joints += place
         pelvis[:3, :3] = joints[0]
         return AbsoluteUncertainty(joints, pelvis)

@@ -17,6 +17,7 @@ ACROSS_M, ALONG_M = 0.03, 0.2
 frames, so that it is less than this."""
 ACCELERATION = 1.0
 """m^2/s^3: spectral density of the white acceleration."""
+AXES = np.eye(3)
 FIRST_SPEED = 1.0
 """m/s: standard deviation of the velocity in each axis before it is known."""
 STEADY = 0.4
@@ -68,7 +69,7 @@ class WalkingVelocity:
         sight: (3,) unit vector of the line of sight; None if cameras in different directions measure the distance.
         facing, up: (3,) unit vectors: the direction in which the pelvis faces, and the vertical.
         """
-        x, P, axes = self._state, self._covariance, np.eye(3)
+        x, P, axes = self._state, self._covariance, AXES
         x[:3] += seconds * x[3:]
         P[:3] += seconds * P[3:]
         P[:, :3] += seconds * P[:, 3:]
@@ -91,14 +92,20 @@ class WalkingVelocity:
     def _walking(self, facing: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return velocity and covariance on the condition that a walking person hardly moves to the side."""
         velocity, covariance = self._state[3:].copy(), self._covariance[3:, 3:].copy()
-        side = np.cross(up, facing)
-        length = float(np.linalg.norm(side))
+        side = _cross(up, facing)
+        length = math.sqrt(float(side @ side))
         if length < 0.1:  # lies, or bends down
             return velocity, covariance
         side /= length
-        forward, sideways = float(velocity @ np.cross(side, up)), float(velocity @ side)
+        forward, sideways = float(velocity @ _cross(side, up)), float(velocity @ side)
         if forward > WALKING and abs(sideways) < forward:
             along = covariance @ side
             gain = along / (side @ along + (SIDEWAYS * forward) ** 2)
             velocity, covariance = velocity - gain * sideways, covariance - np.outer(gain, along)
         return velocity, covariance
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The cross product of two vectors (3,), in a fifth of numpy's time."""
+    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

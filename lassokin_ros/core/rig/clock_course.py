@@ -14,8 +14,10 @@ WINDOW_S, STEP_S = 3.0, 1.0
 """s: duration of a part with an offset of its own, and between two parts."""
 SEARCHED_S = 1.5
 """s around the offset of the whole recording."""
+LEAST_SHARE, LARGEST_DEVIATION_S = 0.8, 0.03
+"""What the offset of a part must have to count; one by one they need not be sure."""
 FEWEST, BESIDE = 5, 2
-"""Parts with a sure offset, in all, and on each side of a step."""
+"""Parts that count, in all, and on each side of a step."""
 SMALLEST_STEP_S, SMALLEST_DRIFT_S = 0.025, 0.03
 """s: smallest step, and smallest change by a drift over the recording."""
 CLEARLY = 3.0
@@ -46,7 +48,7 @@ def course_of(first: Track, second: Track, offset: Offset) -> Course:
     found = []
     for begin in np.arange(aligned.begin, end - WINDOW_S / 2, STEP_S):
         own = offset_between(first, aligned.between(begin, begin + WINDOW_S), SEARCHED_S)
-        if own.is_sure:
+        if own.share >= LEAST_SHARE and own.deviation < LARGEST_DEVIATION_S:
             found.append((begin + WINDOW_S / 2, own.seconds, own.deviation))
     constant = Course(np.zeros(1), np.array([offset.seconds]))
     if len(found) < FEWEST:

@@ -31,6 +31,8 @@ SEARCHED_S = 20.0
 """s: largest offset that is looked for between files."""
 SAME_PEAK_S, LEAST_SHARE, LARGEST_DEVIATION_S = 0.1, 0.9, 0.02
 """An offset is sure if so large a share of the resamples is within so many s, and has a smaller deviation, s."""
+CORRELATED = 1.2
+"""Factor on the bootstrap's deviation: a detector's errors last longer than a block. Chosen on validation people."""
 SMALLEST_DEVIATION_S = 0.002
 """s: the grid's own error."""
 RESIDUAL_FLOOR = 1e-5
@@ -101,7 +103,7 @@ def offset_between(first: Track, second: Track, searched: float = SEARCHED_S) ->
     apart = np.abs(np.array(peaks[1:]) - peaks[0]) < SAME_PEAK_S
     deviation = np.inf
     if np.count_nonzero(apart) > 3:
-        deviation = max(float(np.std(np.array(peaks[1:])[apart])), SMALLEST_DEVIATION_S)
+        deviation = max(CORRELATED * float(np.std(np.array(peaks[1:])[apart])), SMALLEST_DEVIATION_S)
     return Offset(float(peaks[0]), deviation, float(apart.mean()), residual)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping
 import numpy as np
 
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.pipeline.camera.transforms import TransformError, Transforms
+from lassokin_ros.pipeline.camera.transforms import STALE_NS, TransformError, Transforms
 from msg_adapters.errors import AdapterError
 
 LEVEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -66,7 +66,7 @@ class CameraPlaces:
         if stamp_ns is None or not self.base or not frame_id:
             return False
         reach_ns = self.transforms.reach_ns(frame_id, self.base)
-        return reach_ns is not None and reach_ns < stamp_ns
+        return reach_ns is not None and 0 < stamp_ns - reach_ns < STALE_NS
 
     def others(self, names: Collection[str], stamp_ns: int) -> list[CameraPose]:
         """Return where the cameras without an image are at a time, as far as TF tells it. They may be on a robot.
@@ -99,7 +99,8 @@ class CameraPlaces:
             raise TransformError(f"nothing was received of the first camera '{self._first}', in whose frame it is")
         rotation, centre = self.transforms.pose(frame_id, self.base, stamp_ns)
         self.known = True
-        return CameraPose(name, rotation.T, -rotation.T @ centre)
+        deviation = self.transforms.deviation(frame_id, self.base, stamp_ns)
+        return CameraPose(name, rotation.T, -rotation.T @ centre, deviation=deviation)
 
     def adopt(self, name: str, pose: CameraPose) -> CameraPose:
         """Use the pose of a camera that was found from the person, as long as TF gives none; return it."""

@@ -24,6 +24,13 @@ LONGEST_STEP_NS, FASTEST_M_S, FASTEST_RAD_S = 250_000_000, 5.0, 5.0
 beyond, it is a jump, and the nearest transform is used."""
 SHORTEST_STEP_NS = 20_000_000
 """ns: a motion is continued from transforms that are as far apart, because their noise grows with it."""
+ACCELERATION = 2.0, 0.5
+"""rad/s^2 and m/s^2: standard deviations of the acceleration of a frame that has moved lately, while its motion is
+continued; robots turn with up to 4 rad/s^2."""
+MOVED = 0.02, 0.02
+"""rad and m: motion within `HISTORY_NS` from which on a frame moves."""
+SAMPLES = 8
+"""Stored poses that are compared with the newest one, to see whether a frame moves."""
 MOST_FRAMES, LONGEST_NAME, MOST_STAMPS = 2000, 256, 10_000
 """Limits of the memory: number of frames, characters of a name, transforms of a frame within `HISTORY_NS`."""
 FARTHEST_M = 1e8
@@ -100,18 +107,36 @@ class Transforms:
         back = from_quaternion(np.array(down)).T
         return back @ from_quaternion(np.array(up)), back @ (np.array(at) - np.array(of))
 
+    def deviation(self, frame: str, base: str, stamp_ns: int) -> tuple[float, float]:
+        """Return the standard deviations, rad and m, of a pose that continues the motion up to a time; 0 if none is.
+
+        They are half the acceleration of a robot that moves times the square of the gap, see ACCELERATION.
+        """
+        found = [0.0, 0.0]
+        for name in self._moving_between(frame, base):
+            one = self._frames[name]
+            gap_s = 1e-9 * (stamp_ns - (one.newest_ns or 0))
+            if gap_s > 0:
+                for i, moves in enumerate(one.moves):
+                    found[i] += moves * (0.5 * ACCELERATION[i] * gap_s**2) ** 2
+        return math.sqrt(found[0]), math.sqrt(found[1])
+
     def reach_ns(self, frame: str, base: str) -> int | None:
         """Return the stamp, ns, up to which the pose of a frame in another one is known.
 
         None if they are not connected, or if nothing between them moves.
         """
+        newest = [self._frames[name].newest_ns for name in self._moving_between(frame, base)]
+        return min((stamp_ns for stamp_ns in newest if stamp_ns is not None), default=None)
+
+    def _moving_between(self, frame: str, base: str) -> list[str]:
+        """Return the names of the frames between two that have moving transforms; none if they are not connected."""
         of_frame, of_base = list(self._chain(frame)), list(self._chain(base))
         common = next((name for name in of_frame if name in of_base), None)
         if common is None:
-            return None
+            return []
         between = of_frame[: of_frame.index(common)] + of_base[: of_base.index(common)]
-        newest = [self._frames[name].newest_ns for name in between]
-        return min((stamp_ns for stamp_ns in newest if stamp_ns is not None), default=None)
+        return [name for name in between if not self._frames[name].static]
 
     def _chain(self, name: str) -> Iterator[str]:
         """Yield the frame, its parent, and so on."""
@@ -153,6 +178,14 @@ class _Frame:
     def newest_ns(self) -> int | None:
         """Stamp of the newest pose, ns; None for a static one."""
         return None if self.static else self._stamps[-1]
+
+    @property
+    def moves(self) -> tuple[bool, bool]:
+        """Whether the frame has turned and has been shifted lately."""
+        newest, place = self._poses[-1]
+        older = self._poses[:: max(len(self._poses) // SAMPLES, 1)]
+        turned = max(_angle(newest, quaternion) for quaternion, _ in older)
+        return turned > MOVED[0], max(math.dist(place, one) for _, one in older) > MOVED[1]
 
     def add(self, stamp_ns: int, quaternion: Quaternion, place: Vector) -> None:
         """Store a pose; place: m. A stamp far back means that time has started again."""
@@ -212,8 +245,13 @@ class _Frame:
         """Return True if no robot moves from one stored pose to a later one in their time."""
         seconds = (self._stamps[after] - self._stamps[before]) * 1e-9
         (a, p), (b, q) = self._poses[before], self._poses[after]
-        angle = 2 * math.acos(min(abs(math.fsum(u * v for u, v in zip(a, b))), 1.0))
+        angle = _angle(a, b)
         return math.dist(p, q) >= FASTEST_M_S * seconds or angle >= FASTEST_RAD_S * seconds
+
+
+def _angle(a: Quaternion, b: Quaternion) -> float:
+    """Return the angle between two orientations, rad."""
+    return 2 * math.acos(min(abs(math.fsum(u * v for u, v in zip(a, b))), 1.0))
 
 
 def _turned(q: Quaternion, v: Vector) -> Vector:

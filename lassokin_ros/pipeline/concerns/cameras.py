@@ -22,7 +22,8 @@ def wrong_cameras(session: Session, learned: bool = True) -> Iterator[Raised]:
     words = [*agreement.left_out.values(), *agreement.same_keypoints()]
     words += [] if any(agreement.same_keypoints()) else session.placement.rig.set_up
     if learned and not words and extrinsics is not None:
-        words += filter(None, (extrinsics.in_words(name) for name in session.cameras))
+        poses = [extrinsics.in_words(name) for name in session.cameras]
+        words += filter(None, [extrinsics.contradiction] if extrinsics.contradiction else poses)
     return (say("camera_wrong", fault=fault) for fault in words)
 
 

@@ -1,4 +1,4 @@
-"""Cameras of synchronised videos whose places nobody tells: they are found from the person."""
+"""Cameras of several videos whose places nobody tells: they are found from the person."""
 
 from __future__ import annotations
 
