@@ -191,7 +191,9 @@ def _followed(first: np.ndarray, second: np.ndarray, points: np.ndarray) -> tupl
         return points, np.zeros(0, bool)
     there: Any
     back: Any
-    there, found, _ = cv2.calcOpticalFlowPyrLK(first, second, points[:, None], None, **_FLOW)  # type: ignore[call-overload]
+    there, found, _ = cv2.calcOpticalFlowPyrLK(  # type: ignore[call-overload]
+        first, second, points[:, None], None, **_FLOW
+    )
     back, again, _ = cv2.calcOpticalFlowPyrLK(
         second, first, there, points[:, None].copy(), flags=cv2.OPTFLOW_USE_INITIAL_FLOW, **_FLOW
     )

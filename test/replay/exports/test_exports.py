@@ -33,7 +33,7 @@ FRAMES = 45
 SKELETON = Skeleton.load("anthropometric", 1.75)
 C3D = (".c3d",) if find_spec("ezc3d") else ()
 FORMATS = (".csv", ".npz", ".bvh", ".amass.npz", ".trc", *C3D)
-FIXED_LENGTHS = ["-p", "calibrate:=false"]
+FIXED_LENGTHS = ["-p", "calibrate:=false", "-p", "height:=1.75"]
 EVERY_FORMAT = [word for suffix in FORMATS for word in ("--export", suffix)]
 
 
