@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.config import TYPICAL_HEIGHT, TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.outputs import topics
@@ -42,7 +42,7 @@ def test_each_usual_set_up_has_a_parameter_file():
 
 
 def test_the_urdf_follows_from_settings():
-    skeleton = Skeleton.load("anthropometric", TrackerConfig().height)
+    skeleton = Skeleton.load("anthropometric", 1.75)
     base_frame = NodeSettings().base_frame
     assert urdf_from_settings(TrackerConfig(height=1.75), NodeSettings()) == urdf(skeleton, base_frame, "tracker/")
     bare = urdf_from_settings(
@@ -94,7 +94,7 @@ def start(launch_file, **given):
     return {getattr(action, "package", "bag"): action for action in actions}
 
 
-def own_urdf(base_frame="camera_optical_frame", height=1.75, node="tracker"):
+def own_urdf(base_frame="camera_optical_frame", height=TYPICAL_HEIGHT, node="tracker"):
     return urdf(Skeleton.load("anthropometric", height), base_frame, f"{node}/")
 
 

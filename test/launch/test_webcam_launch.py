@@ -20,7 +20,7 @@ class Recorded(SimpleNamespace):
         super().__init__(args=args, **kwargs)
 
 
-class NotFound(Exception):
+class NotFound(LookupError):
     """Replaces PackageNotFoundError."""
 
 
@@ -36,7 +36,11 @@ def webcam(monkeypatch, tmp_path):
 
     for name, members in {
         "ament_index_python": {},
-        "ament_index_python.packages": {"PackageNotFoundError": NotFound, "get_package_share_directory": share},
+        "ament_index_python.packages": {
+            "PackageNotFoundError": NotFound,
+            "get_package_prefix": share,
+            "get_package_share_directory": share,
+        },
         "launch": {"LaunchContext": Recorded, "LaunchDescription": Recorded},
         "launch.actions": dict.fromkeys(
             ("DeclareLaunchArgument", "ExecuteProcess", "IncludeLaunchDescription", "LogInfo", "OpaqueFunction"),
@@ -140,7 +144,7 @@ def test_the_tracker_gets_the_detectors_layout(webcam, tmp_path):
         *declared, function = tracker_launch.generate_launch_description().args[0]
         defaults = {argument.args[0]: argument.default_value for argument in declared}
         actions = function.function(SimpleNamespace(launch_configurations={**defaults, **arguments}))
-        node = next(action for action in actions if action.package == "lassokin_ros")
+        node = next(action for action in actions if getattr(action, "package", "") == "lassokin_ros")
         assignments = [f"{name}:={value}" for name, value in node.parameters[-1].items()]
         settings, node_settings = offline_settings([Path(node.parameters[0])], assignments)
         assert (settings.landmarks, settings.height) == (layout, 1.6)

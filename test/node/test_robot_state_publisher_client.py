@@ -17,6 +17,7 @@ from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 from lassokin_ros.pipeline.outputs.description.urdf import urdf  # noqa: E402
 
 SKELETON = Skeleton.load("anthropometric", 1.75)
+SETTINGS = ("-p", "state_publisher:=human_state_publisher", "-p", "height:=1.75")
 
 
 def own_urdf(peer, base_frame):
@@ -49,7 +50,7 @@ class StandIn:
 
 def test_the_urdf_follows_the_frame_and_a_restart():
     namespace, pixels = "/followed", pixels_of_motion(2)
-    with NodeProcess(namespace, "-p", "state_publisher:=human_state_publisher") as node, Peer(namespace) as peer:
+    with NodeProcess(namespace, *SETTINGS) as node, Peer(namespace) as peer:
         peer.next_diagnostics()  # the tracker starts first
         other = StandIn(peer)
         peer.spin_until(lambda: other.urdf == own_urdf(peer, "camera_optical_frame"), what="the first description")
@@ -67,8 +68,7 @@ def test_the_urdf_follows_the_frame_and_a_restart():
 
 def test_a_missing_state_publisher_is_reported_once_and_served_when_it_starts():
     namespace, pixels, sent = "/absent", pixels_of_motion(400, hz=10.0), 0
-    settings = "-p", "state_publisher:=human_state_publisher", "-p", "calibrate:=false"
-    with NodeProcess(namespace, *settings) as node, Peer(namespace) as peer:
+    with NodeProcess(namespace, *SETTINGS, "-p", "calibrate:=false") as node, Peer(namespace) as peer:
         peer.start(pixels[0])
         begun = time.monotonic()
 
@@ -95,7 +95,7 @@ def test_a_missing_state_publisher_is_reported_once_and_served_when_it_starts():
 
 def test_a_refusal_is_logged_once_and_has_no_other_effect():
     namespace, pixels = "/refused", pixels_of_motion(2)
-    with NodeProcess(namespace, "-p", "state_publisher:=human_state_publisher") as node, Peer(namespace) as peer:
+    with NodeProcess(namespace, *SETTINGS) as node, Peer(namespace) as peer:
         other = StandIn(peer, bad=FRAME)
         peer.start(pixels[0])
         peer.spin_until(lambda: any(FRAME in text for text in other.asked), what="the description")
@@ -113,8 +113,7 @@ def test_the_urdf_of_a_robot_is_never_changed():
         "/other_tracker": urdf(SKELETON, FRAME, "other/tracker/"),
     }
     with ExitStack() as stack:
-        settings = "-p", "state_publisher:=human_state_publisher"
-        nodes = {namespace: stack.enter_context(NodeProcess(namespace, *settings)) for namespace in robots}
+        nodes = {namespace: stack.enter_context(NodeProcess(namespace, *SETTINGS)) for namespace in robots}
         for namespace, text in robots.items():
             with Peer(namespace) as peer:
                 robot = StandIn(peer, text=text)

@@ -34,7 +34,7 @@ def test_the_live_node_publishes_the_same_late_frames_as_the_pipeline():
     session.set_camera(camera_info(BACKEND))
     expected = [f for i, xy in enumerate(PIXELS[:20]) for f in session.frames(cloud(BACKEND, stamp(i), xy), 0)]
     with (
-        NodeProcess(namespace, "-p", "smoothing_lag:=0.05", "-p", "stale_after:=30.0"),
+        NodeProcess(namespace, "-p", "height:=1.75", "-p", "smoothing_lag:=0.05", "-p", "stale_after:=30.0"),
         Peer(namespace, outputs=False) as peer,
     ):
         joints = peer.got[topics.JOINT_STATES]

@@ -38,7 +38,7 @@ OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 def running():
     """A node that tracks, and its peer; `feed` sends the next frames of one motion."""
     namespace = "/running"
-    with NodeProcess(namespace, "-p", "stale_after:=30.0"), Peer(namespace) as peer:
+    with NodeProcess(namespace, "-p", "height:=1.75", "-p", "stale_after:=30.0"), Peer(namespace) as peer:
         peer.start(PIXELS[0])
         peer.frames_sent = 0
         yield peer

@@ -139,7 +139,7 @@ def test_robot_description_is_latched_and_follows_the_cameras_frame():
     namespace = "/latched"
     pixels = pixels_of_motion(2)
     description = next(t for t in topics.OTHER_OUTPUTS if t.name == topics.ROBOT_DESCRIPTION)
-    with NodeProcess(namespace, "-p", "base_frame:=some_camera"), Peer(namespace) as peer:
+    with NodeProcess(namespace, "-p", "base_frame:=some_camera", "-p", "height:=1.75"), Peer(namespace) as peer:
         peer.listen(description)
         texts = peer.got[topics.ROBOT_DESCRIPTION]
         peer.spin_until(lambda: texts, what="the latched description")
