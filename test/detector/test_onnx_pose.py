@@ -235,7 +235,8 @@ def test_kinds_are_recognised_by_shapes():
         (True, ((1, 56, 8400),)): "YOLO-pose",
         (True, ((1, 300, 57),)): "YOLO-pose, end to end",
         (True, ((1, 1000),)): None,
-        (True, ((1, 133, 384), (1, 133, 512))): None,
+        (True, ((1, 133, 384), (1, 133, 512))): "RTMPose",
+        (True, ((1, 99, 384), (1, 99, 512))): None,
         (False, ((1, 6, 56),)): None,
     }
     for (channels_first, shapes), name in names.items():

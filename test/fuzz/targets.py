@@ -43,6 +43,7 @@ from msg_adapters.detectors.registry import ADAPTERS, keypoint_adapter
 from msg_adapters.errors import AdapterError
 
 BODY = Skeleton.load("anthropometric", 1.75)
+WITH_HANDS = Skeleton.load("body_hands", 1.75)
 PIXELS = np.array([[0.0, 0.0], [320.0, 240.0], [-5.0, 1e4], [1e6, -1e6], [np.nan, 3.0]])
 SEPARATOR = b"--array--"
 VERTICES = 40
@@ -165,7 +166,8 @@ def file_target(name, seeds, read):
 def use_skeleton(path):
     skeleton = load_skeleton(str(path), 1.75)
     assert np.isfinite(skeleton.offsets).all() and skeleton.joint_names
-    Layout.load("coco17", skeleton)
+    of_hand = f"{skeleton.joint_names[0].partition('_')[0]}_hand21"
+    Layout.load("coco17" if "head" in skeleton.joint_names else of_hand, skeleton)
 
 
 def bvh_files():
@@ -332,7 +334,7 @@ FILES = {
     ),
     "file names": file_target("named.names.yaml", names_file_text, use_names),
     "file layout": file_target(
-        "layout.yaml", lambda: package_files("layouts"), lambda path: Layout.load(str(path), BODY)
+        "layout.yaml", lambda: package_files("layouts"), lambda path: Layout.load(str(path), WITH_HANDS)
     ),
     "file calibration": file_target("c.yaml", lambda: [text.encode() for text in CALIBRATIONS], use_calibration),
     "file parameters": file_target("p.yaml", config_files, lambda path: offline_settings([path], [])),
