@@ -1,6 +1,8 @@
 """Publish a position for a hand-over: the right wrist, while it is visible, certain, and held still.
 
 python3 examples/hand_over.py    # hand; --ros-args -p frame:=base_link
+
+One camera needs the height, given or measured by depth or a floor: else the distance is uncertain, and nothing comes.
 """
 
 import numpy as np

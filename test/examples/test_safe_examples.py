@@ -31,6 +31,7 @@ from lassokin_ros.watch import points  # noqa: E402
 ROOT = Path(__file__).resolve().parents[2]
 LATE_TF = ROOT / "test" / "support" / "late_tf"
 DEADLINE_S, STOP_S = 40.0, 0.6
+HEIGHT = ("-p", "height:=1.75")
 PIXELS = pixels_of_motion(40, 20.0)
 NEAR = PIXELS.mean(axis=1, keepdims=True) + 1.5 * (PIXELS - PIXELS.mean(axis=1, keepdims=True))
 NOWHERE = np.full((17, 2), np.nan)
@@ -42,6 +43,7 @@ MOST_LINES = {
     "two_cameras": 40,
     "pointing": 35,
     "retarget_hand": 35,
+    **dict.fromkeys(("gmr_live", "humanoid_in_mujoco", "imitate_arm_joints"), 60),  # with a model of the robot
 }
 
 
@@ -277,7 +279,7 @@ def test_costmap_gaze_and_hand_over_beside_one_tracker(robot):
     with ExitStack() as stack:
         for name in STILL:
             stack.enter_context(running(name, robot, *frame))
-        (node,) = stack.enter_context(trackers(robot, "-p", "lock:=true", "-p", "max_people:=2"))
+        (node,) = stack.enter_context(trackers(robot, *HEIGHT, "-p", "lock:=true", "-p", "max_people:=2"))
         people, lock = [], robot.node.create_client(SetBool, "/tracker/lock")
         robot.node.create_subscription(PointCloud2, "/tracker/people", people.append, 10)
 

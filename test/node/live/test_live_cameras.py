@@ -143,7 +143,8 @@ def shifted(camera, shift):
 @pytest.mark.parametrize("names", [["robot"], ["left", "right"]], ids=["one camera", "two cameras"])
 def test_a_person_before_a_turning_robot_stands_still_also_if_the_odometry_jumps(names):
     namespace, several = "/turning", ["-p", f"cameras:=[{', '.join(names)}]"] * (len(names) > 1)
-    with NodeProcess(namespace, "-p", f"fixed_frame:={ODOM}", *several) as node, Peer(namespace, outputs=False) as peer:
+    settings = ("-p", f"fixed_frame:={ODOM}", "-p", "height:=1.75", *several)
+    with NodeProcess(namespace, *settings) as node, Peer(namespace, outputs=False) as peer:
         robot, joints = TurningRobot(peer, *names), peer.got[topics.JOINTS]
         peer.listen(next(topic for topic in topics.FRAME_OUTPUTS if topic.name == topics.JOINTS))
 
