@@ -155,6 +155,7 @@ def test_a_person_whose_height_is_not_known_yet_is_not_tracked_backward(monkeypa
     monkeypatch.setattr(
         KeptObservations, "track_backward", lambda *_: pytest.fail("each track has a height of its own")
     )
+    monkeypatch.setattr(KeptObservations, "numbers", [None])
     config = TrackerConfig(height=0.0, camera_height=1.2, tilt_deviation=0.01)
     make = partial(Session, node_config=NodeSettings())
     assert passes._backward(KeptObservations(), make, make(config), config, {}) == {}
