@@ -15,7 +15,6 @@ from lassokin_ros.node.executable import run
 from lassokin_ros.watch import PeopleWatch, points, position
 
 ARMS = {f"{side}_{joint}" for side in ("left", "right") for joint in ("shoulder", "elbow", "wrist")}
-FEET = [joints.LEFT_FOOT, joints.RIGHT_FOOT]
 FIRST = 60  # images of a standing person, from which the height of the pelvis is taken
 
 
@@ -24,8 +23,7 @@ def human(seen: np.ndarray, floor: float = 0.0) -> dict[str, tuple[np.ndarray, n
 
     seen: (24,) points of ~/skeleton. floor: m, its height, see `pelvis_height`.
     """
-    up = np.array([seen[0][name] for name in ("up_x", "up_y", "up_z")], dtype=float)
-    level, _ = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])
+    level, _ = Rotation.align_vectors([[0.0, 0.0, 1.0]], [[float(seen[0][f"up_{axis}"]) for axis in "xyz"]])
     places = level.apply(position(seen).T) - [0.0, 0.0, floor]
     turns = level * Rotation.from_quat(np.stack([seen[name] for name in ("qx", "qy", "qz", "qw")], axis=1))
     return dict(zip(joints.NAMES, zip(places, turns.as_quat(scalar_first=True))))
@@ -34,7 +32,7 @@ def human(seen: np.ndarray, floor: float = 0.0) -> dict[str, tuple[np.ndarray, n
 def pelvis_height(images: list) -> tuple[float, float]:
     """Return the heights, m, of the floor and of the pelvis above it. images: what `human` returned for floor 0."""
     places = np.array([[place for place, _ in image.values()] for image in images])
-    floor = float(np.percentile(places[:, FEET, 2].min(axis=1), 10))
+    floor = float(np.percentile(places[:, [joints.LEFT_FOOT, joints.RIGHT_FOOT], 2].min(axis=1), 10))
     return floor, float(np.median(places[:, joints.PELVIS, 2])) - floor
 
 

@@ -1,6 +1,6 @@
 """Show the commands of the node imitate in MuJoCo: set them (kinematic), or follow them with torques (pd).
 
-python3 examples/humanoid_in_mujoco.py --ros-args -p urdf:=g1_29dof.urdf -p mode:=pd    # pip install mujoco
+python3 examples/humanoid_in_mujoco.py --ros-args -p urdf:=g1_29dof.urdf -p mode:=pd    # pip install mujoco '.[robot]'
 
 Publishes joint_states of the simulated robot. The pelvis is fixed: a standing robot needs a controller that balances.
 """
@@ -8,15 +8,15 @@ Publishes joint_states of the simulated robot. The pelvis is fixed: a standing r
 from pathlib import Path
 from xml.etree import ElementTree
 
-import mujoco
 import mujoco.viewer
 import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from lassokin_ros.node.executable import run
+from lassokin_ros.robot.model import kinematic_tree
 
-KINEMATIC, PD = "kinematic", "pd"
+KINEMATIC, PD, PERIOD = "kinematic", "pd", 0.02  # modes; s
 COMPILER = {"boundmass": "0.01", "boundinertia": "0.001", "fusestatic": "false"}
 STIFFNESS, DAMPING, ARMATURE = 200.0, 5.0, 0.05  # N m/rad, N m s/rad, kg m^2 (the gears' inertia)
 
@@ -25,13 +25,10 @@ class Simulation:
     """A robot without shapes, so that no mesh is needed: its links are seen as their inertias."""
 
     def __init__(self, urdf: str, mode: str = KINEMATIC) -> None:
-        """urdf: its text. Raises ValueError for an unknown mode, or what MuJoCo says about the URDF."""
+        """urdf: its text. Raises RobotError, ValueError for an unknown mode, or what MuJoCo says about the URDF."""
         if mode not in (KINEMATIC, PD):
             raise ValueError(f"mode is '{mode}'; expected {KINEMATIC} or {PD}")
-        xml = ElementTree.fromstring(urdf)
-        for link in xml.iter("link"):
-            for shape in [*link.findall("visual"), *link.findall("collision")]:
-                link.remove(shape)
+        xml = kinematic_tree(urdf)
         for old in xml.findall("mujoco"):
             xml.remove(old)
         ElementTree.SubElement(ElementTree.SubElement(xml, "mujoco"), "compiler", COMPILER)
@@ -63,8 +60,6 @@ class Simulation:
 class HumanoidInMujoco(Node):
     """Advances at 50 Hz, and publishes where the joints are."""
 
-    PERIOD = 0.02
-
     def __init__(self):
         super().__init__("humanoid_in_mujoco")
         urdf = Path(self.declare_parameter("urdf", "robot.urdf").value).read_text(encoding="utf-8")
@@ -73,7 +68,7 @@ class HumanoidInMujoco(Node):
         self.viewer = mujoco.viewer.launch_passive(self.simulation.model, self.simulation.data) if shown else None
         self.publisher = self.create_publisher(JointState, "joint_states", 10)
         self.create_subscription(JointState, "joint_commands", self.on_command, 10)
-        self.create_timer(self.PERIOD, self.on_timer)
+        self.create_timer(PERIOD, self.on_timer)
 
     def on_command(self, message):
         """Keep the newest command."""
@@ -81,7 +76,7 @@ class HumanoidInMujoco(Node):
 
     def on_timer(self):
         """Advance and publish."""
-        self.simulation.advance(self.PERIOD)
+        self.simulation.advance(PERIOD)
         names, places = list(self.simulation.at), self.simulation.data.qpos
         state = JointState(name=names, position=[float(places[self.simulation.at[name]]) for name in names])
         state.header.stamp = self.get_clock().now().to_msg()

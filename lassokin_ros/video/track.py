@@ -131,8 +131,8 @@ def _settings(options: argparse.Namespace, source: Source, detector: Detector) -
             _note(f"{name} is not used, since a video has no TF; set camera_pitch and camera_roll")
     if tracker.height == 0 and not (tracker.camera_height and tracker.tilt_deviation):
         raise CameraError(
-            "height is 0, but one video shows the size only by the floor, with camera_height above 0; expected it, or "
-            "--height"
+            "height is 0, but one video shows the size only by the floor, with camera_height and tilt_deviation above "
+            "0; expected both, or --height"
         )
     if not detector.several and node.several_people:
         _note(f"max_people and rep155 are not used, since {options.detector} finds one person")

@@ -90,7 +90,7 @@ def test_an_output_of_other_settings_or_input_does_not_count_as_finished(tmp_pat
     assert replayed(capsys, *arguments)[0] == 0
     before = contents(tmp_path / "out")
     file = tmp_path / "same.yaml"
-    file.write_text("tracker:\n  ros__parameters:\n    height: 1.75\n")
+    file.write_text("tracker:\n  ros__parameters:\n    height: 0.0\n")
     assert outcomes(replayed(capsys, *arguments, "--params-file", file)[1]) == {"a": "done before"}
     code, said = replayed(capsys, *arguments, "-p", "height:=1.9")
     assert code == 2 and "exists, from another input, version or settings; add --force" in outcomes(said)["a"]

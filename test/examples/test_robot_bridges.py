@@ -25,7 +25,8 @@ def example(name):
 
 @pytest.fixture(scope="module")
 def mujoco_example():
-    pytest.importorskip("mujoco", reason="needs the package mujoco: pip install mujoco")
+    pytest.importorskip("mujoco", reason="needs mujoco: pip install mujoco '.[robot]'")
+    pytest.importorskip("pink", reason="needs the extra robot: pip install lassokin_ros[robot]")
     return example("humanoid_in_mujoco")
 
 

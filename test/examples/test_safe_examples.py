@@ -43,6 +43,7 @@ MOST_LINES = {
     "two_cameras": 40,
     "pointing": 35,
     "retarget_hand": 35,
+    **dict.fromkeys(("gmr_live", "humanoid_in_mujoco", "imitate_arm_joints"), 60),  # with a model of the robot
 }
 
 

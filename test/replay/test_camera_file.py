@@ -155,8 +155,8 @@ BAD = {
         "is no camera calibration: a list has 2 values in place of 9",
     ),
     "wide.yaml": (
-        FILES["camchain.yaml"].replace("pinhole", "omni"),
-        "wide.yaml' has camera_model omni with distortion_model radtan; expected pinhole",
+        FILES["camchain.yaml"].replace("pinhole", "fov"),
+        "wide.yaml' has camera_model fov with distortion_model radtan; expected pinhole",
     ),
     "camera.xml": ("<?xml version='1.0'?>\n<opencv_storage/>\n", "is XML or INI; expected ost.yaml of ROS"),
     "ost.txt": ("# oST version 5.0 parameters\n\n[image]\n\nwidth\n640\n", "is XML or INI; expected ost.yaml of ROS"),
@@ -203,7 +203,7 @@ def test_camera_info_at_the_end_of_a_recording_is_used_from_the_beginning(tmp_pa
 
 def test_replay_prints_the_warnings_of_a_recording(tmp_path, capsys):
     path = late_recording(tmp_path / "walk", 1, 70, "color_optical")
-    assert main([str(path), "-o", str(tmp_path / "out")]) == 0
+    assert main([str(path), "-o", str(tmp_path / "out"), "-p", "height:=1.75"]) == 0
     said = capsys.readouterr().out
     assert "\nwarned 1        camera_info is of another camera: its frame_id is 'camera_optical_frame', that" in said
     assert "(for 2 s)\n" in said and "warned 2" not in said

@@ -29,7 +29,7 @@ from recordings import (  # noqa: E402
 )
 
 from lassokin_ros.cli.replay import main  # noqa: E402
-from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.core.config import TYPICAL_HEIGHT  # noqa: E402
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names  # noqa: E402
 from lassokin_ros.replay.bags import BagError, BagReader, BagWriter, typestore  # noqa: E402
 from msg_adapters.backends import RosbagsBackend  # noqa: E402
@@ -262,7 +262,7 @@ def test_parameters_reach_the_tracker(recording, replayed, tmp_path):
         assert main([str(recording), "-o", str(tmp_path / name), *options]) == 0
     assert contents(tmp_path / "file") == contents(tmp_path / "both")
     default, tall = (read(path, "/tracker/translation")[30][1].point.z for path in (replayed, tmp_path / "file"))
-    assert tall / default == pytest.approx(2.0 / TrackerConfig().height, rel=0.03)
+    assert tall / default == pytest.approx(2.0 / TYPICAL_HEIGHT, rel=0.03)
 
 
 def test_topics_of_other_names_are_found_or_named(tmp_path):
@@ -290,9 +290,9 @@ def test_the_default_output_is_in_the_current_folder_and_is_printed(few, tmp_pat
 
 
 def test_the_summary_states_a_height_that_is_to_be_measured(few, tmp_path, capsys):
-    assert main([str(few), "-o", str(tmp_path / "out"), "-p", "height:=0.0"]) == 0
+    assert main([str(few), "-o", str(tmp_path / "out")]) == 0
     assert "1.70 m, a mean of people: no depth was measured" in capsys.readouterr().out
-    assert main([str(few), "-o", str(tmp_path / "given")]) == 0
+    assert main([str(few), "-o", str(tmp_path / "given"), "-p", "height:=1.75"]) == 0
     assert "a mean of people" not in capsys.readouterr().out
 
 

@@ -85,7 +85,7 @@ BAD = {
         ["good", "-p", "skeleton:=body.yaml"],
         "body.yaml: joint 'a' has parent 'b'; the first joint, and no other, is the root (null)",
     ),
-    "no skeleton": (["good", "-p", "skeleton:=alien"], "skeleton 'alien' is neither built in (anthropometric) nor a"),
+    "no skeleton": (["good", "-p", "skeleton:=alien"], "skeleton 'alien' is neither built in (anthropometric, "),
     "unknown landmark joint": (
         ["good", "-p", "landmarks:=marks.yaml"],
         "marks.yaml: landmark 'nose' has joint 'nose', which is not in skeleton 'anthropometric'; its joints",

@@ -134,12 +134,12 @@ def test_a_short_recording_keeps_its_lengths_and_its_root_is_between_the_tracks_
     tmp_path, monkeypatch
 ):
     """It is too short for calibration; a second time it gives the same bytes."""
-    bag, found = write_recording(tmp_path / "short", 20), []
+    bag, found, height = write_recording(tmp_path / "short", 20), [], ["-p", "height:=1.75"]
     backward = passes._backward
     monkeypatch.setattr(passes, "_backward", lambda *given: found.append(backward(*given)) or found[0])
-    assert main([str(bag), "-o", str(tmp_path / "one"), *smoothed()]) == 0
+    assert main([str(bag), "-o", str(tmp_path / "one"), *height, *smoothed()]) == 0
     for name in ("two", "again"):
-        assert main([str(bag), "-o", str(tmp_path / name), "--two-pass"]) == 0
+        assert main([str(bag), "-o", str(tmp_path / name), *height, "--two-pass"]) == 0
     assert contents(tmp_path / "two") == contents(tmp_path / "again")
     assert np.abs(arms(tmp_path / "one")[0] - arms(tmp_path / "two")[0]).max() < 1e-9
     frames = found[0][None]
@@ -155,6 +155,7 @@ def test_a_person_whose_height_is_not_known_yet_is_not_tracked_backward(monkeypa
     monkeypatch.setattr(
         KeptObservations, "track_backward", lambda *_: pytest.fail("each track has a height of its own")
     )
+    monkeypatch.setattr(KeptObservations, "numbers", [None])
     config = TrackerConfig(height=0.0, camera_height=1.2, tilt_deviation=0.01)
     make = partial(Session, node_config=NodeSettings())
     assert passes._backward(KeptObservations(), make, make(config), config, {}) == {}

@@ -99,7 +99,10 @@ def test_unusable_input_is_one_line_and_writes_nothing(images, tmp_path, monkeyp
         (["97"], "camera 97 cannot be opened"),
         ([images, "--fov", "0.5"], "expected 1 to 170 degrees"),
         ([images, "--height", "0"], "with camera_height and tilt_deviation above 0; expected both, or --height"),
-        ([images, "--height", "0", "-p", "camera_height:=1.3"], "camera_height and tilt_deviation above 0; expected"),
+        (
+            [images, "--height", "0", "-p", "camera_height:=1.3", "-p", "tilt_deviation:=0.0"],
+            "camera_height and tilt_deviation above 0; expected",
+        ),
         ([images, "--camera-info", none], "none"),
         ([images, "--video", tmp_path / "out.txt"], "ends in .mp4 or .avi"),
         ([images, "--report", none / "r.html"], "no folder"),
@@ -117,7 +120,7 @@ def test_unusable_input_is_one_line_and_writes_nothing(images, tmp_path, monkeyp
 @pytest.mark.parametrize(
     "detector, text",
     [
-        ("openpose", "detector 'openpose'; expected mediapipe, or the path of a .task or .onnx file"),
+        ("openpose", "detector 'openpose'; expected mediapipe, mediapipe_hands, or the path of a .task or .onnx file"),
         ("mediapipe", "mediapipe 0.10.35 looks up a host when it runs, and images should not leave the computer; "),
         ("broken.onnx", "broken.onnx"),
     ],

@@ -99,8 +99,8 @@ def _backward(
 ) -> dict[int | None, Mapping[int, Backward]]:
     """The frames backward in time, of each person.
 
-    None if the motion of the mount or the fixed frame is not in the observations, or if the height is not known yet:
-    each track would have its own.
+    None if the motion of the mount or the fixed frame is not in the observations, or if no height is given for
+    several people, or for one who moved too little: each track would have its own.
     """
     if session.placement.mount is not None or session.counts[JUMPS] or config.height == 0 or not kept.usable:
         return {}

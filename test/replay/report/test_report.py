@@ -27,12 +27,13 @@ from msg_adapters.inputs import point_cloud  # noqa: E402
 ROOT = Path(__file__).resolve().parents[3]
 FRAMES, FEW = 75, 36
 PERIOD_NS = 1_000_000_000 // 30
+HEIGHT = "-p", "height:=1.75"
 
 
 def report(bag, *options):
-    """The page of a recording, as text."""
-    path = bag.parent / f"{bag.name}.html"
-    assert main([str(bag), "--output", str(bag.parent / f"{bag.name}_out"), "--report", str(path), *options]) == 0
+    """The page of a recording of a person of given height, as text."""
+    path, output = bag.parent / f"{bag.name}.html", bag.parent / f"{bag.name}_out"
+    assert main([str(bag), "--output", str(output), "--report", str(path), *HEIGHT, *options]) == 0
     return path.read_text(encoding="utf-8")
 
 
@@ -137,7 +138,7 @@ def test_the_page_contains_the_published_values(clean):
 def test_the_page_is_reproducible_except_for_times(clean, tmp_path):
     bag, page = clean
     again = tmp_path / "again.html"
-    assert main([str(bag), "--output", str(tmp_path / "out"), "--report", str(again)]) == 0
+    assert main([str(bag), "--output", str(tmp_path / "out"), "--report", str(again), *HEIGHT]) == 0
 
     def lasting(text):
         return re.sub(r'(<div id="timing">.*?</div>|id="times">.*?</script>)', "", text, flags=re.DOTALL)
@@ -410,7 +411,7 @@ def test_a_long_recording_is_thinned_with_a_note(clean, tmp_path, monkeypatch):
     bag, _ = clean
     monkeypatch.setattr(data, "BUDGET", 20_000)
     monkeypatch.setattr(data, "POINTS", 20)
-    assert main([str(bag), "--output", str(tmp_path / "out"), "--report", str(tmp_path / "page.html")]) == 0
+    assert main([str(bag), "--output", str(tmp_path / "out"), "--report", str(tmp_path / "page.html"), *HEIGHT]) == 0
     model = drawn((tmp_path / "page.html").read_text(encoding="utf-8"))
     (person,) = model["people"]
     assert person["stride"] == 3 and len(person["time"]) == FRAMES // 3
