@@ -1,6 +1,6 @@
 """A robot beside people: distances without a height, TF that is late, and a camera that was moved.
 
-    python benchmarks/robots/beside_robot.py [--rows height,late,moved] [--seeds 2] [--validation-people] [--json FILE]
+    python benchmarks/robots/places.py [--rows height,late,moved] [--seeds 2] [--validation-people] [--json FILE]
 
 Motion capture of people of the test set, seen by cameras with a detector's errors; whole messages are processed, with
 TF. Errors are those of the pelvis in the fixed frame, m: along the line of sight from the robot (depth), across it

@@ -1,6 +1,6 @@
 """A lock, places out of view, and places ahead, beside a robot: motion capture, simulated detectors, a real `Session`.
 
-    python benchmarks/robots/beside.py [--data DIR] [--only restart,ring,away,ahead] [--seeds 4]
+    python benchmarks/robots/identities.py [--data DIR] [--only restart,ring,away,ahead] [--seeds 4]
 
 restart: the detector is silent for some seconds and then gives other numbers; a person is locked. Of two people who
 stand 2 m apart the other one is a stranger; with `swap` they change places in the silence.
