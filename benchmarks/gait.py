@@ -1,6 +1,6 @@
 """`lassokin measure gait` against the foot contacts of captured walks, with asymmetries that are made.
 
-    python benchmarks/gait.py ../shared/data
+    python benchmarks/gait.py DATA
 
 Each walk is seen from the side, at 45 degrees, coming and going, by a simulated camera with a detector's errors, of a
 person of known height. In each view the left swing takes longer or shorter, and the left foot lands farther in front or

@@ -355,11 +355,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rows = []
     for name in dict.fromkeys(record["row"] for record in records):
         own = [record for record in records if record["row"] == name]
-        known = {key: [one[key] for one in own if np.isfinite(one.get(key, np.nan))] for key in COLUMNS if key != "row"}
+        known = {
+            key: [one[key] for one in own if np.isfinite(one.get(key, np.nan))]
+            for key in COLUMNS
+            if key not in ("row", "runs")
+        }
         rows.append(
             {"row": name, "runs": len(own), **{k: float(np.mean(v)) if v else np.nan for k, v in known.items()}}
         )
-        rows[-1]["runs"] = len(own)
     print(table(rows, COLUMNS))
     write_json(options.json, records)
     return 0
@@ -369,7 +372,7 @@ def parser() -> argparse.ArgumentParser:
     """The command line's options."""
     result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = result.add_argument
-    add("--data", type=Path, help="the shared data's folder (default: LASSOKIN_DATA)")
+    add("--data", type=Path, help="folder of the data (default: LASSOKIN_DATA)")
     add("--rows", type=option_types.names, default=tuple(ROWS), help="comma-separated: height, late, moved (all)")
     add("--only", default="", metavar="TEXT", help="only the rows whose name contains this")
     add("--clips", type=option_types.count, default=2, help="clips of each person (2)")
