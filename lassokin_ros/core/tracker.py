@@ -277,7 +277,8 @@ class Tracker:
         smoothed = self._smooth(answer)
         better = self._starts.better(answer)
         restarted = answer.initialised or better is not None
-        self.learned.follow_feet(answer, restarted or answer.replaced, self.config.hold_feet)
+        stand = self.config.hold_feet or self.floor is not None  # on a known floor they measure the height
+        self.learned.follow_feet(answer, restarted or answer.replaced, stand)
         estimate = self._estimate(answer, smoothed)
         for camera, one in measured.items():
             camera.measurements.mark_used(one)
@@ -328,7 +329,8 @@ class Tracker:
         """The frame's increment, with the feet that stand still held unless the pose does not continue the last one."""
         step = measurement.step if self._starts.with_network and not start.initialised else 0.0
         feet = self.learned.feet
-        if feet.anchors is not None and not (start.initialised or self._replaced or measurement.repeated):
+        held = feet.anchors is not None and self.config.hold_feet
+        if held and not (start.initialised or self._replaced or measurement.repeated):
             frame = replace(frame, anchors=feet.anchors, anchor_deviation=feet.deviation)
         return self._increments.solve(start.state, frame, step, self.config)
 

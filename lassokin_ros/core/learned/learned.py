@@ -119,7 +119,7 @@ class Learned:
         found = []
         if self.height is None and self.size_check.wrong:
             found.append(WRONG_HEIGHT.format(self.lengths.proportions.given.height))
-        if self.extrinsics is not None and self.extrinsics.contradicting:
+        if self.extrinsics is not None and self.extrinsics.lately.contradicting:
             found.append(MOVED_CAMERA)
         return tuple(found)
 
@@ -160,14 +160,12 @@ class Learned:
             found = moved if found is None else found if moved is None else found + moved
         return found
 
-    def follow_feet(self, answer: Answer, replaced: bool, held: bool) -> None:
-        """Note which feet stand still. replaced: whether the pose does not continue the last one. held: see
-        `hold_feet`.
-        """
-        held = held and len(self._ankles) > 0
-        if replaced or not held:
+    def follow_feet(self, answer: Answer, replaced: bool, wanted: bool) -> None:
+        """Note which feet stand still, if that is wanted. replaced: whether the pose does not continue the last one."""
+        wanted = wanted and len(self._ankles) > 0
+        if replaced or not wanted:
             self.feet.reset()
-        if held and not answer.repeated:
+        if wanted and not answer.repeated:
             ankles = answer.solved.pose.positions.take(self._ankles, axis=0)
             speeds = reduce(np.fmax, [camera.speeds(ankles, self._ankle_points) for camera in answer.measured])
             self.feet.update(answer.stamp, ankles, speeds)
@@ -231,7 +229,7 @@ class Learned:
         if answer.repeated or deep or not self.size_check.is_due(answer.stamp):
             return
         if answer.several:
-            if self.extrinsics is not None and self.extrinsics.contradicting:
+            if self.extrinsics is not None and self.extrinsics.lately.contradicting:
                 return
             places = self._triangulated(answer)
             self.size_check.add(answer.stamp, self.size_check.ratios(places, np.isfinite(places[:, 0])))
