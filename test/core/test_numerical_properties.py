@@ -9,7 +9,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from benchmarks import agreement  # noqa: E402
+from benchmarks.accuracy_run import agreement  # noqa: E402
 from lassokin_ros.core.body.kinematics import BodyState  # noqa: E402
 from lassokin_ros.core.body.rotations import exponential, orthonormalised  # noqa: E402
 
@@ -36,7 +36,7 @@ def test_drift_without_correction_is_detected():
 def test_the_sequence_for_comparing_versions_is_deterministic(tmp_path):
     """Computed in another process and here: the same bytes, a difference of 0."""
     file = tmp_path / "there.npz"
-    script = ROOT / "benchmarks" / "agreement.py"
+    script = ROOT / "benchmarks" / "accuracy_run" / "agreement.py"
     subprocess.run([sys.executable, script, "--save", file], check=True, capture_output=True)
     here = agreement.joints()
     versions, there = agreement.load(file)

@@ -1,7 +1,7 @@
 """Agreement of results between versions of Python, numpy and scipy: track a fixed sequence and compare the joints.
 
-    python benchmarks/agreement.py --save here.npz              # in one environment
-    python benchmarks/agreement.py --compare here.npz there.npz # the largest difference of any joint, mm
+    python benchmarks/accuracy_run/agreement.py --save here.npz              # in one environment
+    python benchmarks/accuracy_run/agreement.py --compare here.npz there.npz # the largest difference of any joint, mm
 
 It needs only the dependencies of the core.
 """
@@ -13,7 +13,7 @@ import platform
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np  # noqa: E402
 import proxsuite  # noqa: E402
