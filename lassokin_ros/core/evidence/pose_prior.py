@@ -20,7 +20,6 @@ from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, Linear
 from lassokin_ros.core.evidence.hand_prior import add_hands
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import squared_norm
-from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.yaml_files import shipped_mapping
 
 WEIGHT_WITH_DEPTH = 0.7
@@ -128,11 +127,6 @@ class PosePrior(Evidence):
 
     def posture(self, rotations: np.ndarray) -> Posture:
         """The posture of local rotations (..., n, 3, 3), from which rows and cost are computed."""
-        if kernel.active:
-            lead = rotations.shape[:-3]
-            theta, residual = np.empty((*lead, len(self.joints), 3)), np.empty((*lead, self.count))
-            if kernel.posture(rotations, self.joints, self.W, self.whitened_mean, theta, residual):
-                return Posture(theta, residual)
         theta = logarithm(rotations.take(self.joints, axis=-3))
         flat = theta.reshape(*theta.shape[:-2], -1)
         return Posture(theta, np.asarray(self.whitened_mean - flat.dot(self.W.T)))

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lassokin_ros.core.kernel import kernel
-
 
 @dataclass(frozen=True)
 class Certificate:
@@ -51,11 +49,6 @@ def certify(
     The dual is max over u of 1/2 ||z||^2 - 1/2 ||u - z||^2 with B^T u = 0, |A_k^T u| <= alpha_k; r itself is feasible
     at the optimum. Elsewhere r is scaled down until the bounds hold; B^T u then stays as small as KKT-3 makes it.
     """
-    if kernel.active:
-        found = np.empty(7)
-        if kernel.certify(A.T, B.T, z, alpha, omega, x, found):
-            kkt1, kkt2, kkt3, objective, gap, relative_gap, support = found.tolist()
-            return Certificate(kkt1, kkt2, kkt3, objective, gap, relative_gap, int(support))
     r = z - B.dot(x) - A.dot(omega)
     correlation = r.dot(A) / alpha
     active = omega != 0

@@ -300,12 +300,7 @@ class Network:
         (DEPTHS, DEPTHS) 1/m, and the rotation (3, 3) into the virtual camera.
         """
         inputs, rotation = features(scene)
-        outputs = self(inputs)
-        if kernel.active:
-            places, depths, whitening = np.empty((len(PLACES), 3)), np.empty(DEPTHS), np.empty((DEPTHS, DEPTHS))
-            if kernel.decode(outputs, np.array([height]), _FROM_OUTPUTS, places, depths, whitening):
-                return places, depths, whitening, rotation
-        found, whitening = interpreted(outputs)
+        found, whitening = interpreted(self(inputs))
         targets = height * found.astype(float)
         places = np.concatenate((targets, -targets[:1]))  # left_hip is the first target
         return places, targets[:, 2].copy(), whitening.astype(float) / height, rotation

@@ -18,7 +18,6 @@ import numpy as np
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.increment import Increment
-from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.observation import ORIGIN, is_longer
 
 DEPTH_RATIO = 1.9
@@ -137,11 +136,6 @@ class OutputFilter:
         ray: (3,) unit vector of the body's viewing ray; rays: in each joint's frame and, last, in the camera frame.
         gains: step, s, and the gains of offset and velocity in the image, and in depth.
         """
-        if kernel.active:
-            found = np.empty((4, *self._shape))
-            given = self._offset, self._velocity, increment.omega, increment.x, pose.orientations, ray, np.array(gains)
-            if kernel.smooth(*given, *found):
-                return found[0], found[1], found[2], found[3]
         step, gain, velocity_gain, depth_gain, depth_velocity_gain = gains
         predicted = self._offset + step * self._velocity
         predicted[:-1] -= increment.omega.reshape(-1, 3)
