@@ -23,8 +23,7 @@ from lassokin_ros.core.body.rotations import exponential, logarithm, right_jacob
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
-from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.robust_loss import THRESHOLD, huber_weights
+from lassokin_ros.core.image.projection import THRESHOLD, huber_weights, project
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 

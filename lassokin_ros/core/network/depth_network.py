@@ -81,8 +81,7 @@ INPUTS = len(TIMES) * len(NAMES) * 3 + 1 + 4 + len(LENGTHS) + 1
 DEPTHS = len(TARGETS)
 _LOWER = np.tril_indices(DEPTHS, -1)
 OUTPUTS = 3 * DEPTHS + DEPTHS + len(_LOWER[0]) + DEPTHS
-"""Sizes of the parts of the output: positions x, y, z; logarithms of the whitening's diagonal; its lower part;
-logarithms of the scales of x and y."""
+"""Positions x, y, z; logarithms of the whitening's diagonal; its lower part; logarithms of the scales of x and y."""
 _FROM_OUTPUTS = np.zeros((DEPTHS, DEPTHS), dtype=int)
 _FROM_OUTPUTS[_LOWER] = np.arange(4 * DEPTHS, OUTPUTS - DEPTHS)
 _STRICTLY_LOWER, _UNIT = np.tri(DEPTHS, k=-1, dtype=np.float32), np.eye(DEPTHS, dtype=np.float32)
