@@ -298,7 +298,7 @@ def test_the_running_node_publishes_saves_and_reports_learned_lengths(tmp_path):
         saved.unlink()
         saved.mkdir()
         answer = peer.call(Trigger, "save_skeleton", Trigger.Request())
-        assert not answer.success and "cannot be written" in answer.message
+        assert not answer.success and "is a folder" in answer.message
         peer.call(Trigger, "reset", Trigger.Request())
         answer = peer.call(Trigger, "save_skeleton", Trigger.Request())
         assert not answer.success and "nothing has been calibrated" in answer.message
