@@ -37,8 +37,7 @@ from benchmarks.data.hand_motion import FPS, body_with_hands, detected, hand_alo
 from benchmarks.data.hand_score import Score
 from lassokin_ros.core.body.roles import SIDES
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.image.frame_data import View
-from lassokin_ros.core.image.triangulation import triangulate
+from lassokin_ros.core.image.frame_data import View, triangulate
 from lassokin_ros.core.observation import CameraPose, Observation
 from lassokin_ros.core.tracker import Tracker
 

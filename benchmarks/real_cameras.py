@@ -37,9 +37,8 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
-from lassokin_ros.core.image.frame_data import View
+from lassokin_ros.core.image.frame_data import View, triangulate
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.observation import CameraPose, Observation
 from lassokin_ros.core.recording import WHOLE_FILE, published, track_recording
 from lassokin_ros.core.tracker import Tracker
