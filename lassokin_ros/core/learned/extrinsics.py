@@ -23,8 +23,8 @@ from lassokin_ros.core.learned.epipolar_fit import (
     size_of,
     stacked,
 )
+from lassokin_ros.core.learned.height import SizeCheck
 from lassokin_ros.core.learned.moved_cameras import MovedCameras
-from lassokin_ros.core.learned.size_check import SizeCheck
 from lassokin_ros.core.observation import CameraPose, has_passed
 
 EXACT = 0.3

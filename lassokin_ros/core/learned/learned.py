@@ -12,10 +12,10 @@ from lassokin_ros.core.body.roles import ANKLES, PELVIS
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.triangulation import triangulate
+from lassokin_ros.core.image.frame_data import FrameData, triangulate
 from lassokin_ros.core.learned.adaptive_mean import AdaptiveMean
 from lassokin_ros.core.learned.bone_lengths import OBSERVED_STATURE_DEVIATION, Calibration
+from lassokin_ros.core.learned.errors import ModelError
 from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.core.learned.foot_contacts import FootContacts, on_floor
 from lassokin_ros.core.learned.height import (
@@ -23,10 +23,9 @@ from lassokin_ros.core.learned.height import (
     PEOPLE_DEVIATION,
     FloorSize,
     HeightEstimator,
+    SizeCheck,
     floor_size,
 )
-from lassokin_ros.core.learned.model_error import ModelError
-from lassokin_ros.core.learned.size_check import SizeCheck
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import CameraPose
 
@@ -160,12 +159,14 @@ class Learned:
             found = moved if found is None else found if moved is None else found + moved
         return found
 
-    def follow_feet(self, answer: Answer, replaced: bool, wanted: bool) -> None:
-        """Note which feet stand still, if that is wanted. replaced: whether the pose does not continue the last one."""
-        wanted = wanted and len(self._ankles) > 0
-        if replaced or not wanted:
+    def follow_feet(self, answer: Answer, replaced: bool, held: bool) -> None:
+        """Note which feet stand still. replaced: whether the pose does not continue the last one. held: see
+        `hold_feet`.
+        """
+        held = held and len(self._ankles) > 0
+        if replaced or not held:
             self.feet.reset()
-        if wanted and not answer.repeated:
+        if held and not answer.repeated:
             ankles = answer.solved.pose.positions.take(self._ankles, axis=0)
             speeds = reduce(np.fmax, [camera.speeds(ankles, self._ankle_points) for camera in answer.measured])
             self.feet.update(answer.stamp, ankles, speeds)

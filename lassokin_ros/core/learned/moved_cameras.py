@@ -108,8 +108,9 @@ class MovedCameras:
     ) -> np.ndarray | None:
         """(3, 3) m^2: how far a place (3,) m is elsewhere with the poses that frames suggest; None if nowhere.
 
-        poses: the given ones, by name; moves: (6,) by how much they are off. It is where the line of sight of the moved camera meets the anchor's. Either of
-        both may have been moved, so that the place is off in all directions of the plane of the two lines.
+        poses: the given ones, by name; moves: (6,) by how much they are off. It is where the line of sight of the moved
+        camera meets the anchor's. Either of both may have been moved, so that the place is off in all directions of the
+        plane of the two lines.
         """
         anchor, found = poses.get(self._anchor), np.zeros((3, 3))
         for name, move in moves.items():

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lassokin_ros.core.image.robust_loss import MEDIAN_OF_NORMAL
+from lassokin_ros.core.image.projection import MEDIAN_OF_NORMAL
 from lassokin_ros.pipeline.camera.camera_places import CameraPlaces
 from lassokin_ros.pipeline.frame_result import FrameResult
 
