@@ -40,8 +40,8 @@ from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.keypoint_files.source import open_input
 from lassokin_ros.video.people import ALL, LARGEST, MOST_PEOPLE, PersonError, people_in
 from lassokin_ros.video.sources import Image, Source, SourceError
-from lassokin_ros.video.track import ASSUMED_HEIGHT, HEIGHT_ASSUMED, NO_TOPICS, RAW_IMAGES, Tracked, lens_of, stop_flag
-from lassokin_ros.video.track_outputs import TrackOutputs, height_given
+from lassokin_ros.video.track import NO_TOPICS, RAW_IMAGES, Tracked, lens_of, stop_flag
+from lassokin_ros.video.track_outputs import ASSUMED_HEIGHT, TrackOutputs
 
 
 @dataclass
@@ -93,8 +93,6 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         views = {camera.name: (camera.calibration, camera.source.size) for camera in cameras}
         outputs = TrackOutputs(options, cameras[0].source, cameras[0].calibration, first, stack, views)
-        if unplaced and not height_given(options):
-            outputs.remarks.append(HEIGHT_ASSUMED)
         with stop_flag() as stopped:
             for number, camera in enumerate(cameras):
                 if number:  # a detector follows the person from image to image

@@ -45,19 +45,12 @@ from lassokin_ros.video.people import (
     settings_for,
 )
 from lassokin_ros.video.sources import Image, Source, SourceError
-from lassokin_ros.video.track_outputs import TrackOutputs, height_given
+from lassokin_ros.video.track_outputs import ASSUMED_HEIGHT, TrackOutputs, height_given
 from msg_adapters.keypoints import Keypoints
 
 Configs = tuple[TrackerConfig, NodeSettings]
 Images = Iterator[tuple[float, Keypoints]]
 """Time in s and keypoints of each image."""
-ASSUMED_HEIGHT = 1.75
-"""m: height of the person in a video that does not show the size, if none is given. It is not measured, so that the
-lengths can be learned, and the video can be tracked backward."""
-HEIGHT_ASSUMED = (
-    f"The person is taken to be {ASSUMED_HEIGHT:g} m tall. The images do not show the size: with another "
-    "height, all lengths and the distance change by the same factor; set `--height`."
-)
 NO_TOPICS = ("depth:=''", f"keypoints_type:={NodeSettings().keypoints_type}")
 """Assignments that replace the topics of a robot's parameter file: the keypoints are those of `Detections`."""
 RAW_IMAGES = "rectified:=false"
@@ -92,10 +85,6 @@ def track(options: argparse.Namespace, detector: Detector | None = None) -> Trac
         turning = footage.pose if isinstance(footage, LiveFootage) else None
         first = Playback(Session(*configs, poses=turning))
         outputs = TrackOutputs(options, source, camera, first, stack)
-        outputs.remarks += [HEIGHT_ASSUMED] * (not height_given(options))
-        if options.fov is None and options.camera_info is None:
-            remedy = assumed_fov_warning("`--fov` or `--camera-info`")
-            outputs.remarks.append(remedy[0].upper() + remedy[1:])
         run = Run(source, detector, camera, outputs, footage)
         tracker = run.live(first) if live else run.whole_file(first, configs, options)
         written = outputs.write(files)

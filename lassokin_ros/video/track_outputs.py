@@ -22,12 +22,19 @@ from lassokin_ros.replay.report.images import ReportImages
 from lassokin_ros.replay.report.page import check_report
 from lassokin_ros.replay.report.report import Report
 from lassokin_ros.video import PROGRAM
-from lassokin_ros.video.camera import DEFAULT_FOV, Calibration
+from lassokin_ros.video.camera import DEFAULT_FOV, Calibration, assumed_fov_warning
 from lassokin_ros.video.detections import FIRST_STAMP_NS, stamp_of
 from lassokin_ros.video.live_view import LiveView
 from lassokin_ros.video.output_video import OutputVideo
 from lassokin_ros.video.sources import Image, Source
 
+ASSUMED_HEIGHT = 1.75
+"""m: height of the person in a video that does not show the size, if none is given. It is not measured, so that the
+lengths can be learned, and the video can be tracked backward."""
+HEIGHT_ASSUMED = (
+    f"The person is taken to be {ASSUMED_HEIGHT:g} m tall. The images do not show the size: with another "
+    "height, all lengths and the distance change by the same factor; set `--height`."
+)
 WITHOUT_H264 = (
     "the video is MPEG-4 part 2, since there is no encoder for H.264: players show it, browsers do not; "
     "install one with: pip install av"
@@ -53,8 +60,13 @@ class TrackOutputs:
         """
         cameras = several or {"": (camera, source.size)}
         self._options, self._source = options, source
-        self.remarks: list[str] = []
+        lens = ASSUMED if options.fov is None and options.camera_info is None and options.cameras is None else GIVEN
+        height = GIVEN if options.cameras is not None or height_given(options) else ASSUMED
+        self.remarks = [HEIGHT_ASSUMED] * (height == ASSUMED)
         """Sentences for the report, to be added before `write`."""
+        if lens == ASSUMED:
+            remedy = assumed_fov_warning("`--fov` or `--camera-info`")
+            self.remarks.append(remedy[0].upper() + remedy[1:])
         self._waiting: deque[tuple[int, Mapping[str, Image]]] = deque()
         self._apart_ns = 0 if several is None else SAME_INSTANT_NS
         self._given: Skeleton = tracker.session.tracker.skeleton
@@ -67,9 +79,7 @@ class TrackOutputs:
         self._level = session.placement.level
         names = session.tracker.layout.names
         config, topics = session.tracker.config, session.config.camera_names
-        lens = ASSUMED if options.fov is None and options.camera_info is None and options.cameras is None else GIVEN
-        sources = lens, GIVEN if several or height_given(options) else ASSUMED
-        self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, topics, *sources)
+        self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, topics, lens, height)
         people = session.config.several_people
         self._exports = None
         if options.export:

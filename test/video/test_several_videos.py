@@ -271,6 +271,18 @@ def test_after_an_interrupt_the_part_that_all_cameras_show_is_kept(short, capsys
             assert np.isfinite(motion["detected_px_right"])[5:].any(axis=(1, 2)).all()
 
 
+def test_what_is_assumed_of_several_videos_is_on_the_page(short, monkeypatch):
+    """Not with --cameras, which has the lenses and shows the size."""
+    made, own = [], several_videos.TrackOutputs
+    monkeypatch.setattr(several_videos, "TrackOutputs", lambda *args: made.append(own(*args)) or 1 / 0)
+    monkeypatch.setattr(several_videos, "make_detector", lambda name: Knowing(EYES[0]))
+    for lenses in ([], ["--cameras", "calib.toml"]):
+        with pytest.raises(ZeroDivisionError):
+            main(["left", "right", *lenses])
+    (height, lens), nothing = (outputs.remarks for outputs in made)
+    assert not nothing and "is taken to be 1.75 m tall" in height and "a field of view of 60 degrees is assumed" in lens
+
+
 def test_saving_the_cameras_of_one_video_is_refused(rig, capsys):
     assert main(["left", "--save-cameras", "found.toml"]) == 2
     assert "--save-cameras is for several videos" in capsys.readouterr().err
