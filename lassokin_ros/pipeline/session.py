@@ -60,8 +60,8 @@ class Session:
         patience: float = 0.0,
     ) -> None:
         """evidence: the user's own, for each frame's lasso; all people share it. poses: see CameraPlaces, in
-        place of those from TF. bodies: skeletons of people whose numbers in the messages are known, at most
-        max_people; of the only person by None. patience: s, lower limit of the wait for depth images; messages in a
+        place of those from TF. bodies: skeletons, with their heights, of people whose numbers in the messages are
+        known; of the only person by None. patience: s, lower limit of the wait for depth images; messages in a
         recording have no exact order.
         Raises a LassokinError if the configuration is unusable.
         """
@@ -72,7 +72,10 @@ class Session:
         check_names(skeleton)
         up = np.array([0.0, 0.0, 1.0]) if self.config.fixed_frame else None
         with naming_help(tracker_config.skeleton):
-            own = [TrackedPerson(tracker_config, body, evidence, up, number) for number, body in (bodies or {}).items()]
+            own = [
+                TrackedPerson(replace(tracker_config, height=float(body.height)), body, evidence, up, number)
+                for number, body in (bodies or {}).items()
+            ]
             others = range(self.config.max_people - len(own))
             self._trackable = [*own, *(TrackedPerson(tracker_config, skeleton, evidence, up) for _ in others)]
         self.tracker = self._trackable[0].tracker
