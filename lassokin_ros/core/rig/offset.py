@@ -36,7 +36,7 @@ CORRELATED = 1.2
 """Factor on the bootstrap's deviation: a detector's errors last longer than a block. Chosen on validation people."""
 OWN_DEVIATION_S = 0.003
 """s: added to the bootstrap's deviation, in squares: the grid's error, and a detector's errors that last as long as the
-track. Chosen on validation people, so that 98 % are within 1.96 deviations in each case of benchmarks/synchrony.py."""
+track. Chosen on validation people, so that 98 % are within 1.96 deviations in benchmarks/videos/synchrony.py."""
 RESIDUAL_FLOOR = 1e-5
 """Mean square residual of noise that cannot be undercut, in units of the spread of the points."""
 CLOSURE_S = 0.02

@@ -1,6 +1,6 @@
 """Cuts and turning cameras that `lassokin track` finds in the background, in videos made from the shared ones.
 
-    python benchmarks/footage.py [--draws 40] [--seconds 2] [--videos FILE ...]
+    python benchmarks/videos/footage.py [--draws 40] [--seconds 2] [--videos FILE ...]
 
 Each draw takes a part of a shared video (`video/`) and a window of it, perhaps mirrored, with another brightness, at 12
 to 60 Hz. Cases: `still`; `flicker`, the brightness changes from image to image, with noise; `pan`, the window turns at
@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
