@@ -167,7 +167,8 @@ class Run:
             known = self._with_found_places(known) if self._unplaced else known
         self._tracker = Playback(self._make(self._config) if known is None else known.session(self._make))
         backward = known is not None and any(known.backward.values())
-        self._passes = _passes_in_words(known is not None, backward, self._config.smoothing_lag > 0)
+        if not self._options.causal:
+            self._passes = _passes_in_words(known is not None, backward, self._config.smoothing_lag > 0)
         self._outputs.follow(self._tracker)
         self._play(self._tracker, "last pass", self._outputs.needs_images)
 

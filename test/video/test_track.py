@@ -324,7 +324,7 @@ def test_a_file_is_smoothed_with_later_frames_and_detected_once(long_video, tmp_
     "setting, passes",
     [
         ("max_people:=2", "lengths, backward, forward; smoothed (--causal"),
-        ("calibrate:=false", "forward; smoothed; those for the lengths and backward need calibrate and a height (--"),
+        ("calibrate:=false", "forward; smoothed; those for the lengths and backward need calibrate (--"),
     ],
 )
 def test_the_summary_names_the_passes_that_are_made(setting, passes, long_video, monkeypatch, capsys):
