@@ -15,11 +15,11 @@ import numpy as np
 from lassokin_ros.core.config import LEARN
 from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces, GivenPoses
 from lassokin_ros.pipeline.camera.camera_selection import View
 from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.camera.rig_check import RigCheck
+from lassokin_ros.pipeline.camera.tf_offset import TfOffset
 from lassokin_ros.pipeline.camera.transforms import Transforms
 from lassokin_ros.pipeline.image_sets import stamp_of_set
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
@@ -49,11 +49,13 @@ class Placement:
         placed = bool(config.fixed_frame) or config.several_cameras or callable(poses)
         self.places = CameraPlaces(config.fixed_frame, self._names, poses) if placed else None
         """Where the cameras are; None for one camera in whose frame the skeleton is kept."""
-        self.mount = CameraMount(config.camera_mount_frame) if config.camera_mount_frame else None
-        """The mount of the first camera from TF, None if the setting `camera_mount_frame` names no frame."""
-        self._fixed, self.floor = bool(config.fixed_frame), config.floor
+        self._fixed = bool(config.fixed_frame)
+        self.use_floor(config.floor)
         self.jumps = PoseJumps()
         """Jumps of all cameras in their fixed frame."""
+        follows_tf = self.places is not None and self._fixed and poses is None
+        self.tf_offset = TfOffset(self.places) if self.places is not None and follows_tf else None
+        """The offsets between the stamps of cameras and TF in a fixed frame; None if TF does not move them."""
         self.agreement = CameraAgreement()
         """Which of several cameras contradicts the others about the one person who is followed."""
         layout, skeleton = people[0].tracker.layout, people[0].tracker.skeleton
@@ -69,17 +71,17 @@ class Placement:
         self.agreement.reset()
         self.rig.reset()
         self.jumps.reset()
+        if self.tf_offset is not None:
+            self.tf_offset.reset()
 
     @property
     def transforms(self) -> Transforms | None:
         """The buffer of TF; None if it is not used."""
-        return self.places.transforms if self.places else None if self.mount is None else self.mount.transforms
+        return None if self.places is None else self.places.transforms
 
     @property
     def camera_angles(self) -> tuple[float, float]:
-        """Roll and pitch of the camera's mount, rad: the newest from TF, otherwise those of the settings."""
-        if self.mount is not None and self.mount.angles is not None:
-            return self.mount.angles
+        """Roll and pitch of the camera's mount by the settings, rad."""
         config = self._people[0].tracker.config
         return config.camera_roll, config.camera_pitch
 
@@ -103,14 +105,10 @@ class Placement:
             return self.places.base
         return "" if view is None else view.intrinsics.frame_id
 
-    def follow_mount(self, image: Image) -> None:
-        """Use the camera's mount at the time of an image, and the floor below it. Without TF, the present one stays."""
-        angles = None if self.mount is None else self.mount.at(image.frame_id, image.stamp_ns)
-        below = None if not self.floor else 0.0 if self.mount is None else self.mount.height
+    def use_floor(self, known: bool) -> None:
+        """Use the floor at height 0 of the fixed frame, if it is known that there is one."""
         for tracked in self._people:
-            if angles is not None:
-                tracked.tracker.move_camera(*angles)
-            tracked.tracker.floor_below = below
+            tracked.tracker.floor_below = 0.0 if known else None
 
     def placed(self, images: Sequence[Image]) -> tuple[Sequence[Image], str]:
         """Return the images whose camera has a pose, and the frame of the results.
