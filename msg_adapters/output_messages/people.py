@@ -213,10 +213,8 @@ class PeopleCloudBuilder:
         numbers["person"] = [person.number for person in people]
         numbers["tracked"] = [person.tracked for person in people]
         numbers["detector_id"] = [p.detector_id if p.detector_id <= LARGEST_NUMBER else -1 for p in people]
-        numbers["guessed"] = [person.guessed for person in people]
-        numbers["doubtful"] = [person.doubtful for person in people]
-        numbers["locked"] = [person.locked for person in people]
-        numbers["out_of_view"] = [person.out_of_view for person in people]
+        for flag in ("guessed", "doubtful", "locked", "out_of_view"):
+            numbers[flag] = [getattr(person, flag) for person in people]
         fill = self._fill if len(points) > 0 else self._cloud.fill
         return fill(stamp_ns, frame_id, points)
 

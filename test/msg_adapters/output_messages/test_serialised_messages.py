@@ -12,10 +12,7 @@ from lassokin_ros.pipeline.outputs.topics import CERTIFICATE
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import ALL, OFF, NodeSettings
 from msg_adapters.backends import RclpyBackend, RosbagsBackend
-from msg_adapters.output_messages.builders import (
-    JointStateBuilder,
-    PointStampedBuilder,
-)
+from msg_adapters.output_messages.builders import JointStateBuilder, PointStampedBuilder
 from msg_adapters.output_messages.serialised_messages import MOST_TEMPLATES, SerialisedMessage
 
 BACKENDS = [rosbags_backend(), *([RclpyBackend()] if find_spec("rclpy") else [])]

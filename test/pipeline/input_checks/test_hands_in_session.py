@@ -86,20 +86,12 @@ def swap(p, i):
     p[LEFT], p[RIGHT] = p[RIGHT].copy(), p[LEFT].copy()
 
 
-def far(p, i):
-    p[LEFT] += [0.0, 250.0]
-
-
 def others(p, i):
     p[LEFT] = p[LEFT] * 0.7 + [40.0, 30.0]
 
 
 def alike(p, i):
     p[LEFT] = p[RIGHT]
-
-
-def at_the_other(p, i):
-    p[LEFT] += p[RIGHT[0]] - p[LEFT[0]]
 
 
 def come_and_go(p, i):
@@ -115,10 +107,8 @@ def thumb_last(p, i):
 
 CASES = {
     "exchanged": (swap, EXCHANGED),
-    "a metre away": (far, FAR),
     "somebody else's": (others, FAR),
     "the same twice": (alike, SAME),
-    "at the other's wrist": (at_the_other, FAR),
     "come and go": (come_and_go, None),
     "thumb last": (thumb_last, ORDER),
 }
