@@ -66,7 +66,6 @@ class Session:
         Raises a LassokinError if the configuration is unusable.
         """
         self.config = node_config.checked()
-        tracker_config = _without_held_feet_if_mounted(tracker_config, self.config)
         self.config.check_with(tracker_config)
         skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         check_names(skeleton)
@@ -276,14 +275,14 @@ class Session:
         config, resized = node_config.checked(), tracker_config.height != self.tracker.config.height
         config.check_with(tracker_config)
         for tracked in self._trackable:
-            tracked.tracker.tune(_without_held_feet_if_mounted(tracker_config, config))
+            tracked.tracker.tune(tracker_config)
         self.config = config
         for camera in self.cameras.values():
             camera.tracker_config, camera.config = tracker_config, config
             if tracker_config.smoothing_lag > 0:
                 camera.depth_check.reset()  # it is not updated, see _check_depth
         self.people.tune(self.config.follow, self.config.lock)
-        self.placement.floor = config.floor
+        self.placement.use_floor(config.floor)
         self.inputs.tune(config)
         if resized:
             self.reset(unlock=False)
@@ -423,7 +422,6 @@ class Session:
             placed = self.placement.agreeing(placed)
             if not placed:
                 return []
-            self.placement.follow_mount(images[0])
             away = self._out_of_view.ids
             frames = self.people.update(placed, frame_id, self.config.forget_after, away)
         except AdapterError as error:
@@ -487,8 +485,3 @@ class Session:
         for image in images:
             name = image.camera.name
             self.cameras[name].depth_check.update(image.people, frames, name)
-
-
-def _without_held_feet_if_mounted(tracker: TrackerConfig, node: NodeSettings) -> TrackerConfig:
-    """The settings for a camera that may move: feet are not held, because nobody tells how it moves."""
-    return replace(tracker, hold_feet=False) if node.camera_mount_frame else tracker

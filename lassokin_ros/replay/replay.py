@@ -142,7 +142,7 @@ def _other_topics(bag: BagReader, config: NodeSettings) -> list[RecordedTopic]:
         for name in config.camera_names:
             topic = config.depth_topic(name)
             found.append(bag.find(topics.depth_type(topic), topic, topics.DEPTH_IMAGE, "-p depth:="))
-    if config.camera_mount_frame or config.fixed_frame or config.several_cameras:
+    if config.fixed_frame or config.several_cameras:
         found += [topic for topic in bag.topics if topic.name in (topics.TF, topics.TF_STATIC)]
     return found
 
@@ -260,8 +260,6 @@ def _summary(
     }
     if (places := tracker.session.placement.places) is not None:
         lines["cameras"] = places.fault or places.in_words()
-    if (mount := tracker.session.placement.mount) is not None:
-        lines["camera mount"] = mount.fault or mount.in_words()
     averaged = tracker.session.tracker.averaged
     if averaged:
         lines["left and right"] = averaged_sides(averaged)

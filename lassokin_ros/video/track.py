@@ -126,9 +126,8 @@ def _settings(options: argparse.Namespace, source: Source, detector: Detector) -
         raise CameraError(f"cameras is {', '.join(node.camera_names)}; expected no setting: one video has one camera")
     if node.floor:
         raise ConfigurationError("floor is true, but a video has no TF to say where the floor is; set camera_height")
-    for name in ("camera_mount_frame", "fixed_frame"):
-        if getattr(node, name):
-            _note(f"{name} is not used, since a video has no TF; set camera_pitch and camera_roll")
+    if node.fixed_frame:
+        _note("fixed_frame is not used, since a video has no TF; set camera_pitch and camera_roll")
     if tracker.height == 0 and not (tracker.camera_height and tracker.tilt_deviation):
         raise CameraError(
             "height is 0, but one video shows the size only by the floor, with camera_height and tilt_deviation above "

@@ -14,9 +14,11 @@ pytest.importorskip("rclpy")
 
 from live import NodeProcess, Peer  # noqa: E402
 from messages import pixels_of_motion  # noqa: E402
+from rcl_interfaces.srv import GetParameters, SetParameters  # noqa: E402
 
 from lassokin_ros.node.message_types import message_class  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
+from lassokin_ros.pipeline.outputs.topics import STATE_PUBLISHER  # noqa: E402
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 POLICY = CONFIG / "sros2_policy.xml"
@@ -118,6 +120,8 @@ def endpoints(namespace, expected, detector=(), **settings):
     with NodeProcess(namespace, *arguments), Peer(namespace, outputs=False) as peer:
         for kind, name in detector:
             peer.node.create_publisher(message_class(kind), name, 10)
+        for kind, name in ((GetParameters, "get"), (SetParameters, "set")):
+            peer.node.create_service(kind, f"{STATE_PUBLISHER}/{name}_parameters", lambda _, response: response)
         peer.next_diagnostics()
         peer.spin_until(lambda: "tracker" in peer.node.get_node_names(), what="the node's name")
         peer.spin_until(all_used, what=f"all of {awaited}")
@@ -135,7 +139,7 @@ def of_bodies(pattern):
 
 def test_one_person_with_depth_uses_exactly_what_the_policy_allows():
     """But TF and several people: see the next tests."""
-    one = {"depth": DEPTH, "state_publisher": "human_state_publisher", "use_sim_time": "true"}
+    one = {"depth": DEPTH, "use_sim_time": "true"}
 
     def expected(_, name):
         return not of_bodies(name) and not of_cameras(name) and not name.startswith(topics.TF)
@@ -154,7 +158,7 @@ def test_several_people_use_exactly_what_the_policy_allows():
 
 def test_tf_is_used_exactly_as_the_policy_allows():
     pytest.importorskip("tf2_msgs", reason="tf2_msgs is not installed: apt, or `make messages`")
-    endpoints("/secured_tf", lambda _, name: name.startswith(topics.TF), publish_tf="root", camera_mount_frame="base")
+    endpoints("/secured_tf", lambda _, name: name.startswith(topics.TF), publish_tf="root", fixed_frame="base")
 
 
 def test_the_bodies_of_a_detector_are_read_exactly_as_the_policy_allows():

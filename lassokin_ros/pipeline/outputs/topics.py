@@ -117,6 +117,8 @@ def person_outputs(regions: bool, hands: bool = False) -> tuple[OutputTopic, ...
     return (*PERSON_OUTPUTS, *of_rep155, *[HANDS_OUTPUT] * hands)
 
 
+STATE_PUBLISHER = "human_state_publisher"
+"""Name of the robot_state_publisher of the human, relative to the namespace of the tracker."""
 BODIES, REP155_BODIES = "~/bodies", "/humans/bodies"
 """Namespaces of the topics of several people: <namespace>/<id>/joint_states and so on, and <namespace>/tracked."""
 

@@ -102,9 +102,9 @@ def _backward(
 ) -> dict[int | None, Mapping[int, Backward]]:
     """The frames backward in time, of each person.
 
-    None if the motion of the mount or the fixed frame is not in the observations.
+    None if the motion of the fixed frame is not in the observations.
     """
-    if session.placement.mount is not None or session.counts[JUMPS] or not kept.usable:
+    if session.counts[JUMPS] or not kept.usable:
         return {}
     extrinsics = session.extrinsics
 
