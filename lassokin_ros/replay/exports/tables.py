@@ -108,10 +108,15 @@ def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
         "landmark_names": np.array(first.landmark_names),  # (l,)
         "frame_id": np.array(first.frame_id),
     }
-    if first.cameras:
-        arrays["camera_names"] = np.array(list(first.cameras))  # (c,)
-    for name in first.cameras:
+    np.savez(file, **arrays, **_of_cameras(motions))
+
+
+def _of_cameras(motions: Sequence[Motion]) -> dict[str, Any]:
+    """Return the arrays of several cameras, none of a single one."""
+    names = list(motions[0].cameras)
+    arrays = {"camera_names": np.array(names)} if names else {}  # (c,)
+    for name in names:
         seen = [motion.cameras[name] for motion in motions]
         arrays[f"detected_px_{name}"] = np.concatenate([one.detected for one in seen])  # (r, l, 2), NaN = missing
         arrays[f"reprojected_px_{name}"] = np.concatenate([one.reprojected for one in seen])  # (r, l, 2)
-    np.savez(file, **arrays)
+    return arrays
