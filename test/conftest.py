@@ -30,7 +30,6 @@ def reserved_domain():
     raise RuntimeError(f"no DDS domain is free: see {tempfile.gettempdir()}/lassokin_ros_domain_*")
 
 
-CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 DOMAIN, DOMAIN_LOCK = reserved_domain()
 os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -107,18 +106,17 @@ def pytest_ignore_collect(collection_path, config):
 
 @pytest.hookimpl(tryfirst=True)  # before the hook of pytest-xdist, which reads the marks
 def pytest_collection_modifyitems(items):
-    """Mark slow tests. Each file is a group, which one process runs.
+    """Mark slow tests. Each file is a group, which one process runs: its tests share a running node, for example.
 
-    The tests of a file share the fixtures of their module, such as a running node. Files that run nodes are dealt into
-    as many groups as there are cores: more nodes at once would compete for one.
+    Files that run nodes come first, then those of whole commands, and the fast ones last, so that the processes end at
+    the same time (with `--no-loadscope-reorder`, xdist keeps this order).
     """
-    paths = list(dict.fromkeys(item.path for item in items))
-    groups = {path: path.stem for path in paths}
-    groups |= {path: f"nodes {number % CORES}" for number, path in enumerate(filter(runs_nodes, paths))}
-    slow = {path for path in paths if is_slow(path)}
+    paths = dict.fromkeys(item.path for item in items)
+    order = {path: (not runs_nodes(path), not is_slow(path)) for path in paths}
+    items.sort(key=lambda item: order[item.path])
     for item in items:
-        item.add_marker(pytest.mark.xdist_group(groups[item.path]))
-        if item.path in slow or name_of(item) in SLOW_TESTS:
+        item.add_marker(pytest.mark.xdist_group(item.path.stem))
+        if order[item.path] != (True, True) or name_of(item) in SLOW_TESTS:
             item.add_marker(pytest.mark.slow)
 
 
