@@ -14,7 +14,7 @@ from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names, urdf  # noqa: E402
 from msg_adapters.output_messages.skeleton_cloud import POINT  # noqa: E402
 
-FRAMES, AHEAD = 150, 3
+FRAMES, AHEAD = 60, 3
 SKELETON = Skeleton.load("anthropometric", 1.75)
 
 
