@@ -11,8 +11,7 @@ output, with one table by person, --videos FILE|DIR the keypoints of videos with
 --test-people gives the figures that a user can expect; --validation-people those with which a design is chosen.
 
 Clips that the shipped prior or network was trained with are left out. With --all-clips and --clips they are run, marked
-with *, and not part of the summary. With --leave-one-out every clip counts: each is run with a prior that was learned
-from all others.
+with *, and not part of the summary.
 """
 
 from __future__ import annotations
@@ -28,7 +27,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.accuracy_run import failure_probability
 from benchmarks.accuracy_run.experiment import FILE, METHODS, Job, run
-from benchmarks.accuracy_run.leave_one_out import under_its_prior
 from benchmarks.accuracy_run.options import depth_sensor, parsed, told, unheeded
 from benchmarks.accuracy_run.people import person_of, seen_by_network, test_clips, validation_clips
 from benchmarks.accuracy_run.special import initialise_frames, run_gap
@@ -106,8 +104,6 @@ def measure(options: argparse.Namespace) -> list[Record]:
     if options.rotations and (options.detections or not options.uncertainty):
         raise SystemExit("--rotations is for --uncertainty on clips; no recording holds rotations")
     if options.detections:
-        if options.leave_one_out:
-            raise SystemExit("--leave-one-out is for clips; the prior was not learned from --detections")
         if options.gap or options.initialisation:
             raise SystemExit("--gap and --initialisation are for clips, not for --detections")
         own = options.uncertainty or options.failure_probability
@@ -131,13 +127,13 @@ def measure(options: argparse.Namespace) -> list[Record]:
     methods = ["lasso"] if o.uncertainty or o.failure_probability else o.methods
     jobs = [
         Job(file, view, method, condition, o.landmarks, seed, o.generic_skeleton, o.bone_error, o.symmetric,
-            given_settings(o), o.score_from, o.leave_one_out, told(o))
+            given_settings(o), o.score_from, told(o))
         for seed in range(o.seed, o.seed + o.seeds)
         for file in clip_files(options) for view in range(o.views) for method in methods
     ]  # fmt: skip
 
     def results(function: Callable[[Job], T]) -> list[T]:
-        return in_parallel(partial(under_its_prior, function), jobs, o.jobs)
+        return in_parallel(function, jobs, o.jobs)
 
     if o.uncertainty and o.rotations:
         return _apart(options, jobs, results(rotation_uncertainty_of), by_joint)
@@ -194,7 +190,7 @@ def clip_files(options: argparse.Namespace) -> list[Path]:
         files = [file for file in files if file.stem in options.clips]
     exclude = options.exclude_training
     if exclude is None:
-        exclude = not (options.clips or options.all_clips or options.leave_one_out)
+        exclude = not (options.clips or options.all_clips)
     return [file for file in files if not (exclude and file.stem in SEEN)]
 
 
@@ -217,7 +213,7 @@ def _marked(options: argparse.Namespace, records: list[Record]) -> list[Record]:
 def _training(options: argparse.Namespace, file: Path) -> bool:
     """Whether the clip, or for the network its person, was part of a training."""
     by_network = dict(options.set).get("depth_prior", True) and seen_by_network(file)
-    return by_network or (file.stem in SEEN and not options.leave_one_out)
+    return by_network or file.stem in SEEN
 
 
 def _apart(
@@ -240,8 +236,8 @@ def _check_methods(options: argparse.Namespace) -> None:
         raise SystemExit(f"no method {', '.join(unknown)}; expected some of: {', '.join(METHODS)}")
     if "mediapipe_world" in options.methods and not options.detections:
         raise SystemExit("mediapipe_world is for --detections; no clip holds MediaPipe's own 3D")
-    if options.initialisation and {"smplify", FILE} & set(options.methods):
-        raise SystemExit("--initialisation is for methods that go frame by frame; smplify and file look ahead")
+    if options.initialisation and FILE in options.methods:
+        raise SystemExit("--initialisation is for methods that go frame by frame; file looks ahead")
 
 
 if __name__ == "__main__":

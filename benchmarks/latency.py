@@ -1,6 +1,6 @@
-"""Time per frame: the tracker's step and its stages, the node's callback, by landmarks, joints and people; peers.
+"""Time per frame: the tracker's step and its stages, the node's callback, by people; peers.
 
-    python benchmarks/latency.py [--frames 2000] [--parts core,callback,landmarks,joints,people,peers] [--json FILE]
+    python benchmarks/latency.py [--frames 2000] [--parts core,callback,people,peers] [--json FILE]
 
 Real motion of two clips at 60 Hz, 2 px (synthetic motion without the shared data). The variants of one part run in
 turn, frame by frame, so that a busy moment of the machine affects all of them; one process, one thread. Frames that
@@ -24,7 +24,7 @@ import numpy as np
 
 from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
-from benchmarks.data.motion import FOCAL, HEIGHT, Motion, load_motion, observe, on_skeleton
+from benchmarks.data.motion import FOCAL, HEIGHT, Motion, load_motion, observe
 from benchmarks.methods.robot_ik import TRUE_PLACES, MinkTracker, PinkTracker, PinocchioLeastSquares, available
 from benchmarks.timing.callback import measure_callback
 from benchmarks.timing.stages import percentiles, profile
@@ -33,8 +33,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 
-BODIES = Path(__file__).resolve().parent / "bodies"
-PARTS = ("core", "callback", "landmarks", "joints", "people", "peers")
+PARTS = ("core", "callback", "people", "peers")
 PEOPLE = (1, 4, 16)
 NOISE_PX = 2.0
 QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
@@ -84,13 +83,11 @@ def parser() -> argparse.ArgumentParser:
 
 
 class Run:
-    """A tracker with a skeleton and a layout, and its frames."""
+    """A tracker and its frames."""
 
-    def __init__(
-        self, motion: Motion, landmarks: str = "coco17", skeleton: str = "anthropometric", seed: int = 0
-    ) -> None:
-        self.tracker = Tracker(TrackerConfig(height=HEIGHT, landmarks=landmarks, skeleton=skeleton, noise_px=NOISE_PX))
-        self.state = on_skeleton(motion, self.tracker.skeleton)
+    def __init__(self, motion: Motion, seed: int = 0) -> None:
+        self.tracker = Tracker(TrackerConfig(height=HEIGHT, landmarks="coco17", noise_px=NOISE_PX))
+        self.state = motion.state
         self.observations: list[Observation] = observe(self.state, self.tracker.kinematics, NOISE_PX, seed)
         self.starts = motion.starts
 
@@ -178,24 +175,6 @@ def callback(motion: Motion) -> tuple[str, list[Record]]:
     return f"one keypoint message, PointCloud2, {carrier}", [{**r, "ratio": r["p50_us"] / core_step} for r in records]
 
 
-def landmarks(motion: Motion) -> tuple[str, list[Record]]:
-    """By number of landmarks."""
-    layouts = {"17 landmarks (coco17)": "coco17", "13 landmarks (no eyes and ears)": str(BODIES / "coco13.yaml"),
-               "25 landmarks (body25)": "body25", "33 landmarks (mediapipe33)": "mediapipe33"}  # fmt: skip
-    steps = {name: Run(motion, layout).step for name, layout in layouts.items()}
-    return "one tracker step, 24 joints", interleaved(steps, len(motion.state.translation))
-
-
-def joints(motion: Motion) -> tuple[str, list[Record]]:
-    """By number of joints."""
-    steps = {
-        "24 joints, 17 landmarks": Run(motion).step,
-        "24 joints, 25 landmarks": Run(motion, "body25").step,
-        "55 joints, 65 landmarks": Run(motion, str(BODIES / "body25_hands.yaml"), str(BODIES / "hands55.yaml")).step,
-    }
-    return "one tracker step", interleaved(steps, len(motion.state.translation))
-
-
 def people(motion: Motion) -> tuple[str, list[Record]]:
     """By number of people, each with a tracker and independent noise, processed one after the other as in the node."""
 
@@ -261,7 +240,7 @@ def _step_of(peer: Any, run: Run, truth: np.ndarray) -> Step:
 
 
 MEASURES: dict[str, Callable[[Motion], tuple[str, list[Record]]]] = {
-    "core": core, "callback": callback, "landmarks": landmarks, "joints": joints, "people": people, "peers": peers,
+    "core": core, "callback": callback, "people": people, "peers": peers,
 }  # fmt: skip
 
 

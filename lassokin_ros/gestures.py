@@ -84,6 +84,11 @@ def gesture_probabilities(points: np.ndarray, up: np.ndarray | None = None) -> n
     return np.stack([1 - sum(named), *named], axis=-1)
 
 
+def points_up(points: np.ndarray, up: np.ndarray | None) -> bool:
+    """Return whether the index finger (points (21, 3)) points up rather than aside or down; True without a vertical."""
+    return up is None or bool(_cosine(points[INDEX_TIP] - points[FINGERS[0, 0]], up) > UP)
+
+
 class GestureWatch:
     """Follows one hand, and says a gesture while it is held."""
 

@@ -34,7 +34,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header, String
 
 from lassokin_ros.core.body.rotations import from_quaternion, to_quaternion
-from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.pipeline.settings import OPTICAL_FRAME
 from msg_adapters.output_messages.people import POINT
 
 TRACKING, LOST, NOBODY = "tracking", "lost", "nobody"
@@ -146,7 +146,7 @@ def certain_person(people: np.ndarray) -> int | None:
 
 def camera_frame(node: Node) -> str:
     """Return the parameter `camera_frame` of a node: the optical frame of a camera on the robot."""
-    name: str = node.declare_parameter("camera_frame", NodeSettings().base_frame).value
+    name: str = node.declare_parameter("camera_frame", OPTICAL_FRAME).value
     return name
 
 

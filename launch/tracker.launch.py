@@ -20,6 +20,7 @@ from lassokin_ros.common.missing_package import missing_package
 try:
     from lassokin_ros.core.yaml_files import user_path
     from lassokin_ros.pipeline.outputs.description.urdf_from_parameters import urdf_from_settings
+    from lassokin_ros.pipeline.outputs.topics import STATE_PUBLISHER
     from lassokin_ros.pipeline.parameter_files import file_parameters, offline_settings
     from lassokin_ros.pipeline.settings import ALL, OFF
 except ImportError as error:
@@ -30,14 +31,12 @@ PARAMETERS = {
     "height": "the person's height, m; 0: measured by depth, several cameras or a floor, else assumed",
     "camera_pitch": "the camera looks down by this angle, rad",
     "camera_roll": "the camera's right side is down by this angle, rad",
-    "camera_mount_frame": "frame with z up, such as base_footprint, from which TF gives the camera's pitch and roll",
     "cameras": "names of several cameras, such as [left, right], with the topics <name>/keypoints and so on",
     "fixed_frame": "frame with z up, such as odom, in which the skeleton is kept and published; TF places the cameras",
     "extrinsics": "poses of several cameras: given, check or learn",
     "landmarks": "landmark layout of the detector, such as coco17",
     "keypoints_type": "message type of the keypoints",
     "depth": "topic of depth images that are registered to the colour image",
-    "depth_registered": "true if they are registered although their frame_id differs from the colour image's",
     "max_people": "people followed at once",
     "frame_prefix": "precedes the names of TF frames and URDF links; ~ is the node's name",
 }
@@ -46,7 +45,7 @@ ARGUMENTS = {
     "keypoints": ("keypoints", "topic of the 2D keypoints"),
     "camera": ("", "namespace of the camera, for camera_info and RViz; empty for the topic camera_info"),
     "params": ("tracker", "YAML file of parameters, or the name of a file in config/"),
-    "frame": ("", "the camera's optical frame, the parent of the body in TF; empty for the parameter base_frame"),
+    "frame": ("", "the camera's optical frame, for RViz; empty for that of its configuration"),
     "bag": ("", "recording to play, with its own clock"),
     "rviz": ("false", "start RViz"),
     "frames": ("true", "TF of the limbs: of one person by a robot_state_publisher, of several by the tracker"),
@@ -57,7 +56,6 @@ ARGUMENTS = {
 }
 LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
 NODE = "tracker"
-STATE_PUBLISHER = "human_state_publisher"
 PUBLISH_FREQUENCY = 120.0
 """Hz; the default of robot_state_publisher forwards 20 joint states per second and drops the others."""
 BOOLEANS = {"true": True, "1": True, "yes": True, "on": True, "false": False, "0": False, "no": False, "off": False}
@@ -82,8 +80,6 @@ def _start(context: LaunchContext) -> list:
     params = user_path(given["params"]) if Path(given["params"]).suffix else CONFIG / f"{given['params']}.yaml"
     names = [name for name in PARAMETERS if given[name]]
     assignments = [f"{name}:={given[name]}" for name in names]
-    if given["frame"]:
-        names, assignments = [*names, "base_frame"], [*assignments, f"base_frame:={given['frame']}"]
     node = f"{given['namespace'].strip('/')}/{NODE}".lstrip("/")
     # raises for a bad value, before anything starts
     tracker, settings = offline_settings([params], assignments, node=node)
@@ -96,8 +92,6 @@ def _start(context: LaunchContext) -> list:
     if frames and not _is_installed("robot_state_publisher"):
         frames, overrides["publish_tf"] = False, ALL
         warnings.append(LogInfo(msg="robot_state_publisher is not installed: the tracker publishes TF of the limbs"))
-    if frames:
-        overrides["state_publisher"] = STATE_PUBLISHER
     common: dict[str, Any] = {"namespace": given["namespace"]} if given["namespace"] else {}
     clock = given["use_sim_time"] or ("true" if given["bag"] else "")
     chosen = {"use_sim_time": _boolean("use_sim_time", clock)} if clock else {}

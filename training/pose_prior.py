@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -41,11 +40,6 @@ COLLAR_FLOOR = 0.05  # rad: the shoulders of the capture do not shrug, those of 
 SHRINKAGE = 0.10  # added to the diagonal, as a share: 21 clips are too few for all correlations
 
 
-def same_take(one: str, other: str) -> bool:
-    """True for a clip's own name and for that of another file of the same recording."""
-    return one == other or {one, other} == set(SAME_TAKE)
-
-
 def rotation_vectors(clip: Clip) -> np.ndarray:
     """(f, 24, 3) rad: SMPL-like local rotation vectors of a clip."""
     skeleton = clip_skeleton(clip, generic=False)
@@ -60,43 +54,16 @@ def mirrored(vectors: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 
 
 def learn(clips: list[Clip]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(mean (24, 3), covariance (72, 72), motion (24, 3)) over clips of equal weight."""
-    return combined([sample for clip in clips for sample in moments(clip)])
-
-
-@dataclass(frozen=True, eq=False)
-class Moments:
-    """The statistics of one clip's poses, means over its frames.
-
-    first: (72,) rotation vectors; second: (72, 72) their products; motion: (24, 3) mean size of their change in 1/60 s.
-    """
-
-    first: np.ndarray
-    second: np.ndarray
-    motion: np.ndarray
-
-
-def moments(clip: Clip) -> list[Moments]:
-    """Sample of the clip, and of its mirror image."""
-    vectors = rotation_vectors(clip)
-    return [_moments(v, clip.fps) for v in (vectors, mirrored(vectors, Skeleton.load("anthropometric", 1.75)))]
-
-
-def _moments(vectors: np.ndarray, fps: float) -> Moments:
-    flat = vectors.reshape(len(vectors), 72)
-    return Moments(flat.mean(0), flat.T @ flat / len(flat), np.abs(np.diff(vectors, axis=0)).mean(0) * (fps / 60))
-
-
-def combined(samples: Sequence[Moments]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(mean (24, 3), covariance (72, 72), motion (24, 3)) over samples of equal weight."""
+    """(mean (24, 3), covariance (72, 72), motion (24, 3)) over clips of equal weight and their mirror images."""
     skeleton = Skeleton.load("anthropometric", 1.75)
-    first = np.zeros(72)
-    second = np.zeros((72, 72))
-    motion = np.zeros((24, 3))
-    for sample in samples:
-        first += sample.first / len(samples)
-        second += sample.second / len(samples)
-        motion += sample.motion / len(samples)
+    first, second, motion = np.zeros(72), np.zeros((72, 72)), np.zeros((24, 3))
+    for clip in clips:
+        vectors = rotation_vectors(clip)
+        for sample in (vectors, mirrored(vectors, skeleton)):
+            flat = sample.reshape(len(sample), 72)
+            first += flat.mean(0) / (2 * len(clips))
+            second += flat.T @ flat / len(flat) / (2 * len(clips))
+            motion += np.abs(np.diff(sample, axis=0)).mean(0) * (clip.fps / 60) / (2 * len(clips))
     covariance = second - np.outer(first, first)
     diagonal = np.diag(covariance)
     covariance = (1 - SHRINKAGE) * covariance + np.diag(SHRINKAGE * diagonal + FLOOR**2)

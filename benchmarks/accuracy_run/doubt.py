@@ -30,8 +30,8 @@ from lassokin_ros.core.tracker import Tracker  # noqa: E402
 from lassokin_ros.doubt.doubt import Doubt  # noqa: E402
 from lassokin_ros.doubt.monitor import DoubtMonitor  # noqa: E402
 from lassokin_ros.doubt.signs import signs_of  # noqa: E402
-from lassokin_ros.replay.report.pose_findings import MOST_MARKED  # noqa: E402
-from lassokin_ros.replay.report.wrong_spans import wrong_spans  # noqa: E402
+from lassokin_ros.replay.report.findings import MOST_MARKED  # noqa: E402
+from lassokin_ros.replay.report.spans import wrong_spans  # noqa: E402
 
 ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 """The joints whose shake is measured, relative to the pelvis."""

@@ -17,14 +17,13 @@ from benchmarks.data.mocap import EVALUATED, SMPL_NAME, Clip, clip_height, clip_
 from benchmarks.data.simulated_camera import Condition, Told, View, view_of
 from benchmarks.data.strangers import with_peoples_proportions
 from benchmarks.methods.baselines import FOLLOWERS
-from benchmarks.methods.smplify import fit_clip
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation
 
 FILE = "file"
-METHODS = (*FOLLOWERS, FILE, "smplify", "mediapipe_world")
+METHODS = (*FOLLOWERS, FILE, "mediapipe_world")
 """`file` is the tracker as for a file, whose later frames are known. `mediapipe_world` is for real recordings only."""
 
 
@@ -34,7 +33,6 @@ class Job:
 
     bone_error: standard deviation of the bones' relative error; symmetric: left and right bones get the same one.
     settings: of TrackerConfig, beside height, landmarks and noise_px. score_from: s, earlier frames are not scored.
-    left_out: the prior is learned from the folder's other clips (benchmarks/accuracy_run/leave_one_out.py).
     told: of the camera's mount, None for nothing.
     """
 
@@ -49,7 +47,6 @@ class Job:
     symmetric: bool = True
     settings: Mapping[str, Any] | None = None
     score_from: float = 0.0
-    left_out: bool = False
     told: Told | None = None
 
 
@@ -87,8 +84,6 @@ class Scene:
         landmarks = len(Layout.load(self.config.landmarks, self.skeleton).names)
         if method == FILE:
             return follow_file(self.config, self.skeleton, observations, landmarks)
-        if method == "smplify":
-            return fit_clip(self.config, self.skeleton, observations)
         return follow(self.follower(method), observations, self.skeleton.joint_count, landmarks)
 
 
@@ -154,7 +149,6 @@ def described(job: Job, scene: Scene) -> Record:
         "seed": job.seed,
         "skeleton": "height" if job.generic_skeleton else "bones",
         "bone_error": job.bone_error,
-        "prior": "other clips" if job.left_out else "shipped",
         "height_m": clip_height(scene.clip),
     }
 

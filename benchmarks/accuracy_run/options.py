@@ -69,7 +69,6 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     for name, meaning in (("test", "in no training set"), ("validation", "with which the design is chosen")):
         people.add_argument(f"--{name}-people", action="store_true", help=f"people {meaning} (--data: shared data)")
     add("--realistic", action="store_true", help="the usual case: a detector's errors, only the height given")
-    add("--leave-one-out", action="store_true", help="all clips, each with a prior learned from the folder's others")
     add("--generic-skeleton", action="store_true", help="give only the person's height")
     add("--unknown-height", action="store_true", help="give not even the height: height 0, measured with depth")
     add("--measured-bones", action="store_true", help="with --detections: bone lengths of the reference")

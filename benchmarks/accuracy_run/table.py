@@ -44,11 +44,6 @@ PRIOR_SHIPPED = (
     f"Prior learned from (never in a summary): {' '.join(TRAINING)}\n"
     f"Nor is a file of a take that is among these: {' '.join(clip for clip in SEEN if clip not in TRAINING)}"
 )
-PRIOR_OF_OTHERS = (
-    "Prior of each clip learned from all the other clips of its folder, but not from another file of its take:\n"
-    "every clip is unseen by it, and counts. "
-    "The tracker's constants were not learned anew; other clips of the same person may be in the prior."
-)
 
 
 def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
@@ -169,7 +164,7 @@ def head(options: argparse.Namespace) -> str:
         f"{_seeds(options)}.",
         f"Given of each clip: {given}; noise {noise:g} px. Settings {dict(options.set) or 'default'}. "
         "Automatic initialisation.",
-        PRIOR_OF_OTHERS if options.leave_one_out else PRIOR_SHIPPED,
+        PRIOR_SHIPPED,
         f"Times with {options.jobs} processes at once, one thread each.",
     ]
     if options.camera_roll or options.camera_pitch:

@@ -25,7 +25,6 @@ from benchmarks.data.body_lengths import landmark_lengths, rms_difference, skele
 from benchmarks.data.recordings import recorded_person
 from benchmarks.methods.baselines import FOLLOWERS
 from benchmarks.methods.mediapipe_world import world_track
-from benchmarks.methods.smplify import fit_clip
 from lassokin_ros.core.body.landmarks import BODY, Layout, built_in_layouts
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
@@ -294,8 +293,6 @@ def _followed(method: str, recording: Recording, config: TrackerConfig, skeleton
         return world_track(world, recording.points, recording.confidence, hips, recording.focal)
     if method == "file":
         return follow_file(config, skeleton, recording.observations, len(layout.names))
-    if method == "smplify":
-        return fit_clip(config, skeleton, recording.observations)
     follower = FOLLOWERS[method](config, skeleton)
     return follow(follower, recording.observations, skeleton.joint_count, len(layout.names))
 

@@ -18,13 +18,13 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from benchmarks.methods.rows import Linearisation, linearise
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.image.stacked_model import stacked_matrices
 from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
 from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver
@@ -61,8 +61,11 @@ class ImageOnly:
         points = np.where(weights[:, None] > 0, observation.points, 0.0)
         state = self._state
         for _ in range(self.steps):
-            model = linearise(self._kinematics, self._kinematics.pose(state), points, weights)
-            live, x = self.step(model)
+            pose = self._kinematics.pose(state)
+            P, Gamma, L = stacked_matrices(self._kinematics, pose)
+            each = np.repeat(weights, 2)  # of both rows of a landmark
+            A, B = each[:, None] * (P @ L[:, self._live]), each[:, None] * (P @ Gamma)
+            live, x = self.step(A, B, each * (points - project(pose.landmarks)).reshape(-1))
             omega = np.zeros(3 * self._kinematics.joint_count)
             omega[self._live] = live
             state = state.retract(omega, x)
@@ -92,8 +95,8 @@ class ImageOnly:
         visible &= observation.confidence >= max(self._config.min_confidence, 1e-9)
         return np.where(visible, observation.focal / self._config.noise_px, 0.0)
 
-    def step(self, model: Linearisation) -> tuple[np.ndarray, np.ndarray]:
-        """Return (Omega of the live degrees of freedom, x)."""
+    def step(self, A: np.ndarray, B: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return (Omega of the live degrees of freedom, x) of the weighted rows z = A Omega + B x, see `Lasso`."""
         raise NotImplementedError
 
 
@@ -105,10 +108,9 @@ class PlainLasso(ImageOnly):
         self._alpha = np.full(len(self._live), PLAIN_ALPHA)
         self._lasso = LassoSolver(config.solver)
 
-    def step(self, model: Linearisation) -> tuple[np.ndarray, np.ndarray]:
+    def step(self, A: np.ndarray, B: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solve the frame's lasso."""
-        A = np.ascontiguousarray(model.A[:, self._live])
-        solution = self._lasso.solve(Lasso(A, model.B, model.residual, self._alpha))
+        solution = self._lasso.solve(Lasso(A, B, z, self._alpha))
         return solution.omega, solution.x
 
 
@@ -117,14 +119,14 @@ class DampedLeastSquares(ImageOnly):
 
     steps = DLS_STEPS
 
-    def step(self, model: Linearisation) -> tuple[np.ndarray, np.ndarray]:
+    def step(self, A: np.ndarray, B: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solve one damped step."""
-        J = np.concatenate([model.A[:, self._live], model.B], axis=1)
+        J = np.concatenate([A, B], axis=1)
         H = J.T @ J
         damping = np.full(len(H), DAMPING**2)
         damping[-3:] = 1e-6
         H.flat[:: len(H) + 1] += damping
-        solution = cho_solve(cho_factor(H), J.T @ model.residual)
+        solution = cho_solve(cho_factor(H), J.T @ z)
         return solution[:-3], solution[-3:]
 
 
@@ -143,12 +145,7 @@ class RidgeSolution(LassoSolution):
 
 
 class RidgeSolver:
-    """Replaces LassoSolver: minimises 1/2
-
-    z - B x - A Omega
-
-    ^2 + rho/2 sum (alpha_k Omega_k)^2.
-    """
+    """Replaces LassoSolver: minimises 1/2 ||z - B x - A Omega||^2 + rho/2 sum (alpha_k Omega_k)^2."""
 
     def solve(self, problem: Lasso, guess: np.ndarray | None = None) -> LassoSolution:
         """The minimiser."""

@@ -15,8 +15,17 @@ from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
-from lassokin_ros.archive import output_files
-from lassokin_ros.archive.tasks import DONE_BEFORE, TRACKED, ArchiveError, Result, Runner, Task
+from lassokin_ros.archive.tasks import (
+    DONE_BEFORE,
+    TRACKED,
+    ArchiveError,
+    Result,
+    Runner,
+    Task,
+    check_files,
+    folders,
+    use_own_files,
+)
 from lassokin_ros.common.interruption import Interrupted
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_summary
@@ -40,7 +49,7 @@ def replay_archive(options: argparse.Namespace) -> int:
 
     Raises a LassokinError if the settings cannot be used or if two outputs would have the same name.
     """
-    output_files.check(options)
+    check_files(options)
     tasks = tasks_of(options)
     origin_of(tasks[0].options)  # raises once for unusable settings, before any work starts
     progress = Progress(len(tasks), "recordings")
@@ -90,10 +99,10 @@ def tasks_of(options: argparse.Namespace) -> list[Task]:
             alone.p = [*options.p, *_own_files(options)]
             if options.camera_info is not None:
                 alone.camera_info = options.camera_info.absolute()
-            output_files.use_own_files(alone, name)
+            use_own_files(alone, name)
             tasks[output] = Task(name, alone)
     check_output_paths([task.options for task in tasks.values()])
-    for needed in {place for task in tasks.values() for place in output_files.folders(task.options)}:
+    for needed in {place for task in tasks.values() for place in folders(task.options)}:
         try:
             needed.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -119,14 +128,14 @@ def _inside(folder: Path) -> list[tuple[Path, str]]:
         visited.add(real)
         return True
 
-    for here, folders, files in os.walk(folder, followlinks=True):
+    for here, inside, files in os.walk(folder, followlinks=True):
         place = Path(here)
         if "metadata.yaml" in files:
-            folders.clear()
+            inside.clear()
             bags = [] if record_of(place) else [place]
         else:
             bags = [place / file for file in files if Path(file).suffix in SUFFIXES and file[0] != "."]
-        folders[:] = [name for name in sorted(folders) if is_new(place / name)]
+        inside[:] = [name for name in sorted(inside) if is_new(place / name)]
         found += [(bag, str(bag.parent.relative_to(folder) / recording_name(bag))) for bag in bags]
     return found
 

@@ -19,7 +19,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.yaml_files import user_path
-from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.pipeline.settings import OPTICAL_FRAME
 from lassokin_ros.video.camera import assumed_fov_warning, choose_camera, from_file
 from lassokin_ros.video.sources import Source, SourceError, open_source
 from msg_adapters.backends import RclpyBackend
@@ -42,7 +42,7 @@ PARAMETERS: dict[str, tuple[Any, str]] = {
     "fov": (0.0, "field of view along the longer side of the image, degrees; 0: a default is assumed, with a warning"),
     "calibration": ("", "calibration file of ROS (ost.yaml), OpenCV or Kalibr, scaled to the image; empty: none"),
     "longest_side": (1280, "longer side of the published images, px; larger images are scaled down, smaller ones kept"),
-    "frame_id": (NodeSettings().base_frame, "optical frame of the camera, in the headers"),
+    "frame_id": (OPTICAL_FRAME, "optical frame of the camera, in the headers"),
 }
 """Default value and description of each parameter."""
 

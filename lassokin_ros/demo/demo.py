@@ -97,8 +97,7 @@ def write_page(folder: Path) -> None:
     from lassokin_ros.replay.bags import BagReader
     from lassokin_ros.replay.keypoint_recording import CAMERA_INFO, KEYPOINTS
     from lassokin_ros.replay.playback import Playback
-    from lassokin_ros.replay.report.page import ReportError
-    from lassokin_ros.replay.report.report import Report
+    from lassokin_ros.replay.report.report import Report, ReportError
 
     with BagReader(folder / "keypoints") as bag:
         tracker = Playback(Session(TrackerConfig(), NodeSettings()))
@@ -113,8 +112,7 @@ def write_page(folder: Path) -> None:
 
 def comparison_lines(result: DemoResult, seconds: float) -> list[str]:
     """Return the lines that compare the same motion with one camera, with measured depth, and with a second camera."""
-    from lassokin_ros.demo.depth_comparison import track_with_depth
-    from lassokin_ros.demo.second_camera import track_with_second_camera
+    from lassokin_ros.demo.comparison import track_with_depth, track_with_second_camera
     from lassokin_ros.demo.synthetic import detections, exact_pixels, motion
 
     times = np.arange(round(seconds * RATE)) / RATE

@@ -44,7 +44,7 @@ from lassokin_ros.pipeline.people.people_tracker import FORGOTTEN
 from lassokin_ros.pipeline.people.per_body_session import PerBodySession
 from lassokin_ros.pipeline.people.roster import GONE
 from lassokin_ros.pipeline.session import Session
-from lassokin_ros.pipeline.settings import OFF, NodeSettings
+from lassokin_ros.pipeline.settings import ALL, OFF, NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
 
@@ -128,14 +128,8 @@ class TrackerNode(Node):
         self._outputs.on_fault = partial(self._warning.log, "base_frame")
         self._outputs.on_state = self._log_state
         self._state_publisher = None
-        if config.several_people and config.state_publisher:
-            self.get_logger().warning(
-                f"state_publisher is '{config.state_publisher}', which is not used: it has the URDF of one "
-                "person, and several are followed (max_people, rep155)"
-            )
-        elif config.state_publisher:
-            prefix = Naming.of_person(config, name, "").prefix
-            self._state_publisher = RobotStatePublisherClient(self, config.state_publisher, prefix)
+        if not config.several_people and config.publish_tf != ALL:
+            self._state_publisher = RobotStatePublisherClient(self, Naming.of_person(config, name, "").prefix)
         if self._outputs.person is not None:
             if self._state_publisher is not None:
                 self._outputs.person.described = self._state_publisher.describe
@@ -375,7 +369,7 @@ class TrackerNode(Node):
 
     def _on_save_skeleton(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
-            path = Path(self._session.config.skeleton_output)
+            path = self._file("skeleton.yaml")
             written = save_all(self._session.calibrations(), path, self._now_ns())
             response.success, response.message = True, f"written: {', '.join(str(path.absolute()) for path in written)}"
         except LassokinError as error:
@@ -383,13 +377,16 @@ class TrackerNode(Node):
         return response
 
     def _on_save_cameras(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        name = self.get_fully_qualified_name()[1:].replace("/", "_")
         try:
-            path = save_cameras(self._session, Path(f"~/.ros/{name}_cameras.sh"))
+            path = save_cameras(self._session, self._file("cameras.sh"))
             response.success, response.message = True, f"written: {path.absolute()}"
         except LassokinError as error:
             response.success, response.message = False, str(error)
         return response
+
+    def _file(self, ending: str) -> Path:
+        """Return where the answer of a service is written."""
+        return Path(f"~/.ros/{self.get_fully_qualified_name()[1:].replace('/', '_')}_{ending}")
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
         lock = ", and the lock has ended" if self._session.locked is not None else ""

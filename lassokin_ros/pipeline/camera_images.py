@@ -63,7 +63,7 @@ class CameraImages:
         self.camera = Camera(config.rectified)
         """The camera of each image, from camera_info."""
         depth = config.depth_topic(name)
-        self.depth = DepthImages(counts, depth, config.depth_registered, name) if depth else None
+        self.depth = DepthImages(counts, depth, name) if depth else None
         """The depth images, None if the setting `depth` names no topic."""
         self.depth_check = DepthCheck()
         """Whether the depth images show the tracked people."""

@@ -60,19 +60,21 @@ class Session:
         patience: float = 0.0,
     ) -> None:
         """evidence: the user's own, for each frame's lasso; all people share it. poses: see CameraPlaces, in
-        place of those from TF. bodies: skeletons of people whose numbers in the messages are known, at most
-        max_people; of the only person by None. patience: s, lower limit of the wait for depth images; messages in a
+        place of those from TF. bodies: skeletons, with their heights, of people whose numbers in the messages are
+        known; of the only person by None. patience: s, lower limit of the wait for depth images; messages in a
         recording have no exact order.
         Raises a LassokinError if the configuration is unusable.
         """
         self.config = node_config.checked()
-        tracker_config = _without_held_feet_if_mounted(tracker_config, self.config)
         self.config.check_with(tracker_config)
         skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         check_names(skeleton)
         up = np.array([0.0, 0.0, 1.0]) if self.config.fixed_frame else None
         with naming_help(tracker_config.skeleton):
-            own = [TrackedPerson(tracker_config, body, evidence, up, number) for number, body in (bodies or {}).items()]
+            own = [
+                TrackedPerson(replace(tracker_config, height=float(body.height)), body, evidence, up, number)
+                for number, body in (bodies or {}).items()
+            ]
             others = range(self.config.max_people - len(own))
             self._trackable = [*own, *(TrackedPerson(tracker_config, skeleton, evidence, up) for _ in others)]
         self.tracker = self._trackable[0].tracker
@@ -273,14 +275,14 @@ class Session:
         config, resized = node_config.checked(), tracker_config.height != self.tracker.config.height
         config.check_with(tracker_config)
         for tracked in self._trackable:
-            tracked.tracker.tune(_without_held_feet_if_mounted(tracker_config, config))
+            tracked.tracker.tune(tracker_config)
         self.config = config
         for camera in self.cameras.values():
             camera.tracker_config, camera.config = tracker_config, config
             if tracker_config.smoothing_lag > 0:
                 camera.depth_check.reset()  # it is not updated, see _check_depth
         self.people.tune(self.config.follow, self.config.lock)
-        self.placement.floor = config.floor
+        self.placement.use_floor(config.floor)
         self.inputs.tune(config)
         if resized:
             self.reset(unlock=False)
@@ -420,7 +422,6 @@ class Session:
             placed = self.placement.agreeing(placed)
             if not placed:
                 return []
-            self.placement.follow_mount(images[0])
             away = self._out_of_view.ids
             frames = self.people.update(placed, frame_id, self.config.forget_after, away)
         except AdapterError as error:
@@ -484,8 +485,3 @@ class Session:
         for image in images:
             name = image.camera.name
             self.cameras[name].depth_check.update(image.people, frames, name)
-
-
-def _without_held_feet_if_mounted(tracker: TrackerConfig, node: NodeSettings) -> TrackerConfig:
-    """The settings for a camera that may move: feet are not held, because nobody tells how it moves."""
-    return replace(tracker, hold_feet=False) if node.camera_mount_frame else tracker

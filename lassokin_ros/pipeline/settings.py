@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, fields
-from pathlib import Path
 
 from lassokin_ros.core.config import OFF, TrackerConfig, check_setting, setting
 from lassokin_ros.core.errors import ConfigurationError
@@ -58,26 +57,16 @@ class NodeSettings:
     depth: str = setting(
         "",
         "topic of depth images (sensor_msgs/Image, or CompressedImage if it ends in /compressedDepth) that are "
-        "registered to the colour image; empty for none; with several cameras it follows their names: <name>/<depth>",
-    )
-    depth_registered: bool = setting(
-        False, "depth images are registered to the colour image even if their frame_id differs from its frame_id"
+        "registered to the colour image; if their frame_id differs, its name must say so (depth_registered, "
+        "aligned_depth_to_color or depth_to_rgb); empty for none; with several cameras: <name>/<depth>",
     )
     rectified: bool = setting(
         False, "keypoints are pixels of the rectified image: camera_info's P is used in place of K and D"
     )
-    camera_mount_frame: str = setting(
-        "",
-        "frame with z up, such as base_footprint, over which TF gives the camera's roll and pitch at each image; "
-        "empty: camera_roll and camera_pitch are used",
-    )
     floor: bool = setting(
         False,
-        "a flat floor is at height 0 of fixed_frame or camera_mount_frame; feet are then on it, or not near it",
+        "a flat floor is at height 0 of fixed_frame; feet are then on it, or not near it",
         live=True,
-    )
-    base_frame: str = setting(
-        OPTICAL_FRAME, "base link of robot_description until the first keypoints give their frame_id"
     )
     frame_prefix: str = setting(
         "~/", "precedes the names of TF frames and URDF links; ~ is the node's name; <id>/ follows with several people"
@@ -146,14 +135,6 @@ class NodeSettings:
         PEOPLE_TYPES[0],
         f"message type of ~/people, one of: {', '.join(PEOPLE_TYPES)}; the last two need their packages",
     )
-    state_publisher: str = setting(
-        "", "name of the robot_state_publisher that follows ~/robot_description (one person); empty for none"
-    )
-    skeleton_output: str = setting(
-        "~/.ros/lassokin_skeleton.yaml",
-        "file that ~/save_skeleton writes, for the parameter skeleton; with several people one file each, _<id> added",
-        live=True,
-    )
 
     @property
     def camera_names(self) -> tuple[str, ...]:
@@ -168,7 +149,7 @@ class NodeSettings:
     @property
     def root_frame(self) -> str:
         """The base link of robot_description before the first result."""
-        return (self.fixed_frame or self.base_frame).lstrip("/")
+        return self.fixed_frame.lstrip("/") or OPTICAL_FRAME
 
     @property
     def depth_wait(self) -> float:
@@ -224,34 +205,19 @@ class NodeSettings:
         self._check_cameras()
         if any(character.isspace() for character in self.depth):
             raise ConfigurationError(f"depth is '{self.depth}'; expected the name of a topic, or nothing")
-        if any(character.isspace() for character in self.camera_mount_frame):
-            raise ConfigurationError(
-                f"camera_mount_frame is '{self.camera_mount_frame}'; expected the name of a TF frame, or nothing"
-            )
         if self.follow not in RULES and number_named(self.follow) is None:
             raise ConfigurationError(
                 f"follow is '{self.follow}'; expected {', '.join(RULES)}, or the number of a person, such as p7"
-            )
-        if self.publish_tf == ALL and self.state_publisher:
-            raise ConfigurationError(
-                f"publish_tf is {ALL} and state_publisher is '{self.state_publisher}': both would publish the joints' "
-                f"frames; set publish_tf to {ROOT} or {OFF}, or leave state_publisher empty"
-            )
-        if Path(self.skeleton_output).suffix.lower() not in SKELETON_SUFFIXES:
-            raise ConfigurationError(
-                f"skeleton_output is '{self.skeleton_output}'; expected the name of a file that ends in "
-                f"{' or '.join(SKELETON_SUFFIXES)}"
             )
         return self
 
     def check_with(self, tracker: TrackerConfig) -> None:
         """Raise ConfigurationError if these settings and the tracker's contradict each other."""
-        for name in ("fixed_frame", "camera_mount_frame"):
-            if tracker.camera_height and (frame := getattr(self, name)):
-                raise ConfigurationError(
-                    f"camera_height is {tracker.camera_height:g} and {name} '{frame}'; expected one of them: with "
-                    f"{name}, TF gives the camera's height, and floor says that its height 0 is the floor"
-                )
+        if tracker.camera_height and self.fixed_frame:
+            raise ConfigurationError(
+                f"camera_height is {tracker.camera_height:g} and fixed_frame '{self.fixed_frame}'; expected one of "
+                "them: with fixed_frame, TF gives the camera's height, and floor says that its height 0 is the floor"
+            )
 
     def _check_cameras(self) -> None:
         names = self.camera_names
@@ -267,20 +233,10 @@ class NodeSettings:
             raise ConfigurationError(
                 f"fixed_frame is '{self.fixed_frame}'; expected the name of a TF frame, or nothing"
             )
-        if self.fixed_frame and self.camera_mount_frame:
+        if self.floor and not self.fixed_frame:
             raise ConfigurationError(
-                f"fixed_frame is '{self.fixed_frame}' and camera_mount_frame '{self.camera_mount_frame}'; expected one "
-                "of them: fixed_frame gives the vertical, too"
-            )
-        if self.several_cameras and self.camera_mount_frame:
-            raise ConfigurationError(
-                f"cameras are {', '.join(names)}, and camera_mount_frame is '{self.camera_mount_frame}'; expected "
-                "fixed_frame in its place: several cameras have the vertical from there"
-            )
-        if self.floor and not (self.fixed_frame or self.camera_mount_frame):
-            raise ConfigurationError(
-                "floor is true, but no frame is named whose height 0 it is; expected fixed_frame or "
-                "camera_mount_frame, or camera_height in place of floor"
+                "floor is true, but no frame is named whose height 0 it is; expected fixed_frame, or camera_height in "
+                "place of floor"
             )
         if self.several_cameras and self.topic_per_body:
             raise ConfigurationError(

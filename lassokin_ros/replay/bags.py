@@ -13,16 +13,17 @@ from typing import Any
 
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
-from lassokin_ros.replay.errors import BagError as BagError
-from lassokin_ros.replay.mcap_schemas import CDR, encoding_of
 from lassokin_ros.replay.recording_files import (
+    CDR,
     METADATA,
     DataFile,
     advice_on_folder,
     clear_errors,
+    encoding_of,
     open_files,
     refuse_other_files,
 )
+from lassokin_ros.replay.recording_files import BagError as BagError
 from msg_adapters.detectors.definitions import DEFINITIONS, OLDER
 
 STORAGES = ("sqlite3", "mcap")

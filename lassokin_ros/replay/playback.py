@@ -239,7 +239,7 @@ def register_types(types: Any, config: NodeSettings) -> None:
     package = full_type_name(config.people_type).split("/")[0]
     wanted = {name: text for name, text in DEFINITIONS.items() if name.split("/")[0] == package}
     if config.rep155:
-        for topic in (topics.REP155_TRACKED_OUTPUT, topics.ROI_OUTPUT):
+        for topic in (topics.REP155_TRACKED_OUTPUT, topics.ROI_OUTPUT, topics.GESTURE_OUTPUT):
             wanted[topic.message_type] = OF_DETECTORS[topic.message_type]
     for name, definition in wanted.items():
         if name not in types.types:

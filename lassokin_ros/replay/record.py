@@ -83,7 +83,7 @@ def origin_of(options: argparse.Namespace) -> Origin:
         settings["--two_pass"] = True
     if options.camera_info is not None:  # absent without the option: earlier records stay valid
         settings["--camera_info"] = _digest([split_camera(options.camera_info)[0]]), options.camera_info.name
-    # Exports do not change the recording, so they are not part of the settings (see archive/output_files.py).
+    # Exports do not change the recording, so they are not part of the settings (see archive/tasks.py).
     text = json.dumps(settings, sort_keys=True)
     return Origin(version(), _digest(_files(options.bag)), hashlib.sha256(text.encode()).hexdigest())
 

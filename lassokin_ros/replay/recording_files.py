@@ -1,7 +1,8 @@
 """The data files of a recording: their names, a check that none is missing, and their rosbags readers.
 
 An incomplete recording is refused: a part is missing, a file was cut, or a file has fewer messages than metadata.yaml
-states. In all other respects the files are used, not metadata.yaml.
+states. In all other respects the files are used, not metadata.yaml. An mcap file may also have topics of other
+encodings, such as JSON or protobuf.
 """
 
 from __future__ import annotations
@@ -16,9 +17,50 @@ from typing import Any
 
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
-from lassokin_ros.replay.errors import BagError
-from lassokin_ros.replay.mcap_schemas import any_schema
-from lassokin_ros.replay.sqlite_journal import merged
+
+
+class BagError(LassokinError):
+    """A recording cannot be read, lacks a required topic, or cannot be written."""
+
+
+CDR = "cdr"
+"""Encoding of the messages of ROS 2."""
+
+
+@contextmanager
+def any_schema() -> Iterator[None]:
+    """Within this context rosbags opens an mcap file whatever the encodings of its schemas are, and without a profile.
+
+    A schema that is no message definition of ROS 2 counts as absent. The profile is a note of the file's writer; many
+    programs leave it empty.
+    """
+    from rosbags.rosbag2 import storage_mcap
+
+    module: Any = storage_mcap
+    kept = module.get_msgdef, module.read_string
+    first = iter([True])  # the first text that is read is the profile
+
+    def get_msgdef(schema: Any) -> Any:
+        try:
+            return kept[0](schema)
+        except KeyError:
+            return kept[0](None)
+
+    def read_string(stream: Any) -> str:
+        text = str(module.read_bytes(stream).decode(errors="replace"))
+        return text or "ros2" if next(first, False) else text
+
+    module.get_msgdef, module.read_string = get_msgdef, read_string
+    try:
+        yield
+    finally:
+        module.get_msgdef, module.read_string = kept
+
+
+def encoding_of(connection: Any) -> str:
+    """Return the encoding of a topic's messages, in lower case; connection: of rosbags."""
+    return str(getattr(connection.ext, "serialization_format", "") or CDR).lower()
+
 
 METADATA = "metadata.yaml"
 SUFFIXES = (".mcap", ".db3")
@@ -169,6 +211,8 @@ def _numbers(names: Iterable[str]) -> dict[tuple[str, str], set[int]]:
 
 def _open(path: Path, stack: ExitStack) -> DataFile:
     from rosbags.rosbag2 import Reader
+
+    from lassokin_ros.replay.sqlite_journal import merged
 
     if _has_no_end(path):
         raise BagError(

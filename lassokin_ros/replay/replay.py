@@ -111,8 +111,9 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
             files.placed.append(output)
     written.update({f"images {n}" if n else "images": str(shown) for n, shown in enumerate(images)})
     title = f"{options.bag} -> {output} ({storage})"
-    height_before = "" if known is None else known.height
-    summary = _summary(title, cameras, tracker, seconds, written, height_before, report is not None)
+    heights = session.heights().items()
+    words = {person: height_in_words(height) for person, height in heights} if known is None else known.heights
+    summary = _summary(title, cameras, tracker, seconds, written, words, report is not None)
     if report is not None:
         summary = "\n".join([summary, *report.summary_lines])
     frame_ms = 1e3 * float(np.median(tracker.frame_seconds or [np.nan]))
@@ -141,7 +142,7 @@ def _other_topics(bag: BagReader, config: NodeSettings) -> list[RecordedTopic]:
         for name in config.camera_names:
             topic = config.depth_topic(name)
             found.append(bag.find(topics.depth_type(topic), topic, topics.DEPTH_IMAGE, "-p depth:="))
-    if config.camera_mount_frame or config.fixed_frame or config.several_cameras:
+    if config.fixed_frame or config.several_cameras:
         found += [topic for topic in bag.topics if topic.name in (topics.TF, topics.TF_STATIC)]
     return found
 
@@ -238,10 +239,10 @@ def _summary(
     tracker: Playback,
     seconds: float,
     written: Mapping[str, str],
-    height_before: str,
+    heights: Mapping[str, str],
     has_report: bool,
 ) -> str:
-    """height_before: see `Known.height`."""
+    """heights: measured ones in words, by person; see `Known.heights`."""
     counts, error = tracker.session.counts, tracker.reprojection_px
     rejected = {key.partition(": ")[2]: n for key, n in sorted(counts.items()) if key.startswith("rejected: ")}
     times = 1e3 * np.array(tracker.frame_seconds or [np.nan])
@@ -259,8 +260,6 @@ def _summary(
     }
     if (places := tracker.session.placement.places) is not None:
         lines["cameras"] = places.fault or places.in_words()
-    if (mount := tracker.session.placement.mount) is not None:
-        lines["camera mount"] = mount.fault or mount.in_words()
     averaged = tracker.session.tracker.averaged
     if averaged:
         lines["left and right"] = averaged_sides(averaged)
@@ -270,10 +269,7 @@ def _summary(
         lines["depth images"] = f"for {counts[MATCHED]} of {counts[MATCHED] + counts[UNMATCHED]} keypoint messages"
         if remark := depth.fault or depth.note:
             lines["depth images"] += f"; {remark}"
-    if height_before:
-        lines["height"] = height_before
-    for person, height in tracker.session.heights().items():
-        lines[f"height of {person}" if person else "height"] = height_in_words(height)
+    lines |= {f"height of {person}" if person else "height": words for person, words in heights.items()}
     if not has_report:  # which has them, too
         lines |= {f"warned {number}": raised.text for number, raised in enumerate(tracker.warnings.found, 1)}
     if counts[LINK_AS_FRAME]:

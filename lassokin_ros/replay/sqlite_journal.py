@@ -13,7 +13,7 @@ import tempfile
 from contextlib import ExitStack, closing
 from pathlib import Path
 
-from lassokin_ros.replay.errors import BagError
+from lassokin_ros.replay.recording_files import BagError
 
 JOURNALS = ("-wal", "-journal")
 """Suffixes that SQLite adds to the name of the database."""

@@ -11,8 +11,14 @@ from lassokin_ros.core.body.skeleton import AXIS_ORDERS, Skeleton
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.yaml_files import read_text
 from lassokin_ros.skeleton_readers.naming import in_our_names, with_our_orders
-from lassokin_ros.skeleton_readers.rest_pose import in_metres, in_our_pose
-from lassokin_ros.skeleton_readers.rest_tree import LARGEST_OFFSET, MOST_JOINTS, RestTree, to_skeleton
+from lassokin_ros.skeleton_readers.rest_pose import (
+    LARGEST_OFFSET,
+    MOST_JOINTS,
+    RestTree,
+    in_metres,
+    in_our_pose,
+    to_skeleton,
+)
 
 
 def read(path: Path, height: float) -> Skeleton:

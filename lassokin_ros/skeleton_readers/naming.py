@@ -18,14 +18,11 @@ import numpy as np
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.yaml_files import check_keys, load_mapping, read_text
-from lassokin_ros.skeleton_readers.rest_tree import RestTree
+from lassokin_ros.skeleton_readers.rest_pose import OURS, SIDES, RestTree
 
-OURS = "anthropometric"
-"""The built-in skeleton, whose tree and names are SMPL's."""
 OWN_NAMES = "lassokin_ros"
 ROOT_JOINTS = ("root_x", "root_y", "root_z")
 """Names in our own URDF of the three prismatic joints for the translation of the pelvis, m."""
-SIDES = ("left", "right")
 REQUIRED = (
     "pelvis",
     "neck",

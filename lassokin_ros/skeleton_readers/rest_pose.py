@@ -1,4 +1,4 @@
-"""Convert any rest pose to ours: metres, x to the person's left, y up, z to the front, a T-pose.
+"""The joints of a file in the rest pose, and their conversion to ours: metres, x to the person's left, y up, a T-pose.
 
 The positions of landmarks, the pose prior and the joint limits are defined in that pose. With hanging arms or other
 axes the poses would be wrong, without an error message.
@@ -7,15 +7,51 @@ axes the poses would be wrong, without an error message.
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lassokin_ros.core.body.rotations import least_turn
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.skeleton_readers.naming import OURS, SIDES
-from lassokin_ros.skeleton_readers.rest_tree import RestTree
+
+OURS = "anthropometric"
+"""The built-in skeleton, whose tree and names are SMPL's."""
+SIDES = ("left", "right")
+MOST_JOINTS = 1000
+LARGEST_OFFSET = 1e9
+"""Largest offset of a joint in a file, in the file's unit. It keeps sums and products of offsets finite."""
+
+
+@dataclass(frozen=True, eq=False)
+class RestTree:
+    """Joints of a file in the rest pose.
+
+    names: n; parents: (n,) index, parents before children, -1 for the root; positions: (n, 3); axes: n Euler orders.
+    """
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    positions: np.ndarray
+    axes: tuple[str, ...]
+
+
+def to_skeleton(tree: RestTree, height: float, source: str, name: str) -> Skeleton:
+    """Return the skeleton of a tree in metres and body axes. Checks it as for YAML. Raises SkeletonError."""
+    if len(tree.names) > MOST_JOINTS:
+        raise SkeletonError(f"{source} has {len(tree.names)} joints; expected at most {MOST_JOINTS}")
+    positions = tree.positions - tree.positions[0]
+    joints = [
+        {
+            "name": joint,
+            "parent": None if parent < 0 else tree.names[parent],
+            "position": position,
+            "axes": order,
+        }
+        for joint, parent, position, order in zip(tree.names, tree.parents, positions.tolist(), tree.axes)
+    ]
+    return Skeleton.from_mapping({"name": name, "height_unit": "metre", "joints": joints}, height, source)
+
 
 UNITS = {1.0: "m", 0.01: "cm", 0.001: "mm", 0.0254: "inches", 0.3048: "feet", 0.1: "dm"}
 """Metres -> unit."""

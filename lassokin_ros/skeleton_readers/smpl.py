@@ -12,8 +12,7 @@ import numpy as np
 
 from lassokin_ros.core.body.skeleton import HEIGHT_RANGE, Skeleton
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.skeleton_readers.naming import OURS
-from lassokin_ros.skeleton_readers.rest_tree import RestTree, to_skeleton
+from lassokin_ros.skeleton_readers.rest_pose import OURS, RestTree, to_skeleton
 
 LARGEST = 2**28
 """bytes of one array. The largest array read from SMPL, 6890 vertices by 300 shapes, has 50 MB."""

@@ -17,8 +17,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.yaml_files import MAX_CHARACTERS, read_text
 from lassokin_ros.skeleton_readers.naming import ROOT_JOINTS, in_our_names, with_our_orders
-from lassokin_ros.skeleton_readers.rest_pose import in_our_pose
-from lassokin_ros.skeleton_readers.rest_tree import LARGEST_OFFSET, RestTree, to_skeleton
+from lassokin_ros.skeleton_readers.rest_pose import LARGEST_OFFSET, RestTree, in_our_pose, to_skeleton
 
 MOST_LINKS = 4000
 

@@ -117,6 +117,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
         outputs.remarks += filter(None, remarks)
         if (unplaced or tracker_config.calibrate) and not options.causal:
             known = learn(make, partial(_play, cameras, everybody), tracker_config)
+            heights = list(known.heights.values())
             if unplaced:
                 try:
                     poses = found_poses(known.first)
@@ -127,7 +128,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
                 known = replace(known, config=replace(known.config, extrinsics=CHECK))
             second = Playback(known.session(make))
         else:
-            second = first
+            second, heights = first, []
         outputs.follow(second)
         images = _images_together(cameras, options) if outputs.needs_images else iter(())
 
@@ -143,7 +144,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
             files.write_text(options.save_cameras, text)
             written.append(options.save_cameras)
         files.check()
-    summary = _summary(options, cameras, second, written, time.monotonic() - began)
+    summary = _summary(options, cameras, second, written, heights, time.monotonic() - began)
     summary = "\n".join([summary, *(f"{'note':<15} {remark}" for remark in remarks if remark)])
     faults = [camera.detections.fault for camera in cameras if camera.detections is not None]
     return Tracked("\n".join([summary, *outputs.doubts]), not stopped, "; ".join(filter(None, faults)))
@@ -366,13 +367,19 @@ def _play(
 
 
 def _summary(
-    options: argparse.Namespace, cameras: list[Filmed], tracker: Playback, written: list[Path], seconds: float
+    options: argparse.Namespace,
+    cameras: list[Filmed],
+    tracker: Playback,
+    written: list[Path],
+    heights: Sequence[str],
+    seconds: float,
 ) -> str:
+    """heights: as the first pass measured them, in words."""
     counts, error = tracker.session.counts, tracker.reprojection_px
     images = ", ".join(f"{camera.source.name} ({camera.name})" for camera in cameras)
     lines = {
         "images": f"{counts['received']} in, {tracker.messages_tracked} instants tracked",
-        "height": tracker.session.tracker.config.height_text,
+        "height": "; ".join(heights) or tracker.session.tracker.config.height_text,
         "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
         "total": f"{seconds:.1f} s",
         "written": ", ".join(map(str, written)) or "nothing",

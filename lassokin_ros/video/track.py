@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -126,9 +126,8 @@ def _settings(options: argparse.Namespace, source: Source, detector: Detector) -
         raise CameraError(f"cameras is {', '.join(node.camera_names)}; expected no setting: one video has one camera")
     if node.floor:
         raise ConfigurationError("floor is true, but a video has no TF to say where the floor is; set camera_height")
-    for name in ("camera_mount_frame", "fixed_frame"):
-        if getattr(node, name):
-            _note(f"{name} is not used, since a video has no TF; set camera_pitch and camera_roll")
+    if node.fixed_frame:
+        _note("fixed_frame is not used, since a video has no TF; set camera_pitch and camera_roll")
     if tracker.height == 0 and not (tracker.camera_height and tracker.tilt_deviation):
         raise CameraError(
             "height is 0, but one video shows the size only by the floor, with camera_height and tilt_deviation above "
@@ -157,6 +156,7 @@ class Run:
         self.detections = Detections(source, detector, OPTICAL_FRAME, keep=not source.live)
         self._several = detector.several
         self._who = self._passes = ""
+        self._heights: Mapping[str, str] = {}
         self._started = time.monotonic()
 
     @property
@@ -205,11 +205,11 @@ class Run:
         turning = self._shots.pose if self._shots is not None and self._shots.moves else None
         if turning is not None:
             first = Playback(make(config))
-        learned = config.calibrate and config.height > 0
-        known = learn(make, self._play, config) if learned else None
+        known = learn(make, self._play, config) if config.calibrate else None
         last = Playback(first.session if known is None else known.session(make))
         backward = known is not None and any(known.backward.values())
-        self._passes = _passes_in_words(learned, backward, config.smoothing_lag > 0)
+        self._passes = _passes_in_words(config.calibrate, backward, config.smoothing_lag > 0)
+        self._heights = {} if known is None else known.heights
         self._outputs.follow(last)
         self._track_again(last, options)
         return last
@@ -279,7 +279,7 @@ class Run:
         times, detect_times = tracker.frame_seconds or [np.nan], self.detections.detect_seconds or [np.nan]
         lines = {
             "images": f"{counts['received']} in, {tracker.messages_tracked} tracked",
-            "height": _height_line(tracker, options),
+            "height": _height_line(tracker, options, self._heights),
             "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
             "detector": f"{1e3 * float(np.median(detect_times)):.1f} ms median",
             "tracker": f"{1e3 * float(np.median(times)):.2f} ms median",
@@ -297,7 +297,7 @@ class Run:
 def _passes_in_words(learned: bool, backward: bool, smoothed: bool) -> str:
     """Return the passes over a file that were made. learned: that for the lengths, which the backward one needs."""
     made = ", ".join(["lengths"] * learned + ["backward"] * backward + ["forward"]) + "; smoothed" * smoothed
-    return made if learned else f"{made}; those for the lengths and backward need calibrate and a height"
+    return made if learned else f"{made}; those for the lengths and backward need calibrate"
 
 
 def _who_in_words(people: Sequence[Seen], chosen: Sequence[int], width: int) -> str:
@@ -317,10 +317,13 @@ def _next_image(images: Iterator[Any], name: str) -> Any:
     return image
 
 
-def _height_line(tracker: Playback, options: argparse.Namespace) -> str:
-    """Return the height. Without one, sizes and distances are those of a person of the default height."""
+def _height_line(tracker: Playback, options: argparse.Namespace, before: Mapping[str, str]) -> str:
+    """Return the height. Without one, sizes and distances are those of a person of the default height.
+
+    before: see `Known.heights`.
+    """
     session = tracker.session
-    if measured := list(map(height_in_words, session.heights().values())):
+    if measured := list(before.values()) or list(map(height_in_words, session.heights().values())):
         return "; ".join(measured)
     if height_given(options):
         return session.tracker.config.height_text

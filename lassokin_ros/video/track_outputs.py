@@ -19,8 +19,7 @@ from lassokin_ros.replay.exports.exports import Exports
 from lassokin_ros.replay.motion import ASSUMED, GIVEN, MotionRecorder
 from lassokin_ros.replay.playback import Playback
 from lassokin_ros.replay.report.images import ReportImages
-from lassokin_ros.replay.report.page import check_report
-from lassokin_ros.replay.report.report import Report
+from lassokin_ros.replay.report.report import Report, check_report
 from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.camera import DEFAULT_FOV, Calibration
 from lassokin_ros.video.detections import FIRST_STAMP_NS, stamp_of

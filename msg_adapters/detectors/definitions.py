@@ -12,6 +12,7 @@ DEFINITIONS = {
         "std_msgs/Header header\nfloat32 xmin\nfloat32 ymin\nfloat32 xmax\nfloat32 ymax\nfloat32 c"
     ),
     "hri_msgs/msg/IdsList": "std_msgs/Header header\nstring[] ids",
+    "hri_msgs/msg/Gesture": "std_msgs/Header header\nuint8 gesture\nuint8 handedness",
     "yolo_msgs/msg/Point2D": "float64 x\nfloat64 y",
     "yolo_msgs/msg/Vector2": "float64 x\nfloat64 y",
     "yolo_msgs/msg/Pose2D": "yolo_msgs/Point2D position\nfloat64 theta",

@@ -1,4 +1,4 @@
-"""The points of a person's hands, as sensor_msgs/PointCloud2: for robot hands that imitate them, and for gestures."""
+"""The points of a person's hands, as sensor_msgs/PointCloud2: for robot hands that imitate them. And their gestures."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_adapters.backends import Backend
+from msg_adapters.output_messages.builders import StampedBuilder
 from msg_adapters.output_messages.clouds import Cloud
 from msg_adapters.output_messages.joint_uncertainty import COVARIANCE, UPPER
 
@@ -20,6 +21,28 @@ POINT = np.dtype(
     + [(name, "<i4") for name in ("index", "side", "observed", "person", "gesture")]
     + [(name, "<f4") for name in OF_HAND]
 )
+
+
+REP155_GESTURES = {"fist": 7, "open_palm": 8, "pointing": 9, "thumbs_up": 11, "victory": 12}
+"""Numbers of hri_msgs/Gesture since 2.2: CLOSED_FIST, OPEN_PALM, POINTING_UP, THUMB_UP, VICTORY. OTHER is 0."""
+REP155_SIDES = 2, 1
+"""LEFT and RIGHT of hri_msgs/Gesture."""
+
+
+class GestureBuilder(StampedBuilder):
+    """hri_msgs/Gesture."""
+
+    def __init__(self, backend: Backend) -> None:
+        message = backend.make("hri_msgs/msg/Gesture")
+        super().__init__(message, [message.header])
+
+    def numbers(self, gesture: int, side: int) -> np.ndarray:
+        """gesture: number of the message. side: 0 for the left hand, 1 for the right one."""
+        return np.array([gesture, REP155_SIDES[side]])
+
+    def write(self, numbers: np.ndarray) -> None:
+        """See StampedBuilder.write."""
+        self._message.gesture, self._message.handedness = numbers.tolist()
 
 
 @dataclass(frozen=True, eq=False)

@@ -230,10 +230,3 @@ def test_clips_without_a_lasso_are_reported(tmp_path):
     np.savez(tmp_path / "one_frame.npz", **standing)
     with pytest.raises(SystemExit, match="no lasso came up in one_frame"):
         solvers.main(["--data", str(tmp_path), "--clips", "one_frame", "--problems", "2"])
-
-
-def test_the_offline_fit_of_a_clip_without_a_person_gives_the_same_record_as_other_methods(tmp_path):
-    np.savez(tmp_path / "empty.npz", **detection_arrays())
-    (job,) = detection_jobs([tmp_path / "empty.npz"], ["smplify"], False, {})
-    record = run_detections(job)
-    assert record["frames"] == 0 and record["rejected"] == 3 and record["ends_lost"]

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from benchmarks import latency, solvers
-from benchmarks.data.motion import load_motion
-from benchmarks.latency import BODIES, PEOPLE, Run, interleaved, main
+from benchmarks.against import BODY, LAYOUT
+from benchmarks.data.motion import load_motion, on_skeleton
+from benchmarks.latency import PEOPLE, Run, interleaved, main
 from benchmarks.methods.robot_ik import available
 from benchmarks.timing.stages import STAGES, Clock, profile
+from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.lasso import solver
 from lassokin_ros.core.tracker import Tracker
@@ -25,11 +27,15 @@ def test_without_clips_the_motion_is_synthetic_and_named():
 
 
 def test_a_skeleton_with_both_hands_has_55_joints_and_65_landmarks():
-    run = Run(MOTION, str(BODIES / "body25_hands.yaml"), str(BODIES / "hands55.yaml"))
-    assert run.state.rotations.shape == (12, 55, 3, 3) and run.observations[0].points.shape == (65, 2)
-    assert [run.step(frame) for frame in range(3)] == [False, True, True]  # the first frame initialises
-    hands = Skeleton.load(str(BODIES / "hands55.yaml"), 1.75).rest_positions
-    assert np.allclose(hands.mean(0)[0], 0, atol=1e-12)  # left and right mirror each other
+    hands = Skeleton.load(str(BODY), 1.75)
+    assert on_skeleton(MOTION, hands).rotations.shape == (12, 55, 3, 3)
+    assert len(Layout.load(str(LAYOUT), hands).names) == 65
+    assert np.allclose(hands.rest_positions.mean(0)[0], 0, atol=1e-12)  # left and right mirror each other
+
+
+def test_the_first_frame_initialises_and_is_not_counted():
+    run = Run(MOTION)
+    assert [run.step(frame) for frame in range(3)] == [False, True, True]
 
 
 def test_profile_times_every_stage_and_restores_the_tracker():
@@ -78,11 +84,11 @@ def test_invalid_options_are_refused_by_name(command, option, capsys):
 
 def test_the_command_line_prints_every_part(tmp_path, capsys):
     file = tmp_path / "records.json"
-    options = ["--data", str(tmp_path), "--frames", "12", "--parts", "core,landmarks,people,peers", "--json", str(file)]
+    options = ["--data", str(tmp_path), "--frames", "12", "--parts", "core,people,peers", "--json", str(file)]
     assert main(options) == 0
     records = json.loads(file.read_text(encoding="utf-8"))
-    by_part = {part: [r["what"] for r in records if r["part"] == part] for part in ("landmarks", "people", "peers")}
-    assert len(by_part["landmarks"]) == 4 and len(by_part["people"]) == len(PEOPLE)
+    by_part = {part: [r["what"] for r in records if r["part"] == part] for part in ("people", "peers")}
+    assert len(by_part["people"]) == len(PEOPLE)
     assert by_part["peers"] == ["tracker step", *available()]
     assert all(0 < r["p50_us"] <= r["p95_us"] <= r["p99_us"] for r in records)
     assert "synthetic motion" in capsys.readouterr().out

@@ -92,6 +92,6 @@ def test_the_command_line_solves_recorded_problems(tmp_path, capsys):
     clips = ["--clips", "exp_running_1"]
     assert main([*clips, "--problems", "4", "--methods", "primal split", "--json", str(file)]) == 0
     records = json.loads(file.read_text(encoding="utf-8"))
-    assert [r["kind"] for r in records] == ["plain"] * 3 + ["default"] * 3
+    assert [r["kind"] for r in records] == ["plain"] * 2 + ["default"] * 2
     assert all(r["certified_percent"] == 100 for r in records if r["method"].startswith("default"))
     assert "one thread" in capsys.readouterr().out

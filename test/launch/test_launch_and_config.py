@@ -16,8 +16,9 @@ from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.urdf import urdf
 from lassokin_ros.pipeline.outputs.description.urdf_from_parameters import urdf_from_settings
+from lassokin_ros.pipeline.outputs.topics import STATE_PUBLISHER
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "config"
@@ -43,15 +44,13 @@ def test_each_usual_set_up_has_a_parameter_file():
 
 def test_the_urdf_follows_from_settings():
     skeleton = Skeleton.load("anthropometric", 1.75)
-    base_frame = NodeSettings().base_frame
-    assert urdf_from_settings(TrackerConfig(height=1.75), NodeSettings()) == urdf(skeleton, base_frame, "tracker/")
+    assert urdf_from_settings(TrackerConfig(height=1.75), NodeSettings()) == urdf(skeleton, OPTICAL_FRAME, "tracker/")
     bare = urdf_from_settings(
-        TrackerConfig(height=1.75), NodeSettings(base_frame="lens", frame_prefix=""), "cam/tracker"
+        TrackerConfig(height=1.75), NodeSettings(fixed_frame="map", frame_prefix=""), "cam/tracker"
     )
-    assert bare == urdf(skeleton, "lens")
+    assert bare == urdf(skeleton, "map")
 
 
-FOLLOWER = {"state_publisher": "human_state_publisher"}
 CLOCK = {"use_sim_time": True}
 
 
@@ -94,8 +93,8 @@ def start(launch_file, **given):
     return {getattr(action, "package", "bag"): action for action in actions}
 
 
-def own_urdf(base_frame="camera_optical_frame", height=TYPICAL_HEIGHT, node="tracker"):
-    return urdf(Skeleton.load("anthropometric", height), base_frame, f"{node}/")
+def own_urdf(height=TYPICAL_HEIGHT, node="tracker", base=OPTICAL_FRAME):
+    return urdf(Skeleton.load("anthropometric", height), base, f"{node}/")
 
 
 def test_launch_starts_the_default_nodes(launch_file):
@@ -103,9 +102,9 @@ def test_launch_starts_the_default_nodes(launch_file):
     assert set(started) == {"lassokin_ros", "robot_state_publisher"}
     tracker, frames = started["lassokin_ros"], started["robot_state_publisher"]
     assert (tracker.executable, tracker.name) == ("tracker", "tracker")
-    assert tracker.parameters == [str(CONFIG / "tracker.yaml"), FOLLOWER]
+    assert tracker.parameters == [str(CONFIG / "tracker.yaml")]
     assert tracker.remappings == [("keypoints", "keypoints"), ("camera_info", "camera_info")]
-    assert frames.name == FOLLOWER["state_publisher"]
+    assert frames.name == STATE_PUBLISHER
     assert frames.parameters[0]["publish_frequency"] >= 60
     assert frames.parameters[0]["robot_description"].args[0] == own_urdf()
     assert ("joint_states", "tracker/joint_states") in frames.remappings
@@ -128,9 +127,9 @@ def test_launch_passes_its_arguments(launch_file, tmp_path):
     given = {"keypoints": "/d/k", "camera": "/cam/", "params": str(file), "frame": "lens", "bag": "walk", "rviz": "1"}
     started = start(launch_file, **given)
     tracker = started["lassokin_ros"]
-    assert tracker.parameters == [str(file), {"use_sim_time": True}, {"base_frame": "lens", **FOLLOWER}]
+    assert tracker.parameters == [str(file), {"use_sim_time": True}]
     assert tracker.remappings == [("keypoints", "/d/k"), ("camera_info", "/cam/camera_info")]
-    assert started["robot_state_publisher"].parameters[0]["robot_description"].args[0] == own_urdf("lens", 1.6)
+    assert started["robot_state_publisher"].parameters[0]["robot_description"].args[0] == own_urdf(1.6)
     rviz = started["rviz2"]
     assert Path(rviz.arguments[1]).is_file() and rviz.arguments[2:] == ["-f", "lens"]
     assert rviz.remappings == [("image_raw", "/cam/image_raw"), ("camera_info", "/cam/camera_info")]
@@ -150,10 +149,9 @@ def test_the_home_folder_may_be_written_as_a_tilde(launch_file, monkeypatch, tmp
 
 def test_launch_sets_parameters_and_the_namespace(launch_file):
     given = {"height": "1.9", "camera_pitch": "0.3", "landmarks": "body25", "namespace": "/left", "log_level": "WARN"}
-    mount = {"camera_mount_frame": "base_footprint"}
-    started = start(launch_file, **given, **mount)
+    started = start(launch_file, **given)
     tracker, frames = started["lassokin_ros"], started["robot_state_publisher"]
-    assert tracker.parameters[1] == {"height": 1.9, "camera_pitch": 0.3, "landmarks": "body25", **mount, **FOLLOWER}
+    assert tracker.parameters[1] == {"height": 1.9, "camera_pitch": 0.3, "landmarks": "body25"}
     assert tracker.namespace == frames.namespace == "/left"
     assert tracker.arguments == ["--ros-args", "--log-level", "warn"]
     assert frames.parameters[0]["robot_description"].args[0] == own_urdf(height=1.9, node="left/tracker")
@@ -164,7 +162,7 @@ def test_launch_sets_parameters_and_the_namespace(launch_file):
 )
 def test_the_clock_of_the_parameter_file_is_that_of_all_nodes(launch_file, given, chosen):
     started = start(launch_file, params="rosbag", rviz="1", **given)
-    assert started["lassokin_ros"].parameters == [str(CONFIG / "rosbag.yaml"), *chosen, FOLLOWER]
+    assert started["lassokin_ros"].parameters == [str(CONFIG / "rosbag.yaml"), *chosen]
     for package in ("robot_state_publisher", "rviz2"):
         assert started[package].parameters[-1] == (chosen or [CLOCK])[0]
     assert start(launch_file, rviz="1")["rviz2"].parameters == [{"use_sim_time": False}]
@@ -180,9 +178,8 @@ def test_a_file_for_two_trackers_is_read_for_the_one_in_the_namespace(launch_fil
 
 
 def test_launch_sets_the_depth_images(launch_file):
-    given = {"params": "realsense", "depth": "/depth_to_rgb/image_raw", "depth_registered": "true"}
-    tracker = start(launch_file, **given)["lassokin_ros"]
-    expected = {"depth": "/depth_to_rgb/image_raw", "depth_registered": True, **FOLLOWER}
+    expected = {"depth": "/depth_to_rgb/image_raw"}
+    tracker = start(launch_file, params="realsense", **expected)["lassokin_ros"]
     assert tracker.parameters == [str(CONFIG / "realsense.yaml"), expected]
 
 
@@ -193,12 +190,10 @@ def test_launch_of_several_people_starts_no_state_publisher(launch_file, tmp_pat
     assert started["lassokin_ros"].parameters[1] == {"max_people": 3, "publish_tf": "all"}
     assert start(launch_file, max_people="3", frames="no")["lassokin_ros"].parameters[1] == {"max_people": 3}
     file = tmp_path / "mine.yaml"
-    for people, chosen, set_here in ((3, "root", []), (1, "all", []), (1, "root", [FOLLOWER]), (1, "off", [FOLLOWER])):
+    for people, chosen, with_it in ((3, "root", False), (1, "all", False), (1, "root", True), (1, "off", True)):
         file.write_text(f"/**:\n  ros__parameters:\n    max_people: {people}\n    publish_tf: {chosen}\n")
         started = start(launch_file, params=str(file))
-        assert started["lassokin_ros"].parameters[1:] == set_here and ("robot_state_publisher" in started) == bool(
-            set_here
-        )
+        assert not started["lassokin_ros"].parameters[1:] and ("robot_state_publisher" in started) == with_it
 
 
 @pytest.mark.parametrize("text, value", [("true", True), ("1", True), ("ON", True), ("false", False), ("No", False)])
@@ -250,9 +245,9 @@ def test_rviz_of_several_people_has_the_topics_of_everybody(launch_file):
 
 def test_launch_sets_several_cameras_and_their_fixed_frame(launch_file):
     started = start(launch_file, cameras="[left, right]", fixed_frame="odom", rviz="1")
-    expected = {"cameras": ["left", "right"], "fixed_frame": "odom", **FOLLOWER}
+    expected = {"cameras": ["left", "right"], "fixed_frame": "odom"}
     assert started["lassokin_ros"].parameters[1] == expected
-    assert started["robot_state_publisher"].parameters[0]["robot_description"].args[0] == own_urdf("odom")
+    assert started["robot_state_publisher"].parameters[0]["robot_description"].args[0] == own_urdf(base="odom")
     _, shown, *frame = started["rviz2"].arguments
     assert frame == ["-f", "odom"]
     displays = yaml.safe_load(Path(shown).read_text(encoding="utf-8"))["Visualization Manager"]["Displays"]

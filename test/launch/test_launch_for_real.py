@@ -27,7 +27,7 @@ def actions_for(**given):
 
 def test_every_argument_has_a_description():
     arguments = get_launch_description_from_python_launch_file(str(FILE)).get_launch_arguments()
-    assert {"keypoints", "height", "camera_mount_frame", "namespace"} <= {argument.name for argument in arguments}
+    assert {"keypoints", "height", "fixed_frame", "namespace"} <= {argument.name for argument in arguments}
     assert all(argument.description for argument in arguments)
 
 

@@ -148,7 +148,7 @@ def test_the_tracker_gets_the_detectors_layout(webcam, tmp_path):
         assignments = [f"{name}:={value}" for name, value in node.parameters[-1].items()]
         settings, node_settings = offline_settings([Path(node.parameters[0])], assignments)
         assert (settings.landmarks, settings.height) == (layout, 1.6)
-        assert node_settings.base_frame == "camera_optical_frame"
+        assert node_settings.root_frame == "camera_optical_frame"
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.session import Session
-from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.inputs import camera_info, point_cloud
 from msg_adapters.output_messages.image_markers import DETECTED, REPROJECTED, ImageMarkerBuilder
@@ -26,7 +26,7 @@ from msg_adapters.output_messages.image_markers import DETECTED, REPROJECTED, Im
 cv2 = pytest.importorskip("cv2", reason="OpenCV is the independent projection")
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
-FRAMES, START_NS, FRAME = 20, 10**12, NodeSettings().base_frame
+FRAMES, START_NS, FRAME = 20, 10**12, OPTICAL_FRAME
 BACKENDS = [rosbags_backend(), *([RclpyBackend()] if find_spec("rclpy") else [])]
 DISPLAYS = {
     "rviz_default_plugins/MarkerArray": "visualization_msgs/msg/MarkerArray",

@@ -16,6 +16,7 @@ from std_msgs.msg import String  # noqa: E402
 from transforms import rpy, tf_message  # noqa: E402
 
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
+from lassokin_ros.pipeline.outputs.topics import STATE_PUBLISHER  # noqa: E402
 
 URDF = '<robot name="arm"><link name="pelvis"/></robot>'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -34,8 +35,10 @@ def test_the_robots_topics_are_not_changed():
         robot.create_publisher(JointState, "/joint_states", 10)
         one.executor.add_node(robot)
         names = "/joint_states", "/robot_description", "/joints", "/markers", "/translation"
-        asked = "-p", "state_publisher:=/robot_state_publisher"
-        with NodeProcess("/one", *asked) as first, NodeProcess("/two"):
+        asked = [
+            f"{STATE_PUBLISHER}/{kind}_parameters:=/robot_state_publisher/{kind}_parameters" for kind in ("get", "set")
+        ]
+        with NodeProcess("/one", "-r", asked[0], "-r", asked[1]) as first, NodeProcess("/two"):
             described = {}
             for peer in (one, two):
                 peer.listen(topics.DESCRIPTION_OUTPUT)
@@ -80,7 +83,7 @@ def test_no_frame_of_the_robots_gets_another_parent_or_name():
         one.node.create_subscription(TFMessage, "/tf_static", lambda m: transforms.extend(m.transforms), LATCHED)
         static = one.node.create_publisher(TFMessage, "/tf_static", LATCHED)
         static.publish(tf_message(BACKEND, 0, *((parent, child, rpy(0, 0)) for child, parent in of_robot.items())))
-        settings = "-p", "publish_tf:=all", "-p", "camera_mount_frame:=base_link"
+        settings = "-p", "publish_tf:=all", "-p", "fixed_frame:=base_link"
         with NodeProcess("/one", *settings), NodeProcess("/two", *settings, "-p", "max_people:=2"):
             seen, stamps, next_at = set(), count(one.start_ns, FRAME_NS), 0.0
 

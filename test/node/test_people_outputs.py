@@ -1,7 +1,6 @@
 """The topics of several people: of the running node on real DDS, and of the replay."""
 
 import os
-import signal
 import time
 
 import numpy as np
@@ -188,15 +187,6 @@ def test_person_numbers_that_change_in_each_image_are_reported(person_ids):
 
         status = peer.next_diagnostics(seen)
         assert ("people come and leave" in status.message) is (person_ids == "message"), status.message
-
-
-def test_a_state_publisher_with_several_people_is_reported_as_unused():
-    namespace = "/no_use"
-    settings = "-p", "max_people:=2", "-p", "state_publisher:=human_state_publisher"
-    with NodeProcess(namespace, *settings) as node, Peer(namespace, outputs=False) as peer:
-        peer.next_diagnostics()
-        node.stop(signal.SIGINT)
-    assert node.said.count("state_publisher is 'human_state_publisher'") == 1 and "one person" in node.said
 
 
 @pytest.mark.parametrize("parameter, package, people", [("rep155", "hri_msgs", 2), ("publish_tf", "tf2_msgs", 1)])

@@ -1,6 +1,5 @@
 """robot_state_publisher's URDF follows ~/robot_description, on real DDS. A node with the same parameter replaces it."""
 
-import time
 from contextlib import ExitStack
 
 import pytest
@@ -13,11 +12,11 @@ from rcl_interfaces.msg import SetParametersResult  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
-from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 from lassokin_ros.pipeline.outputs.description.urdf import urdf  # noqa: E402
+from lassokin_ros.pipeline.outputs.topics import STATE_PUBLISHER  # noqa: E402
 
 SKELETON = Skeleton.load("anthropometric", 1.75)
-SETTINGS = ("-p", "state_publisher:=human_state_publisher", "-p", "height:=1.75")
+SETTINGS = ("-p", "height:=1.75")
 
 
 def own_urdf(peer, base_frame):
@@ -29,7 +28,7 @@ class StandIn:
 
     def __init__(self, peer, bad="<nothing>", text=None):
         self.peer, self.asked = peer, []
-        self.node = Node("human_state_publisher", namespace=peer.namespace, context=peer.context)
+        self.node = Node(STATE_PUBLISHER, namespace=peer.namespace, context=peer.context)
         self.node.declare_parameter("robot_description", text or own_urdf(peer, "launch_frame"))
 
         def check(parameters):
@@ -64,33 +63,6 @@ def test_the_urdf_follows_the_frame_and_a_restart():
         peer.spin_until(lambda: again.urdf == own_urdf(peer, FRAME), what="the description after a restart")
         again.end()
     assert not complaints(node.said)
-
-
-def test_a_missing_state_publisher_is_reported_once_and_served_when_it_starts():
-    namespace, pixels, sent = "/absent", pixels_of_motion(400, hz=10.0), 0
-    with NodeProcess(namespace, *SETTINGS, "-p", "calibrate:=false") as node, Peer(namespace) as peer:
-        peer.start(pixels[0])
-        begun = time.monotonic()
-
-        def said_while_tracked(level, words):
-            """Send keypoints ten times per second until the status has this level and starts with these words."""
-            nonlocal sent
-            if time.monotonic() - begun > 0.1 * sent:
-                peer.send(peer.start_ns + 10**8 * sent, pixels[sent % len(pixels)])
-                sent += 1
-            newest = peer.got[topics.DIAGNOSTICS][-1].status[0]
-            return newest.level == level and newest.message.startswith(words)
-
-        service = f"{namespace}/human_state_publisher/set_parameters"
-        warning = f"tracking; state_publisher is 'human_state_publisher', but there is no service {service}"
-        peer.next_diagnostics()
-        peer.spin_until(lambda: said_while_tracked(b"\x01", warning), what="the warning")
-        other = StandIn(peer)
-        peer.spin_until(lambda: other.urdf == own_urdf(peer, FRAME), what="the description")
-        peer.spin_until(lambda: said_while_tracked(b"\x00", "tracking"), what="the end of the warning")
-        other.end()
-    assert node.said.count("state_publisher is 'human_state_publisher', but") == 1
-    assert len(complaints(node.said)) == 1
 
 
 def test_a_refusal_is_logged_once_and_has_no_other_effect():

@@ -14,9 +14,11 @@ pytest.importorskip("rclpy")
 
 from live import NodeProcess, Peer  # noqa: E402
 from messages import pixels_of_motion  # noqa: E402
+from rcl_interfaces.srv import GetParameters, SetParameters  # noqa: E402
 
 from lassokin_ros.node.message_types import message_class  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
+from lassokin_ros.pipeline.outputs.topics import STATE_PUBLISHER  # noqa: E402
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 POLICY = CONFIG / "sros2_policy.xml"
@@ -57,8 +59,9 @@ def test_the_policy_has_the_form_of_sros2():
 
 
 def test_the_policy_allows_exactly_the_outputs_of_topics_py():
-    outputs = [t.name for t in topics.PERSON_OUTPUTS]
-    people = [topics.of_person(t.name, "*", rep155) for rep155 in (False, True) for t in topics.person_outputs(rep155)]
+    outputs = [t.name for t in topics.person_outputs(False, hands=True)]
+    people = [topics.of_person(t.name, "*", rep155) for rep155 in (False, True)
+              for t in topics.person_outputs(rep155, hands=True)]  # fmt: skip
     others = [
         topics.DIAGNOSTICS,
         topics.PEOPLE,
@@ -100,7 +103,9 @@ def endpoints(namespace, expected, detector=(), **settings):
     arguments, pixels, sent, done = [], pixels_of_motion(40), 0, {}
     for item in settings.items():
         arguments += ["-p", "{}:={}".format(*item)]
-    awaited = {rule: {p for p in allowed(rule, namespace) if expected(rule, p)} for rule in KINDS}
+    hands = topics.HANDS[1:], topics.GESTURE[1:]  # are not used by this skeleton
+    awaited = {rule: {p for p in allowed(rule, namespace) if expected(rule, p) and not p.endswith(hands)}
+               for rule in KINDS}  # fmt: skip
     assert any(awaited.values())
 
     def all_used():
@@ -115,6 +120,8 @@ def endpoints(namespace, expected, detector=(), **settings):
     with NodeProcess(namespace, *arguments), Peer(namespace, outputs=False) as peer:
         for kind, name in detector:
             peer.node.create_publisher(message_class(kind), name, 10)
+        for kind, name in ((GetParameters, "get"), (SetParameters, "set")):
+            peer.node.create_service(kind, f"{STATE_PUBLISHER}/{name}_parameters", lambda _, response: response)
         peer.next_diagnostics()
         peer.spin_until(lambda: "tracker" in peer.node.get_node_names(), what="the node's name")
         peer.spin_until(all_used, what=f"all of {awaited}")
@@ -132,7 +139,7 @@ def of_bodies(pattern):
 
 def test_one_person_with_depth_uses_exactly_what_the_policy_allows():
     """But TF and several people: see the next tests."""
-    one = {"depth": DEPTH, "state_publisher": "human_state_publisher", "use_sim_time": "true"}
+    one = {"depth": DEPTH, "use_sim_time": "true"}
 
     def expected(_, name):
         return not of_bodies(name) and not of_cameras(name) and not name.startswith(topics.TF)
@@ -151,7 +158,7 @@ def test_several_people_use_exactly_what_the_policy_allows():
 
 def test_tf_is_used_exactly_as_the_policy_allows():
     pytest.importorskip("tf2_msgs", reason="tf2_msgs is not installed: apt, or `make messages`")
-    endpoints("/secured_tf", lambda _, name: name.startswith(topics.TF), publish_tf="root", camera_mount_frame="base")
+    endpoints("/secured_tf", lambda _, name: name.startswith(topics.TF), publish_tf="root", fixed_frame="base")
 
 
 def test_the_bodies_of_a_detector_are_read_exactly_as_the_policy_allows():

@@ -16,8 +16,6 @@ from lassokin_ros.pipeline.settings import NodeSettings
         ({"frame_prefix": "/human/"}, "frame_prefix is '/human/'; expected a prefix without spaces"),
         ({"frame_prefix": "my human/"}, "frame_prefix is 'my human/'"),
         ({"depth": "depth image"}, "depth is 'depth image'; expected the name of a topic"),
-        ({"publish_tf": "all", "state_publisher": "rsp"}, "both would publish the joints'"),
-        ({"skeleton_output": "body.urdf"}, "expected the name of a file that ends in .yaml or .yml"),
         ({"cameras": ("left cam", "right")}, "cameras has the name 'left cam'; expected letters from a to z"),
         ({"cameras": ("kamera_\u00fc", "right")}, "cameras has the name 'kamera_\u00fc'; expected letters from a to z"),
         ({"cameras": ("left\u0663", "right")}, "expected letters from a to z, digits and _"),  # an Arabic digit
@@ -44,9 +42,9 @@ def test_settings_at_their_limits_are_accepted():
         {"keypoints_type": "sensor_msgs/PointCloud2", "people_type": "people_msgs/People"},
         {"max_people": 1, "queue_depth": 1, "forget_after": 0.1},
         {"max_people": 20, "queue_depth": 1000, "forget_after": 3600.0},
-        {"publish_tf": "root", "state_publisher": "rsp"},
+        {"publish_tf": "root"},
         {"publish_tf": "all"},
-        {"skeleton_output": "BODY.YML", "frame_prefix": "", "depth": "/camera/depth"},
+        {"frame_prefix": "", "depth": "/camera/depth"},
     ):
         settings = NodeSettings(**changes)
         assert settings.checked() is settings
@@ -56,10 +54,10 @@ def test_the_defaults_of_the_node_are_those_of_the_reference():
     """A change of a default affects every user."""
     settings = NodeSettings()
     assert (settings.keypoints_type, settings.people_type) == ("sensor_msgs/msg/PointCloud2",) * 2
-    assert (settings.depth, settings.rectified, settings.base_frame) == ("", False, "camera_optical_frame")
+    assert (settings.depth, settings.rectified, settings.root_frame) == ("", False, "camera_optical_frame")
     assert (settings.frame_prefix, settings.queue_depth) == ("~/", 5)
     assert (settings.max_people, settings.person_ids, settings.forget_after) == (1, "message", 3.0)
-    assert (settings.rep155, settings.publish_tf, settings.state_publisher) == (False, "off", "")
+    assert (settings.rep155, settings.publish_tf) == (False, "off")
 
 
 @pytest.mark.parametrize(

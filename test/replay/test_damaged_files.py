@@ -182,7 +182,7 @@ def test_a_name_used_by_something_else_is_reported(recording, tmp_path, monkeypa
 def test_a_failing_clean_up_does_not_hide_the_error(tmp_path, monkeypatch):
     """On a disk that is mounted read-only, nothing can be removed either."""
     from lassokin_ros.common.atomic_files import AtomicFiles
-    from lassokin_ros.replay.exports.errors import ExportError
+    from lassokin_ros.replay.exports.sampling import ExportError
 
     def read_only(*_, **__):
         raise OSError(30, "Read-only file system")

@@ -16,7 +16,7 @@ from ruamel.yaml import YAML  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.replay.bags import BagReader, register_detector_types, typestore  # noqa: E402
-from lassokin_ros.replay.errors import BagError  # noqa: E402
+from lassokin_ros.replay.recording_files import BagError  # noqa: E402
 from msg_adapters.detectors.definitions import DEFINITIONS, OLDER  # noqa: E402
 from msg_adapters.detectors.registry import keypoint_adapter  # noqa: E402
 

@@ -10,7 +10,17 @@ import pytest
 pytest.importorskip("rosbags", reason="rosbags reads the recordings")
 
 from camera_rig import eye, in_map, keypoints, pixels, tf_of, truth_at  # noqa: E402
-from messages import FOCAL, HEIGHT, WIDTH, camera_info, cloud, crowd, rosbags_backend, with_depths  # noqa: E402
+from messages import (  # noqa: E402
+    FOCAL,
+    HEIGHT,
+    WIDTH,
+    camera_info,
+    cloud,
+    crowd,
+    pixels_of_motion,
+    rosbags_backend,
+    with_depths,
+)
 from recordings import RATE, START_NS, contents, read, write_messages, write_recording  # noqa: E402
 from sequences import CONFIG, observations  # noqa: E402
 
@@ -32,6 +42,7 @@ from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from lassokin_ros.replay.keypoint_recording import write_keypoint_recording  # noqa: E402
 from lassokin_ros.replay.passes import passes  # noqa: E402
 from lassokin_ros.replay.passes.kept_observations import KeptObservations  # noqa: E402
+from msg_adapters.keypoints import Keypoints  # noqa: E402
 
 FRAMES = 150
 
@@ -81,7 +92,7 @@ def test_two_passes_need_calibration(recording, tmp_path, capsys):
     assert "needs calibration" in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
-def test_several_people_have_the_lengths_learned_by_the_last_frame(tmp_path):
+def test_several_people_have_the_lengths_learned_by_the_last_frame(tmp_path, capsys):
     """Two people with long arms side by side; who is who is not told by the messages, whose rows change their order."""
     backend, random, times = rosbags_backend(), np.random.default_rng(3), np.arange(100) / 30
     skeleton = Skeleton.load("anthropometric", 1.75)
@@ -104,7 +115,10 @@ def test_several_people_have_the_lengths_learned_by_the_last_frame(tmp_path):
     options = [word for setting in settings for word in ("-p", setting)]
     bag = write_messages(tmp_path / "in", sent)
     assert main([str(bag), "-o", str(tmp_path / "one"), *options]) == 0
+    capsys.readouterr()
     assert main([str(bag), "-o", str(tmp_path / "two"), "--two-pass", *options]) == 0
+    heights = re.findall(r"^height of (p\d) +1\.[78]\d m, measured", capsys.readouterr().out, re.M)
+    assert heights == ["p1", "p2"]
     true = np.linalg.norm(np.subtract(*own.rest_positions[[16, 18]]))
     for person in ("p1", "p2"):
         one, two = (arms(tmp_path / name, f"bodies/{person}/")[0] for name in ("one", "two"))
@@ -151,14 +165,43 @@ def test_a_short_recording_keeps_its_lengths_and_its_root_is_between_the_tracks_
     assert np.abs(both - forward - share[:, None] * way).max() < 1e-9 and (share > 0.01).all() and (share < 0.99).all()
 
 
-def test_a_person_whose_height_is_not_known_yet_is_not_tracked_backward(monkeypatch):
-    monkeypatch.setattr(
-        KeptObservations, "track_backward", lambda *_: pytest.fail("each track has a height of its own")
-    )
-    monkeypatch.setattr(KeptObservations, "numbers", [None])
-    config = TrackerConfig(height=0.0, camera_height=1.2, tilt_deviation=0.01)
-    make = partial(Session, node_config=NodeSettings())
-    assert passes._backward(KeptObservations(), make, make(config), config, {}) == {}
+def test_people_whose_heights_are_not_given_are_tracked_backward_with_those_of_the_first_pass():
+    """With one camera, who moved too little to be calibrated is as tall in both tracks as the first pass has assumed;
+    who was never tracked has no height.
+    """
+    body = np.random.default_rng(0).normal(pixels_of_motion(12), 1.0)
+    images = [(START_NS + round(n * 1e9 / 30), xy) for n, xy in enumerate(body)]
+    few = np.where(np.arange(17) < 3, 0.9, 0.0)
+
+    def play(playback, title):
+        playback.camera_info(camera_info(rosbags_backend()), START_NS)
+        for at_ns, xy in images:
+            people = [(1, xy - [150, 0], np.full(17, 0.9)), (2, xy + [150, 0], np.full(17, 0.9)), (7, xy, few)]
+            playback.keypoints(Keypoints.of_people(at_ns, "camera", people), at_ns)
+        playback.finish()
+
+    settings = NodeSettings(max_people=2)
+
+    def make(config, bodies=None):
+        return Session(config, settings, bodies=bodies)
+
+    known = passes.learn(make, play, TrackerConfig())
+    assert {number: list(frames) for number, frames in known.backward.items()} == {
+        number: sorted((at_ns for at_ns, _ in images), reverse=True) for number in (1, 2)
+    }
+    assert set(known.heights) == {"p1", "p2"} and "a mean of people" in known.heights["p1"]
+    session = known.session(make)
+    assert [one.tracker.config.height for one in session._trackable] == [1.7, 1.7]
+    assert passes._backward(Kept([None, 7]), make, session, TrackerConfig(), known.bodies) == {}
+
+
+class Kept:
+    """Observations of people who were never accepted."""
+
+    usable = True
+
+    def __init__(self, numbers):
+        self.numbers = numbers
 
 
 def frame(stamp_ns, label="p1"):

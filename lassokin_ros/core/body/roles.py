@@ -121,6 +121,16 @@ def body_joints(names: Sequence[str]) -> np.ndarray:
     return own if len(own) > 1 else np.arange(len(names))
 
 
+def of_body(names: Sequence[str]) -> np.ndarray:
+    """(n,) bool: joints that a body with and without fingers has in common, as the depth network and the prior see it.
+
+    Those of the hands, whose wrists are turned by other keypoints, are False; all are True without fingers, and in a
+    hand alone.
+    """
+    own = ~np.isin(names, sided("wrist", *FINGER_JOINTS))
+    return own if own.any() and any(map(is_finger, names)) else np.ones(len(names), dtype=bool)
+
+
 def missing_roles(names: Collection[str]) -> str:
     """What is off for a skeleton with these joints, in one line; empty if nothing is."""
     if not set(names) - set(sided("wrist", "hand", *FINGER_JOINTS)):

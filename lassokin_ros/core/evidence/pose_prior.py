@@ -12,7 +12,7 @@ from typing import Any, Mapping
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import Kinematics
-from lassokin_ros.core.body.roles import body_joints
+from lassokin_ros.core.body.roles import of_body
 from lassokin_ros.core.body.rotations import logarithm, right_jacobian, right_jacobian_inverse
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LayoutError
@@ -97,8 +97,8 @@ class PosePrior(Evidence):
         self.W = np.zeros((len(free), len(self.covariance)))
         self.W[:, free] = np.linalg.cholesky(np.linalg.inv(self.covariance[np.ix_(free, free)])).T
         self.count = len(self.W)
-        body = np.isin(self.joints[free // 3], body_joints(kinematics.skeleton.joint_names))
-        #: Rows of the body without its fingers. The others are independent of these.
+        body = of_body(kinematics.skeleton.joint_names)[self.joints[free // 3]]
+        #: Rows of the body without its hands. The others are independent of these.
         self.body_rows = slice(None) if body.all() else np.flatnonzero(body)
         self.set_mean(self.mean)
         self.columns_by_joint = np.ascontiguousarray(self.W.T).reshape(len(self.joints), 3, self.count)

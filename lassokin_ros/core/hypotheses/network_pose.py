@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
-from lassokin_ros.core.body.roles import LIMB_BONES
+from lassokin_ros.core.body.roles import LIMB_BONES, of_body
 from lassokin_ros.core.body.rotations import least_turn
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.evidence import EvaluatedState
@@ -34,6 +34,8 @@ class NetworkPose:
         shared = [name for name in PLACES if name in names]
         self._shared = np.array([PLACES.index(name) for name in shared])
         self._joints = np.array([names.index(name) for name in shared])
+        #: Those that the network sees as the tracker does: the keypoints of a hand move the wrist, too.
+        self._alike = np.flatnonzero(of_body(names)[self._joints])
         #: (k, k): maps positions of these joints to positions relative to the middle of the hips.
         self._relative = np.eye(len(shared))
         self._relative[:, [shared.index("left_hip"), shared.index("right_hip")]] -= 0.5
@@ -48,17 +50,22 @@ class NetworkPose:
     def distance(self, pose: BodyPose) -> float:
         """Mean distance in m of a pose's joints from the network's, both relative to the middle of the hips.
 
-        NaN without an estimate.
+        Wrists of a skeleton with hands are left out. NaN without an estimate.
         """
+        return self._mean_distance(pose, self._alike)
+
+    def _mean_distance(self, pose: BodyPose, among: np.ndarray | slice) -> float:
+        """among: the joints, as indices of those that the network and the skeleton share."""
         places = self._places()
         if places is None:
             return math.nan
         joints = self._relative.dot(pose.positions.take(self._joints, axis=0))
-        return float(norm(places.take(self._shared, axis=0) - joints).sum()) / len(joints)
+        apart = norm(places.take(self._shared, axis=0) - joints)[among]
+        return float(apart.sum()) / len(apart)
 
     def propose(self, tracked: EvaluatedState, frame: FrameData, turn: int) -> BodyState | None:
         """The pose, as a batch of one, if it is far from the tracked one; it depends on neither frame nor turn."""
-        if self.distance(tracked.pose) < SAME_POSE:
+        if self._mean_distance(tracked.pose, slice(None)) < SAME_POSE:
             return None
         state = self.state()
         return None if state is None else BodyState(state.rotations[None], state.translation[None])

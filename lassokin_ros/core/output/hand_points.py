@@ -70,13 +70,14 @@ class HandPoints:
     def __init__(self, skeleton: Skeleton, layout: Layout) -> None:
         places = {name: place for place, name in enumerate(layout.names)}
         self.sides = tuple(side for side in SIDES if f"{side}_hand_wrist" in places)
-        self._rows = [places[f"{side}_hand_wrist"] + np.arange(COUNT) for side in self.sides]
+        self.rows = np.array([places[f"{side}_hand_wrist"] + np.arange(COUNT) for side in self.sides], dtype=int)
+        """(hands, 21) index of each hand's points among the landmarks."""
         self._eyes = [places[eye] for eye in EYES if eye in places]
-        self._tips = [layout.joints[rows[INDEX_TIP]] for rows in self._rows]
+        self._tips = [layout.joints[rows[INDEX_TIP]] for rows in self.rows]
         self._moved = skeleton.ancestors[layout.joints]  # (l, n), joint j moves landmark l
         below = skeleton.ancestors & ~np.eye(skeleton.joint_count, dtype=bool)
         #: (n,) bool for each hand, the joints of its fingers.
-        self._fingers = [below[:, layout.joints[rows[WRIST]]] for rows in self._rows]
+        self._fingers = [below[:, layout.joints[rows[WRIST]]] for rows in self.rows]
 
     def read(self, pose: BodyPose, visible: np.ndarray, uncertainty: JointUncertainty) -> list[HandReading]:
         """Return the hands. visible: (l,) bool, the keypoints of the frame that have a weight, `Estimate.visible`."""
@@ -93,7 +94,7 @@ class HandPoints:
     def _read(
         self, hand: int, pose: BodyPose, visible: np.ndarray, posterior: Posterior, levers: Levers
     ) -> HandReading:
-        rows = self._rows[hand]
+        rows = self.rows[hand]
         places = pose.landmarks[rows]
         axes, wrist = hand_axes(places), places[WRIST]
         points = (places - wrist) @ axes
@@ -107,7 +108,7 @@ class HandPoints:
 
     def _ray(self, hand: int, pose: BodyPose, posterior: Posterior, levers: Levers) -> tuple[np.ndarray, float]:
         """Return where a hand points, and its deviation, rad."""
-        rows = self._rows[hand]
+        rows = self.rows[hand]
         ends = np.array([*(self._eyes or [rows[INDEX_KNUCKLE]]), rows[INDEX_TIP]])
         lever = levers(ends, self._moved[ends])
         apart = pose.landmarks[ends[-1]] - pose.landmarks[ends[:-1]].mean(axis=0)

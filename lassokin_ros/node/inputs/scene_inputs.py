@@ -45,8 +45,8 @@ class SceneInputs:
             name: CameraInputs(node, session, images, diagnostics, on_depth, on_error)
             for name, images in session.cameras.items()
         }
-        user = session.placement.places or session.placement.mount
-        self._transforms = None if user is None else TransformInput(node, user)
+        places = session.placement.places
+        self._transforms = None if places is None else TransformInput(node, places)
         self._missing_clock = MissingInput(node, topics.CLOCK, topics.CLOCK_TYPE, (), time.monotonic())
 
     @property

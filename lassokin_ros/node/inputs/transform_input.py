@@ -1,4 +1,4 @@
-"""TF for the mount or the pose of cameras: /tf and /tf_static, polled, with a log message if frames do not connect."""
+"""TF for the poses of cameras: /tf and /tf_static, polled, with a log message if frames do not connect."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from lassokin_ros.node.inputs.polled_subscription import poll
 from lassokin_ros.node.message_types import message_class
 from lassokin_ros.node.qos import sensor_data
-from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_places import CameraPlaces
 from lassokin_ros.pipeline.outputs import topics
 
@@ -24,13 +23,13 @@ them before, it is reported at once: the robot moves, and the last ones no longe
 class TransformInput:
     """The node's subscriptions to TF. Call `poll` before the transforms are used, and periodically."""
 
-    def __init__(self, node: Node, user: CameraMount | CameraPlaces) -> None:
-        """user: what needs the transforms. Raises ConfigurationError if tf2_msgs is not installed."""
-        self._node, self._user = node, user
+    def __init__(self, node: Node, places: CameraPlaces) -> None:
+        """Raises ConfigurationError if tf2_msgs is not installed."""
+        self._node, self._places = node, places
         kind = message_class(topics.TF_OUTPUT.message_type)
         latched = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._subscriptions = [
-            node.create_subscription(kind, name, partial(user.transforms.add, static=static), qos)
+            node.create_subscription(kind, name, partial(places.transforms.add, static=static), qos)
             for name, static, qos in ((topics.TF, False, sensor_data(DEPTH)), (topics.TF_STATIC, True, latched))
         ]
         self._failing_since: float | None = None
@@ -46,12 +45,12 @@ class TransformInput:
 
         now: s, steady clock. Call it periodically.
         """
-        fault = self._user.fault
+        fault = self._places.fault
         if not fault:
             self._failing_since = None
-            if self._user.known and not self._success_logged:
+            if self._places.known and not self._success_logged:
                 self._success_logged = True
-                self._node.get_logger().info(f"{self._user.subject} {self._user.in_words()}")
+                self._node.get_logger().info(f"{self._places.subject} {self._places.in_words()}")
             return ""
         if self._failing_since is None:
             self._failing_since = now
@@ -59,5 +58,5 @@ class TransformInput:
             return ""
         if not self._fault_logged:
             self._fault_logged = True
-            self._node.get_logger().warning(f"{fault}; until it is received, {self._user.meanwhile}")
+            self._node.get_logger().warning(f"{fault}; until it is received, {self._places.meanwhile}")
         return fault

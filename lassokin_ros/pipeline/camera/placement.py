@@ -15,7 +15,6 @@ import numpy as np
 from lassokin_ros.core.config import LEARN
 from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces, GivenPoses
 from lassokin_ros.pipeline.camera.camera_selection import View
 from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
@@ -49,9 +48,8 @@ class Placement:
         placed = bool(config.fixed_frame) or config.several_cameras or callable(poses)
         self.places = CameraPlaces(config.fixed_frame, self._names, poses) if placed else None
         """Where the cameras are; None for one camera in whose frame the skeleton is kept."""
-        self.mount = CameraMount(config.camera_mount_frame) if config.camera_mount_frame else None
-        """The mount of the first camera from TF, None if the setting `camera_mount_frame` names no frame."""
-        self._fixed, self.floor = bool(config.fixed_frame), config.floor
+        self._fixed = bool(config.fixed_frame)
+        self.use_floor(config.floor)
         self.jumps = PoseJumps()
         """Jumps of all cameras in their fixed frame."""
         self.agreement = CameraAgreement()
@@ -73,13 +71,11 @@ class Placement:
     @property
     def transforms(self) -> Transforms | None:
         """The buffer of TF; None if it is not used."""
-        return self.places.transforms if self.places else None if self.mount is None else self.mount.transforms
+        return None if self.places is None else self.places.transforms
 
     @property
     def camera_angles(self) -> tuple[float, float]:
-        """Roll and pitch of the camera's mount, rad: the newest from TF, otherwise those of the settings."""
-        if self.mount is not None and self.mount.angles is not None:
-            return self.mount.angles
+        """Roll and pitch of the camera's mount by the settings, rad."""
         config = self._people[0].tracker.config
         return config.camera_roll, config.camera_pitch
 
@@ -103,14 +99,10 @@ class Placement:
             return self.places.base
         return "" if view is None else view.intrinsics.frame_id
 
-    def follow_mount(self, image: Image) -> None:
-        """Use the camera's mount at the time of an image, and the floor below it. Without TF, the present one stays."""
-        angles = None if self.mount is None else self.mount.at(image.frame_id, image.stamp_ns)
-        below = None if not self.floor else 0.0 if self.mount is None else self.mount.height
+    def use_floor(self, known: bool) -> None:
+        """Use the floor at height 0 of the fixed frame, if it is known that there is one."""
         for tracked in self._people:
-            if angles is not None:
-                tracked.tracker.move_camera(*angles)
-            tracked.tracker.floor_below = below
+            tracked.tracker.floor_below = 0.0 if known else None
 
     def placed(self, images: Sequence[Image]) -> tuple[Sequence[Image], str]:
         """Return the images whose camera has a pose, and the frame of the results.

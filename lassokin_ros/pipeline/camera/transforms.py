@@ -16,7 +16,7 @@ from lassokin_ros.core.body.rotations import from_quaternion
 HISTORY_NS = 3_000_000_000
 """ns for which the transforms of a moving frame are kept."""
 STALE_NS = 500_000_000
-"""ns: largest difference between an image's stamp and the nearest transform, which is then used for a rotation."""
+"""ns: nobody waits for a transform if the newest one is older than the image by more than this."""
 EXTRAPOLATED_NS = 200_000_000
 """ns: largest time from the newest transform to an image whose camera is placed by it."""
 LONGEST_STEP_NS, FASTEST_M_S, FASTEST_RAD_S = 250_000_000, 5.0, 5.0
@@ -91,19 +91,18 @@ class Transforms:
         """Forget the moving frames, after a jump of the clock."""
         self._frames = {name: frame for name, frame in self._frames.items() if frame.static}
 
-    def pose(self, frame: str, base: str, stamp_ns: int, continued: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    def pose(self, frame: str, base: str, stamp_ns: int) -> tuple[np.ndarray, np.ndarray]:
         """Return rotation (3, 3) and translation (3,) m from `frame` to `base`: a point p in `frame` is R p + t.
 
-        continued: transforms that have not arrived up to the time are continued for up to EXTRAPOLATED_NS; otherwise
-        the nearest within STALE_NS is used. Raises TransformError if the frames are not connected, or if a transform is
-        not of this time.
+        Transforms that have not arrived up to the time are continued for up to EXTRAPOLATED_NS. Raises TransformError
+        if the frames are not connected, or if a transform is not of this time.
         """
         of_frame, of_base = list(self._chain(frame)), list(self._chain(base))
         common = next((name for name in of_frame if name in of_base), None)
         if common is None:
             raise TransformError(self._difference_of_trees(frame, of_frame, base, of_base))
-        up, at = self._product(of_frame[: of_frame.index(common)], stamp_ns, continued)
-        down, of = self._product(of_base[: of_base.index(common)], stamp_ns, continued)
+        up, at = self._product(of_frame[: of_frame.index(common)], stamp_ns)
+        down, of = self._product(of_base[: of_base.index(common)], stamp_ns)
         back = from_quaternion(np.array(down)).T
         return back @ from_quaternion(np.array(up)), back @ (np.array(at) - np.array(of))
 
@@ -146,11 +145,11 @@ class Transforms:
                 return
             name = frame.parent
 
-    def _product(self, chain: list[str], stamp_ns: int, continued: bool) -> tuple[Quaternion, Vector]:
+    def _product(self, chain: list[str], stamp_ns: int) -> tuple[Quaternion, Vector]:
         """Return the orientation and the position of the first frame of a chain in the parent of the last one."""
         total, place = IDENTITY, (0.0, 0.0, 0.0)
         for name in chain:
-            turn, shift = self._frames[name].at(stamp_ns, name, continued)
+            turn, shift = self._frames[name].at(stamp_ns, name)
             x, y, z = _turned(turn, place)
             total, place = _product(turn, total), (x + shift[0], y + shift[1], z + shift[2])
         return total, place
@@ -201,10 +200,10 @@ class _Frame:
         if old > 0:
             del self._stamps[:old], self._poses[:old]
 
-    def at(self, stamp_ns: int, name: str, continued: bool) -> tuple[Quaternion, Vector]:
-        """Return the pose at a time, interpolated, or the nearest one. name: of the frame.
+    def at(self, stamp_ns: int, name: str) -> tuple[Quaternion, Vector]:
+        """Return the pose at a time, interpolated; the motion goes on beyond the newest one. name: of the frame.
 
-        continued: the motion goes on beyond the newest pose. Raises TransformError if none is near.
+        Raises TransformError if none is near.
         """
         if self.static:
             return self._poses[-1]
@@ -215,14 +214,13 @@ class _Frame:
                 return self._between(after - 1, after, stamp_ns)
             nearest -= stamp_ns - self._stamps[after - 1] < self._stamps[after] - stamp_ns
         distance_ns = stamp_ns - self._stamps[nearest]
-        longest_ns = EXTRAPOLATED_NS if continued else STALE_NS
-        if abs(distance_ns) > longest_ns:
+        if abs(distance_ns) > EXTRAPOLATED_NS:
             side = "older" if distance_ns > 0 else "newer"
             raise TransformError(
-                f"the transform of '{name}' is more than {longest_ns * 1e-9:g} s {side} than the image: do the camera "
-                "and TF have the same clock?"
+                f"the transform of '{name}' is more than {EXTRAPOLATED_NS * 1e-9:g} s {side} than the image: do the "
+                "camera and TF have the same clock?"
             )
-        if continued and distance_ns > 0 and (since := self._moves_since()) is not None:
+        if distance_ns > 0 and (since := self._moves_since()) is not None:
             return self._between(since, nearest, stamp_ns)
         return self._poses[nearest]
 

@@ -46,15 +46,15 @@ def key_of_camera(key: str, camera: str) -> str:
 class DepthImages:
     """Keeps the newest depth images. No content raises an error: see `fault`."""
 
-    def __init__(self, counts: Any, topic: str = "", registered: bool = False, camera: str = "") -> None:
+    def __init__(self, counts: Any, topic: str = "", camera: str = "") -> None:
         """counts: a Counter that receives the numbers of messages, see COUNTS; with the name of one of several cameras
         they are also counted for it, see `key_of_camera`.
 
-        topic: of the images. registered: whether images with another frame_id than the colour image's are registered to
-        it nevertheless; they are in any case if the topic's name is one of REGISTERED_NAMES.
+        topic: of the images. If it has one of REGISTERED_NAMES, images with another frame_id than the colour image's
+        are registered to it nevertheless.
         """
         self._counts, self._camera = counts, camera
-        self._registered = registered or any(name in topic for name in REGISTERED_NAMES)
+        self._registered = any(name in topic for name in REGISTERED_NAMES)
         self._images: deque[DepthImage | CompressedDepth] = deque(maxlen=KEPT)
         self._period_ns = LONGEST_PERIOD_NS
         self._newest: tuple[int, np.ndarray] | None = None  # stamp, ns, and content of the last image, repeated or not
@@ -209,6 +209,6 @@ class DepthImages:
             f"the depth image has the frame_id '{image.frame_id}', the colour image '{next(filter(None, frames))}'"
         )
         if not self._registered:
-            return f"{differs}: {advice}, or set depth_registered if it is"
+            return f"{differs}: {advice}, or if it is, remap the topic depth_registered to it, and name that in depth"
         self.note = f"{differs}: the depth image is used as registered to the colour image"
         return ""

@@ -7,7 +7,6 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from lassokin_ros.pipeline.camera.camera_mount import roll_and_pitch
 from lassokin_ros.pipeline.concerns.catalogue import Raised, say
 from lassokin_ros.pipeline.frame_result import FrameResult
 
@@ -72,7 +71,8 @@ def _angle(frame: FrameResult, roll: float | None) -> float | None:
         return None
     body = frame.camera.rotation @ (pose.positions[high] - pose.positions[low])
     if roll is None:
-        roll, _ = roll_and_pitch(frame.camera.rotation.T)
+        right, down, _ = frame.camera.rotation[:, 2].tolist()  # the vertical
+        roll = math.atan2(-right, -down)
     across = math.hypot(body[0], body[1])
     if across < 0.5 * np.linalg.norm(body):
         return None

@@ -34,7 +34,7 @@ from msg_adapters.output_messages.builders import (
     StringBuilder,
     TransformsBuilder,
 )
-from msg_adapters.output_messages.hand_cloud import HandCloudBuilder
+from msg_adapters.output_messages.hand_cloud import GestureBuilder, HandCloudBuilder
 from msg_adapters.output_messages.image_markers import ImageMarkerBuilder, KeypointMarkerBuilder
 from msg_adapters.output_messages.joint_uncertainty import UncertaintyCloudBuilder, UncertaintyMarkersBuilder
 from msg_adapters.output_messages.limb_cloud import LimbCloudBuilder
@@ -70,14 +70,17 @@ class FrameMessages:
         self._config = config or NodeSettings()
         self._first_camera = self._config.camera_names[0]
         self._builders: dict[str, Callable[[int, str, Any, Any], Any]] = {}
+        self._gestures: Callable[[FrameResult], list[tuple[int, int]]] = lambda frame: []
         prefix = f"{person}/" if person else ""
         self._add_pose_outputs(skeleton, person, prefix)
         self._add_certificate(f"{name}: {person}" if person else name)
         self._add_uncertainty_outputs(skeleton, prefix)
         self._add_image_outputs(skeleton, prefix)
         if hands is not None and hands.sides:
-            cloud, report = self._fill(HandCloudBuilder(backend, len(hands.sides))), Hands(hands).report
-            self._builders[topics.HANDS] = lambda t, f, frame, _: cloud(t, f, report(frame))
+            cloud, own = self._fill(HandCloudBuilder(backend, len(hands.sides))), Hands(hands)
+            self._builders[topics.HANDS] = lambda t, f, frame, _: cloud(t, f, own.report(frame))
+            if self._config.detects_bodies:
+                self._gestures, self._gesture = own.rep155_gestures, GestureBuilder(backend).fill
         if self._config.publish_tf != OFF:
             self._add_tf(BodyFrames(skeleton, self._config, name, person))
         if self._config.detects_bodies:
@@ -87,7 +90,7 @@ class FrameMessages:
     def build(self, frame: FrameResult, wanted: Container[str] | None = None) -> Iterator[tuple[str, Any]]:
         """Yield (topic, message) for the wanted topics of an accepted frame, in the order of topics.PERSON_OUTPUTS.
 
-        wanted: None for all topics.
+        wanted: None for all topics. The gesture's topic has one for each hand: use each message before the next.
         """
         if not frame.accepted or frame.estimate is None:
             return
@@ -97,6 +100,9 @@ class FrameMessages:
                 continue
             if of_first or topic not in OF_IMAGE:
                 yield topic, build(frame.stamp_ns, frame.frame_id, frame, frame.estimate)
+        if wanted is None or topics.GESTURE in wanted:
+            for gesture in self._gestures(frame):
+                yield topics.GESTURE, self._gesture(frame.stamp_ns, frame.frame_id, *gesture)
 
     def _fill(self, builder: StampedBuilder) -> Callable[..., Any]:
         return SerialisedMessage(builder, self._backend).fill if self._serialised else builder.fill

@@ -1,4 +1,4 @@
-"""The hands of one person and their gestures, for ~/hands."""
+"""The hands of one person and their gestures, for ~/hands and REP-155's gesture."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import numpy as np
 
 from lassokin_ros.core.body.roles import SIDES
 from lassokin_ros.core.body.rotations import to_quaternion
-from lassokin_ros.core.output.hand_points import HandPoints, HandReading
-from lassokin_ros.gestures import GESTURES, GestureWatch, gesture_probabilities
+from lassokin_ros.core.output.hand_points import HandPoints
+from lassokin_ros.gestures import GESTURES, GestureWatch, gesture_probabilities, points_up
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.people_messages import id_of
-from msg_adapters.output_messages.hand_cloud import HandReport
+from msg_adapters.output_messages.hand_cloud import REP155_GESTURES, HandReport
 from msg_adapters.output_messages.people import number_of
 
 LEAST_OBSERVED = 0.5
@@ -23,12 +23,15 @@ class Hands:
     def __init__(self, points: HandPoints) -> None:
         """points: of the person's skeleton and layout."""
         self._points, self._watches = points, [GestureWatch() for _ in points.sides]
+        self._frame: FrameResult | None = None  # of the gestures
+        self._gestures: list[tuple[str, float] | None] = []
 
     def report(self, frame: FrameResult) -> list[HandReport]:
         """Return what ~/hands says about the person of an accepted frame."""
         estimate = frame.estimate
         assert estimate is not None and estimate.pose is not None and estimate.visible is not None
         hands = self._points.read(estimate.pose, estimate.visible, frame.uncertainty)
+        said = [gesture or (GESTURES[0], 0.0) for gesture in self._update(frame)]
         return [
             HandReport(
                 SIDES.index(hand.side),
@@ -40,15 +43,38 @@ class Hands:
                 to_quaternion(hand.axes),
                 hand.ray,
                 hand.ray_deviation,
-                *_gesture(hand, watch, estimate.stamp, estimate.up),
+                GESTURES.index(name),
+                confidence,
             )
-            for hand, watch in zip(hands, self._watches)
+            for hand, (name, confidence) in zip(hands, said)
         ]
 
+    def rep155_gestures(self, frame: FrameResult) -> list[tuple[int, int]]:
+        """Return number of hri_msgs/Gesture and side (0 left, 1 right) of each hand that is seen in an accepted frame.
 
-def _gesture(hand: HandReading, watch: GestureWatch, stamp: float, up: np.ndarray | None) -> tuple[int, float]:
-    """Return number and confidence of the gesture. stamp: s. up: (3,) the vertical in the frame of the skeleton."""
-    if hand.observed.mean() < LEAST_OBSERVED:
-        return 0, 0.0
-    name, confidence = watch.update(stamp, gesture_probabilities(hand.points @ hand.axes.T, up))
-    return GESTURES.index(name), confidence
+        It has pointing up only: a hand that points elsewhere is 0, another gesture.
+        """
+        said, up = [], None if frame.estimate is None else frame.estimate.up
+        for side, gesture, points in zip(self._points.sides, self._update(frame), self._places(frame)):
+            if gesture is not None:
+                elsewhere = gesture[0] == "pointing" and not points_up(points, up)
+                number = 0 if elsewhere else REP155_GESTURES.get(gesture[0], 0)
+                said.append((number, SIDES.index(side)))
+        return said
+
+    def _places(self, frame: FrameResult) -> np.ndarray:
+        """(hands, 21, 3) m in the frame of the skeleton."""
+        assert frame.estimate is not None and frame.estimate.pose is not None
+        return frame.estimate.pose.landmarks[self._points.rows]
+
+    def _update(self, frame: FrameResult) -> list[tuple[str, float] | None]:
+        """Name and confidence of each hand's gesture, None for one that is hardly seen; once for each frame."""
+        estimate = frame.estimate
+        assert estimate is not None and estimate.visible is not None
+        if frame is not self._frame:
+            seen = estimate.visible[self._points.rows].mean(axis=1) >= LEAST_OBSERVED
+            likely = gesture_probabilities(self._places(frame), estimate.up)
+            hands = zip(self._watches, likely, seen)
+            self._gestures = [watch.update(estimate.stamp, own) if there else None for watch, own, there in hands]
+            self._frame = frame
+        return self._gestures

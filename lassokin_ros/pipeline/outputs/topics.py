@@ -83,6 +83,9 @@ ROI_OUTPUT = OutputTopic(ROI, "hri_msgs/msg/NormalizedRegionOfInterest2D")
 
 HANDS_OUTPUT = OutputTopic(HANDS, "sensor_msgs/msg/PointCloud2")
 """Only with a skeleton and a layout of hands."""
+GESTURE = "~/gesture"
+GESTURE_OUTPUT = OutputTopic(GESTURE, "hri_msgs/msg/Gesture")
+"""Only with rep155, and a skeleton and a layout of hands. One message per hand that is seen."""
 
 UNCERTAINTY_MARKERS_OUTPUT = OutputTopic(UNCERTAINTY_MARKERS, "visualization_msgs/msg/MarkerArray")
 LIVE_OUTPUTS = (
@@ -110,9 +113,12 @@ PERSON_OUTPUTS = (*FRAME_OUTPUTS, *LIVE_OUTPUTS, DESCRIPTION_OUTPUT)
 
 def person_outputs(regions: bool, hands: bool = False) -> tuple[OutputTopic, ...]:
     """Return the topics of one person. regions: with that of REP-155's body detector. hands: with those of hands."""
-    return (*PERSON_OUTPUTS, *[ROI_OUTPUT] * regions, *[HANDS_OUTPUT] * hands)
+    of_rep155 = [ROI_OUTPUT, *[GESTURE_OUTPUT] * hands] * regions
+    return (*PERSON_OUTPUTS, *of_rep155, *[HANDS_OUTPUT] * hands)
 
 
+STATE_PUBLISHER = "human_state_publisher"
+"""Name of the robot_state_publisher of the human, relative to the namespace of the tracker."""
 BODIES, REP155_BODIES = "~/bodies", "/humans/bodies"
 """Namespaces of the topics of several people: <namespace>/<id>/joint_states and so on, and <namespace>/tracked."""
 

@@ -43,7 +43,7 @@ class PerBodySession(Session):
             mine, shared = session.first, self.first
             session.counts = mine.counts = self.counts
             mine.camera, mine.depth, mine.depth_check = shared.camera, shared.depth, shared.depth_check
-            session.placement.places, session.placement.mount = self.placement.places, self.placement.mount
+            session.placement.places = self.placement.places
             session.placement.counts = self.counts
         self._all = tuple(self._idle)
         self._present: dict[str, Session] = {}

@@ -18,8 +18,7 @@ import numpy as np
 from lassokin_ros.core.body.roles import is_finger
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.replay.exports.errors import ExportError
-from lassokin_ros.replay.exports.sampling import uniform
+from lassokin_ros.replay.exports.sampling import ExportError, uniform
 from lassokin_ros.replay.motion import Motion
 
 WORLD_FROM_LEVEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])

@@ -13,13 +13,10 @@ from lassokin_ros.common.atomic_files import AtomicFiles, files_of_people, refus
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.replay.exports.amass import check_root, write_amass
 from lassokin_ros.replay.exports.bvh import write_bvh
-from lassokin_ros.replay.exports.c3d import import_ezc3d, write_c3d
-from lassokin_ros.replay.exports.csv_table import write_csv
-from lassokin_ros.replay.exports.errors import ExportError
 from lassokin_ros.replay.exports.gltf import write_gltf
-from lassokin_ros.replay.exports.markers import marker_layout
-from lassokin_ros.replay.exports.npz import write_npz
-from lassokin_ros.replay.exports.trc import write_trc
+from lassokin_ros.replay.exports.markers import import_ezc3d, marker_layout, write_c3d, write_trc
+from lassokin_ros.replay.exports.sampling import ExportError
+from lassokin_ros.replay.exports.tables import write_csv, write_npz
 from lassokin_ros.replay.motion import Motion, MotionRecorder
 
 TABLES: dict[str, Callable[[Sequence[Motion], BinaryIO], None]] = {".csv": write_csv, ".npz": write_npz}

@@ -7,8 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from lassokin_ros.core.body.rotations import exponential, logarithm
-from lassokin_ros.replay.exports.errors import ExportError
+from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.replay.motion import Motion
+
+
+class ExportError(LassokinError):
+    """A motion cannot be represented in a format, or a file cannot be written."""
+
 
 JITTER_NS = 1_000_000
 """ns: frames whose stamps deviate less than this from a constant rate are not resampled."""

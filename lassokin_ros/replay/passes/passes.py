@@ -42,15 +42,16 @@ class Make(Protocol):
 class Known:
     """What the last pass uses.
 
-    config: with the height of the only person. bodies: with learned lengths, of those who moved for LEAST_MOTION.
-    backward: frames of each person by stamp, ns; none if the recording cannot be tracked backward. height: as the first
-    pass measured it, in words; empty if `bodies` do not have it. first: the session of the first pass.
+    bodies: with learned lengths, of those who moved for LEAST_MOTION; without a given height also of the others, as
+    tall as the first pass has measured or assumed. backward: frames of each person by stamp, ns; none if the recording
+    cannot be tracked backward. heights: as the first pass measured them, in words, by id; none if they were given.
+    first: the session of the first pass. identities: see `Session.identities`.
     """
 
     config: TrackerConfig
     bodies: Bodies
     backward: Mapping[int | None, Mapping[int, Backward]]
-    height: str
+    heights: Mapping[str, str]
     first: Session
     identities: Mapping[tuple[str, bytes], int] | None
 
@@ -64,34 +65,36 @@ class Known:
 
 
 class _Learned:
-    """The newest lengths of each person: a tracker forgets them when the person leaves."""
+    """The newest body of each person: a tracker forgets it when the person leaves. heights: see `Known`."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
         self.bodies: dict[int | None, Skeleton] = {}
+        self.heights: dict[str, str] = {}
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         """Keep those of the people in the frames; a listener of Playback."""
-        trackers = self._session.trackers
-        for frame in frames:
-            tracker = trackers.get(frame.person)
-            if frame.accepted and tracker is not None and tracker.learned.lengths.kept_motion >= LEAST_MOTION:
-                self.bodies[number_of(frame.person) if frame.person else None] = tracker.skeleton
+        for person in {frame.person for frame in frames if frame.accepted} & self._session.trackers.keys():
+            tracker = self._session.trackers[person]
+            height, body = tracker.learned.height, tracker.skeleton
+            if tracker.learned.lengths.kept_motion < LEAST_MOTION:
+                if height is None:
+                    continue
+                body = tracker.given_skeleton.at_height(body.height)
+            self.bodies[number_of(person) if person else None] = body
+            if height is not None:
+                self.heights[person] = height_in_words(height)
 
 
 def learn(make: Make, play: Play, config: TrackerConfig) -> Known:
-    """Make the first two passes. Nothing is known of people who moved for less than LEAST_MOTION."""
+    """Make the first two passes. Nothing is known of people who moved for less than LEAST_MOTION but their height."""
     session = make(config)
     first, learned, kept = Playback(session), _Learned(session), KeptObservations()
     first.listeners += [kept.add, learned.add]
     play(first, "first pass")
-    several, bodies = session.config.several_people, learned.bodies
-    if not several and None in bodies:
-        bodies = {None: session.tracker.skeleton}  # with what was learned from the last frame
-        config = replace(config, height=float(session.tracker.skeleton.height))
-    heights = "" if several or not bodies else "".join(map(height_in_words, session.heights().values()))
-    backward = _backward(kept, make, session, config, bodies)
-    return Known(config, bodies, backward, heights, session, kept.identities if several else None)
+    backward = _backward(kept, make, session, config, learned.bodies)
+    identities = kept.identities if session.config.several_people else None
+    return Known(config, learned.bodies, backward, learned.heights, session, identities)
 
 
 def _backward(
@@ -99,10 +102,9 @@ def _backward(
 ) -> dict[int | None, Mapping[int, Backward]]:
     """The frames backward in time, of each person.
 
-    None if the motion of the mount or the fixed frame is not in the observations, or if no height is given for
-    several people, or for one who moved too little: each track would have its own.
+    None if the motion of the fixed frame is not in the observations.
     """
-    if session.placement.mount is not None or session.counts[JUMPS] or config.height == 0 or not kept.usable:
+    if session.counts[JUMPS] or not kept.usable:
         return {}
     extrinsics = session.extrinsics
 
@@ -114,6 +116,8 @@ def _backward(
 
     found: dict[int | None, Mapping[int, Backward]] = {}
     for number in kept.numbers:
+        if number not in bodies and config.height == 0:
+            continue  # never tracked; each track would have another height
         body = {number: bodies[number]} if number in bodies else {}
         tracker = make(replace(config, extrinsics=GIVEN), body).tracker
         tracker.floor_below = session.tracker.floor_below

@@ -11,10 +11,9 @@ import numpy as np
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.replay.analysis.floor import floor_height
-from lassokin_ros.replay.report.absences import Span, spans_of, usual_period
+from lassokin_ros.replay.motion import floor_height
 from lassokin_ros.replay.report.log import PersonRow, ReplayLog
-from lassokin_ros.replay.report.wrong_spans import WrongSpan, wrong_spans
+from lassokin_ros.replay.report.spans import Span, WrongSpan, spans_of, usual_period, wrong_spans
 
 
 @dataclass(frozen=True, eq=False)

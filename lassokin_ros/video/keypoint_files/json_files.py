@@ -21,6 +21,10 @@ from lassokin_ros.video.keypoint_files.keypoints import (
 from lassokin_ros.video.sources import SourceError, natural_key
 
 FORM = "expected the JSON of OpenPose, AlphaPose or COCO"
+HANDS = ("hand_left_keypoints_2d", "hand_right_keypoints_2d")
+"""Lists of OpenPose with 21 points each; empty without --hand."""
+WITH_HANDS = {"body25": "openpose67"}
+"""Layout of a body with both hands by that of the body."""
 
 
 def openpose_files(folder: Path) -> list[Path]:
@@ -31,15 +35,15 @@ def openpose_files(folder: Path) -> list[Path]:
 
 
 def read_openpose(folder: Path) -> KeypointFile:
-    """Read a folder of OpenPose: `walk_000000000012_keypoints.json` with `people`, `pose_keypoints_2d`.
+    """Read a folder of OpenPose: `walk_000000000012_keypoints.json` with `people`, `pose_keypoints_2d`, `HANDS`.
 
-    Raises SourceError.
+    The layout has hands if somebody's hand has points. Raises SourceError.
     """
     files = openpose_files(folder)
     layouts: dict[str, None] = {}
     numbers = [number_in(file.stem) for file in files]
     counted = None not in numbers and len(set(numbers)) == len(numbers)
-    found: dict[int, list[Detected]] = {}
+    found: dict[int, list[np.ndarray]] = {}
     for order, (number, file) in enumerate(zip(numbers, files)):
         data = _load(file)
         people = data.get("people") if isinstance(data, dict) else None
@@ -47,8 +51,13 @@ def read_openpose(folder: Path) -> KeypointFile:
             raise SourceError(f"'{file}' has no list people; {FORM}")
         rows = [_points(person, ("pose_keypoints_2d", "pose_keypoints"), str(file)) for person in people]
         layouts |= dict.fromkeys(layout for layout, _ in rows)
-        found[number if counted and number is not None else order] = [detected(points) for _, points in rows]
-    return KeypointFile(_one(layouts, str(folder)), on_frames(found))
+        whole = [np.concatenate([points, _hands(person)]) for person, (_, points) in zip(people, rows)]
+        found[number if counted and number is not None else order] = whole
+    layout = _one(layouts, str(folder))
+    if any(points[-42:, :2].any() for frame in found.values() for points in frame):
+        layout = WITH_HANDS.get(layout, layout)
+    kept = slice(None if layout in WITH_HANDS.values() else -42)
+    return KeypointFile(layout, on_frames({at: [detected(one[kept]) for one in frame] for at, frame in found.items()}))
 
 
 def read_results(file: Path) -> KeypointFile:
@@ -87,15 +96,25 @@ def _load(file: Path) -> Any:
 def _points(person: Any, names: Sequence[str], source: str) -> tuple[str, np.ndarray]:
     """Return layout and points (l, 3) of a flat list of x, y and confidence. Raises SourceError."""
     row = person if isinstance(person, Mapping) else {}
-    flat = next((row[name] for name in names if name in row), None)
-    try:
-        values = np.array(flat, dtype=float).ravel()
-    except (TypeError, ValueError):
-        values = np.zeros(0)
+    values = _numbers(next((row[name] for name in names if name in row), None))
     if not 0 < len(values) < MOST_NUMBERS or len(values) % 3:
         raise SourceError(f"'{source}' has a person without a list {names[0]} of x, y and confidence; {FORM}")
     layout, count = body_of(len(values) // 3, source)
     return layout, values.reshape(-1, 3)[:count]
+
+
+def _hands(person: Mapping[str, Any]) -> np.ndarray:
+    """Return the points (42, 3) of both hands of a person of OpenPose, 0 = missing."""
+    lists = [_numbers(person.get(name)) for name in HANDS]
+    return np.concatenate([hand if len(hand) == 63 else np.zeros(63) for hand in lists]).reshape(-1, 3)
+
+
+def _numbers(values: Any) -> np.ndarray:
+    """Return a list as an array (n,); n = 0 if it is none of numbers."""
+    try:
+        return np.array(values, dtype=float).ravel()
+    except (TypeError, ValueError):
+        return np.zeros(0)
 
 
 def _one(layouts: Iterable[str], source: str) -> str:

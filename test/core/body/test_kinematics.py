@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from cases import body, central_difference, image_rows, posed, prior_rows, random_body, random_state, relative_error
+from cases import body, central_difference, posed, prior_rows, random_body, random_state, relative_error
 
-from benchmarks.methods.rows import linearise
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, logarithm, to_quaternion
@@ -92,19 +91,6 @@ def test_the_stacked_model_is_the_derivative_of_the_image(case):
 
         expected = central_difference(image, n + 3)
         assert relative_error(P @ L, expected[:, :n]) < 1e-8 and relative_error(P @ Gamma, expected[:, n:]) < 1e-8
-
-
-def test_the_rows_of_other_methods_are_those_of_the_stacked_model(case):
-    kinematics, states = case
-    random = np.random.default_rng(5)
-    for state in states:
-        pose = kinematics.pose(BodyState(state.rotations, state.translation + [0, 0, 12]))
-        weights = np.where(random.random(kinematics.landmark_count) < 0.3, 0.0, random.uniform(1, 500))
-        points = random.normal(size=(kinematics.landmark_count, 2))
-        model = linearise(kinematics, pose, points, weights)
-        for found, expected in zip((model.A, model.B, model.residual), image_rows(kinematics, pose, points, weights)):
-            assert np.abs(found - expected).max() < 1e-12 * max(1.0, weights.max())
-        assert not model.A[np.repeat(weights, 2) == 0].any()
 
 
 def test_dead_columns_are_zero_in_every_pose(case):

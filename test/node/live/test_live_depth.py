@@ -121,12 +121,12 @@ def test_an_unreadable_image_is_reported(running, scene):
 
 
 def test_compressed_images_are_used(scene):
-    """On DDS. Their frame_id may differ if the parameter says that they are registered."""
+    """On DDS. Their frame_id may differ if the name of the topic says that they are registered."""
     pytest.importorskip("cv2", reason="OpenCV reads PNG")
-    arguments = ["-p", "depth:=aligned/compressedDepth", "-p", "depth_registered:=true"]
-    with NodeProcess("/packed", *arguments) as _, Peer("/packed") as peer:
+    topic = "depth_registered/compressedDepth"
+    with NodeProcess("/packed", "-p", f"depth:={topic}") as _, Peer("/packed") as peer:
         kind = message_class(topics.COMPRESSED_DEPTH_TYPE)
-        images = peer.node.create_publisher(kind, "aligned/compressedDepth", sensor_data(5))
+        images = peer.node.create_publisher(kind, topic, sensor_data(5))
         peer.start(scene[0][0])
         peer.spin_until(lambda: images.get_subscription_count() == 1, what="the subscription")
         for i in range(10):

@@ -12,6 +12,7 @@ from lassokin_ros import joints  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names, urdf  # noqa: E402
+from lassokin_ros.pipeline.settings import OPTICAL_FRAME  # noqa: E402
 from msg_adapters.output_messages.skeleton_cloud import POINT  # noqa: E402
 
 FRAMES, AHEAD = 60, 3
@@ -139,11 +140,11 @@ def test_robot_description_is_latched_and_follows_the_cameras_frame():
     namespace = "/latched"
     pixels = pixels_of_motion(2)
     description = next(t for t in topics.OTHER_OUTPUTS if t.name == topics.ROBOT_DESCRIPTION)
-    with NodeProcess(namespace, "-p", "base_frame:=some_camera", "-p", "height:=1.75"), Peer(namespace) as peer:
+    with NodeProcess(namespace, "-p", "height:=1.75"), Peer(namespace) as peer:
         peer.listen(description)
         texts = peer.got[topics.ROBOT_DESCRIPTION]
         peer.spin_until(lambda: texts, what="the latched description")
-        assert texts[0].data == urdf(SKELETON, "some_camera", "latched/tracker/")
+        assert texts[0].data == urdf(SKELETON, OPTICAL_FRAME, "latched/tracker/")
         peer.start(pixels[0])
         peer.spin_until(lambda: len(texts) == 2, what="the description in the camera's frame")
         assert texts[1].data == urdf(SKELETON, FRAME, "latched/tracker/")

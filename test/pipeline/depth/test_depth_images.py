@@ -130,12 +130,9 @@ def test_compressed_images_are_sampled_like_others(codec):
     assert (counts[MATCHED], counts[REFUSED]) == (2, 1) and "damaged" in images.fault
 
 
-@pytest.mark.parametrize(
-    ("topic", "registered"),
-    [("/camera/aligned_depth_to_color/image_raw", False), ("/depth_registered/image", False), ("/depth", True)],
-)
-def test_a_registered_image_may_have_another_frame(topic, registered):
-    images = DepthImages(Counter(), topic, registered)
+@pytest.mark.parametrize("topic", ["/camera/aligned_depth_to_color/image_raw", "/depth_registered/image"])
+def test_a_registered_image_may_have_another_frame(topic):
+    images = DepthImages(Counter(), topic)
     images.add(depth_message(BACKEND, START_NS, np.full((120, 160), 3.0), frame_id="camera_depth_frame"), 0)
     found = images.with_depth(keypoints_of(np.full((17, 2), 50.0)), START_NS, SIZE, FRAME)
     assert np.allclose(found.depth, 3.0) and images.fault == "" and "camera_depth_frame" in images.note

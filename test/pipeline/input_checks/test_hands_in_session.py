@@ -1,16 +1,22 @@
 """Hands through the whole session: bad ones hardly move the body, and are named; ~/hands; ids of 133 points."""
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from detector_messages import detector_types
 from messages import FRAME, camera_info, rosbags_backend
+from onnx_graph import Graph
 
 from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.landmarks import skeleton_of
 from lassokin_ros.core.body.rotations import exponential, from_quaternion
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.output.hand_points import HandPoints
+from lassokin_ros.detector.backend import make_detector
+from lassokin_ros.detector.keypoint_message import keypoint_message
 from lassokin_ros.gestures import GESTURES
 from lassokin_ros.pipeline.concerns.catalogue import CONCERNS
 from lassokin_ros.pipeline.concerns.live import HANDS
@@ -20,6 +26,8 @@ from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.watch import points as points_of
+from msg_adapters.backends import RosbagsBackend
+from msg_adapters.detectors.point_cloud2 import PointCloud2Adapter
 from msg_adapters.keypoints import Keypoints
 
 pytest.importorskip("rosbags")
@@ -27,8 +35,8 @@ BACKEND = rosbags_backend()
 LEFT, RIGHT = np.arange(33, 54), np.arange(54, 75)
 LAST = [0, *range(5, 21), *range(1, 5)]
 FRAMES, BAD_FROM = 12, 4
-MEAN_MM, MOST_MM = 5.0, 30.0
-"""Of the 22 joints in each frame, and of one joint: a wrist that loses its hand."""
+MEAN_MM, MOST_MM, STEP_MM = 5.0, 20.0, 8.0
+"""Of the 22 joints in each frame, of one joint, and of it from one frame to the next: a wrist that loses its hand."""
 
 
 def session(landmarks="mediapipe75", skeleton="body_hands"):
@@ -122,6 +130,7 @@ def test_bad_hands_hardly_move_the_body_and_are_named(case, right):
     one, found = run(change)
     moved = 1e3 * np.linalg.norm(found - right, axis=-1)
     assert moved.mean(axis=1).max() < MEAN_MM and moved.max() < MOST_MM
+    assert 1e3 * np.linalg.norm(np.diff(found - right, axis=0), axis=-1).max() < STEP_MM
     assert {count for count in (EXCHANGED, FAR, SAME, ORDER) if one.counts[count]} == ({name} if name else set())
 
 
@@ -129,13 +138,24 @@ def test_all_counts_have_a_concern():
     assert set(HANDS.values()) == {EXCHANGED, FAR, SAME, ORDER} and set(HANDS) <= set(CONCERNS)
 
 
-def test_ids_of_133_points_reach_their_landmarks():
-    one = session("coco133")
-    pixels = places(one, 0.0)
-    ids, xy = np.append(one.tracker.layout.ids, 50), np.vstack([pixels, [[300.0, 200.0]]])  # and a point of the face
-    frame = one.process(Keypoints(10**9, FRAME, ids, xy, np.ones(66), landmarks=133), 7)
-    assert frame.accepted and np.allclose(frame.detected, pixels)
-    assert one.process(Keypoints(2 * 10**9, FRAME, ids, xy, np.ones(66), landmarks=17), 7).rejection == "other_layout"
+def test_133_points_of_an_onnx_model_reach_their_landmarks(tmp_path):
+    """Constant outputs in the form of RTMPose whole body, two bins per pixel. Points of the face are not used."""
+    pytest.importorskip("onnxruntime", reason="the model needs onnxruntime")
+    onnx = pytest.importorskip("onnx", reason="the model is built with the package onnx")
+    one, graph = session("coco133"), Graph(onnx, onnx.TensorProto.FLOAT, ["batch", 3, 512, 640])
+    pixels, ids, outputs = places(one, 0.0), one.tracker.layout.ids, []
+    for name, side, at in (("simcc_x", 640, pixels[:, 0]), ("simcc_y", 512, pixels[:, 1])):
+        bins = np.zeros((1, 133, 2 * side))
+        bins[0, ids, np.round(2 * at).astype(int)] = 0.8
+        bins[0, 50, 100] = 0.9  # a point of the face
+        outputs.append((name, graph.constant(bins), list(bins.shape)))
+    detector = make_detector(graph.save(tmp_path / "whole_body.onnx", outputs))
+    found = detector.detect(np.zeros((512, 640, 3), np.uint8), 0.0)
+    assert (detector.landmarks, skeleton_of(detector.landmarks)) == ("coco133", "body_hands")
+    keypoints = PointCloud2Adapter().decode(keypoint_message(BACKEND, 10**9, FRAME, found, detector.several))
+    frame = one.process(keypoints, 7)
+    assert frame.accepted and np.abs(frame.detected - pixels).max() <= 0.3 and frame.estimate.visible.all()
+    assert one.process(replace(keypoints, stamp_ns=2 * 10**9, landmarks=17), 7).rejection == "other_layout"
 
 
 def test_the_topic_of_hands_has_both_hands_in_their_axes():
@@ -161,17 +181,27 @@ def test_the_topic_of_hands_has_both_hands_in_their_axes():
 
 
 def test_the_topic_says_a_gesture_while_it_is_held():
-    one, said = session(), []
-    builder = FrameMessages(BACKEND, one.tracker.skeleton, hands=HandPoints(one.tracker.skeleton, one.tracker.layout))
+    """On ~/hands with its confidence, and as REP-155's message: it has pointing up, so the vertical is turned, too."""
+    one, said, messages = session(), [], []
+    hands, backend = HandPoints(one.tracker.skeleton, one.tracker.layout), RosbagsBackend(detector_types())
+    builder = FrameMessages(backend, one.tracker.skeleton, config=NodeSettings(rep155=True), hands=hands)
     for i in range(12):
         pixels, confidence = places(one, 0.0, "right"), np.ones(75)
         confidence[33:54] = 0
         frame = one.process(Keypoints(round(1e9 * (1 + i / 30)), FRAME, np.arange(75), pixels, confidence), 7)
-        ((_, message),) = builder.build(frame, {topics.HANDS})
+        (_, message), (name, gesture) = builder.build(frame, {topics.HANDS, topics.GESTURE})
+        assert name == "~/gesture" and gesture.header == message.header
+        messages.append((gesture.gesture, gesture.handedness))
         said.append(points_of(message).reshape(2, 21)[["gesture", "gesture_confidence"]][:, 0].tolist())
     left, right = zip(*said)
     assert set(left) == {(0, 0.0)} and right[0][0] == 0
     assert right[-1][0] == GESTURES.index("pointing") and 0.5 < right[-1][1] <= 1
+    assert messages[0] == messages[-1] == (0, 1)  # the finger points aside
+    finger = frame.estimate.pose.landmarks[RIGHT[[5, 8]]]
+    up = np.diff(finger, axis=0)[0] / np.linalg.norm(np.diff(finger, axis=0))
+    upwards = replace(frame.estimate, up=up, stamp=frame.estimate.stamp + 0.03)
+    ((_, gesture),) = builder.build(replace(frame, estimate=upwards), {topics.GESTURE})
+    assert (gesture.gesture, gesture.handedness) == (9, 1)
 
 
 def test_a_body_without_hands_has_no_such_topic():

@@ -254,9 +254,7 @@ def test_publish_tf_accepts_the_booleans_of_yaml(text, expected):
     assert offline_settings([], [f"publish_tf:={text}"])[1].publish_tf == expected
 
 
-def test_two_publishers_of_the_joints_frames_are_refused():
-    with pytest.raises(ConfigurationError, match="state_publisher"):
-        NodeSettings(publish_tf="all", state_publisher="human_state_publisher").checked()
+def test_wrong_settings_of_outputs_are_refused():
     with pytest.raises(ConfigurationError, match="people_type"):
         NodeSettings(people_type="std_msgs/String").checked()
     with pytest.raises(ConfigurationError, match="publish_tf"):

@@ -21,11 +21,10 @@ from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.learned.vertical import vertical_of
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names  # noqa: E402
-from lassokin_ros.replay.exports import c3d  # noqa: E402
+from lassokin_ros.replay.exports import markers  # noqa: E402
 from lassokin_ros.replay.exports.amass import smpl_rotations, write_amass  # noqa: E402
-from lassokin_ros.replay.exports.errors import ExportError  # noqa: E402
 from lassokin_ros.replay.exports.markers import Markers, markers_of  # noqa: E402
-from lassokin_ros.replay.exports.sampling import uniform  # noqa: E402
+from lassokin_ros.replay.exports.sampling import ExportError, uniform  # noqa: E402
 from lassokin_ros.replay.motion import Motion  # noqa: E402
 from lassokin_ros.skeleton_readers.load import load_skeleton  # noqa: E402
 
@@ -303,15 +302,15 @@ def test_c3d_has_the_markers_of_the_trc(tracked):
 def test_c3d_refuses_more_frames_than_it_counts(frames, tmp_path, monkeypatch):
     ezc3d = pytest.importorskip("ezc3d", reason="a .c3d file needs ezc3d")
     places = np.random.default_rng(0).normal(size=(frames, 1, 3))
-    monkeypatch.setattr(c3d, "markers_of", lambda motion: Markers(1 / 30, ("Hip",), places))
-    if frames > c3d.MOST_FRAMES:
+    monkeypatch.setattr(markers, "markers_of", lambda motion: Markers(1 / 30, ("Hip",), places))
+    if frames > markers.MOST_FRAMES:
         with pytest.raises(ExportError, match="counts up to 65535 frames, the motion has 65536; expected .trc"):
-            c3d.write_c3d(None, BytesIO())
+            markers.write_c3d(None, BytesIO())
         return
     with (tmp_path / "long.c3d").open("wb") as file:
-        c3d.write_c3d(None, file)
+        markers.write_c3d(None, file)
     read = ezc3d.c3d(str(tmp_path / "long.c3d"))["data"]["points"][:3, 0].T
-    assert np.allclose(read, 1e3 * places[:, 0] @ c3d.Z_UP.T, atol=1e-2)
+    assert np.allclose(read, 1e3 * places[:, 0] @ markers.Z_UP.T, atol=1e-2)
 
 
 def test_a_missing_ezc3d_is_named_before_any_work(recording, tmp_path, monkeypatch, capsys):

@@ -13,11 +13,11 @@ from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.body.rotations import exponential  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.pipeline.people.joint_angles import JointAngleReader  # noqa: E402
-from lassokin_ros.replay.analysis.capsules import capsules  # noqa: E402
+from lassokin_ros.replay.capsules import capsules  # noqa: E402
 from lassokin_ros.replay.exports.amass import write_amass  # noqa: E402
 from lassokin_ros.replay.exports.bvh import write_bvh  # noqa: E402
-from lassokin_ros.replay.exports.csv_table import write_csv  # noqa: E402
 from lassokin_ros.replay.exports.named_angles import finger_angles  # noqa: E402
+from lassokin_ros.replay.exports.tables import write_csv  # noqa: E402
 from lassokin_ros.replay.motion import Motion  # noqa: E402
 
 SKELETON = Skeleton.load("body_hands", 1.75)

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lassokin_ros.replay.report import findings, pose_findings
+from lassokin_ros.replay.report import findings
 from lassokin_ros.replay.report.facts import landmark_errors
 
 LANDMARKS = ("left_shoulder", "right_shoulder", "left_hip", "right_hip", "left_ankle", "right_ankle")
@@ -74,7 +74,7 @@ def test_knees_are_not_judged_by_a_few_frames_with_legs():
             SimpleNamespace(observed=np.full(7, frame < seen), bends=np.full(7, 40.0), positions=None)
             for frame in range(100)
         ]
-        assert keys(pose_findings.bent_knees, Facts(rows))["bent_knees"] == doubted
+        assert keys(findings.bent_knees, Facts(rows))["bent_knees"] == doubted
 
 
 def test_a_landmark_that_is_placed_but_hardly_seen_does_not_count_as_seen():

@@ -19,8 +19,8 @@ from lassokin_ros.doubt.failure_model import FailureModel  # noqa: E402
 from lassokin_ros.pipeline.concerns.rejections import REASONS  # noqa: E402
 from lassokin_ros.replay.bags import typestore  # noqa: E402
 from lassokin_ros.replay.report import page_json as data  # noqa: E402
-from lassokin_ros.replay.report.page import PLOTLY  # noqa: E402
-from lassokin_ros.replay.report.wrong_spans import marked_frames  # noqa: E402
+from lassokin_ros.replay.report.report import PLOTLY  # noqa: E402
+from lassokin_ros.replay.report.spans import marked_frames  # noqa: E402
 from msg_adapters.backends import RosbagsBackend  # noqa: E402
 from msg_adapters.inputs import point_cloud  # noqa: E402
 

@@ -16,7 +16,6 @@ from browser import Page, browser  # noqa: E402
 from camera_rig import MAP, Eye, eye, keypoints, pixels, tf_of, truth_at  # noqa: E402
 from messages import HEIGHT, WIDTH, camera_info, rosbags_backend  # noqa: E402
 from recordings import write_messages  # noqa: E402
-from scipy.spatial.transform import Rotation  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.demo.synthetic import DISTANCE  # noqa: E402
@@ -123,20 +122,6 @@ def test_an_unlikely_distance_names_what_gives_the_scale(cameras, word):
     facts = SimpleNamespace(tracks=[SimpleNamespace(depth=0.2)], cameras=dict.fromkeys(cameras), own_keypoints=True)
     (finding,) = distance(facts)
     assert "is 0.2 m: check" in finding.text and word in finding.text
-
-
-def test_the_body_is_level_by_the_mount_of_tf(tmp_path):
-    def tilted(seconds, pose=EYES[0].pose_at(0), turn=Rotation.from_rotvec([0.3, 0, 0]).as_matrix()):
-        return replace(pose, rotation=turn @ pose.rotation, translation=turn @ pose.translation)
-
-    one = Eye("", tilted)
-    messages = [message for message in recorded([one], seeing=[one]) if "image_raw" not in message[0]]
-    messages = [(topic.replace("/rig//", "/"), *rest) for topic, *rest in messages]
-    bag, page = write_messages(tmp_path / "bag", messages), tmp_path / "page.html"
-    command = [str(bag), "-o", str(tmp_path / "out"), "--report", str(page), "-p", f"camera_mount_frame:={MAP}"]
-    assert main(command) == 0
-    down = np.array(held(page, "data")["level"])[1]
-    assert np.allclose(down, tilted(0).rotation @ [0, 0, -1], atol=1e-5) and down[1] < 0.97
 
 
 def test_each_camera_has_its_own_images(rig):

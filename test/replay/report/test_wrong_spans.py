@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lassokin_ros.replay.report.wrong_spans import marked_spans
+from lassokin_ros.replay.report.spans import marked_spans
 
 
 def test_spans_around_marks_are_joined():

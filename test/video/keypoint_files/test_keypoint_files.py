@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.landmarks import Layout, skeleton_of
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.video.command import main, parser
 from lassokin_ros.video.keypoint_files.source import open_input
@@ -14,7 +14,7 @@ from lassokin_ros.video.sources import SourceError
 
 SIZE = (640, 480)
 FRAMES = 4
-COUNTS = {"coco17": 17, "body25": 25, "halpe26": 26, "mediapipe33": 33}
+COUNTS = {"coco17": 17, "body25": 25, "halpe26": 26, "mediapipe33": 33, "openpose67": 67}
 
 
 def points(layout, person=0):
@@ -29,11 +29,13 @@ def names(layout):
     return Layout.load(layout, Skeleton.load("anthropometric", 1.75)).names
 
 
-def write_openpose(folder):
+def write_openpose(folder, layout="body25"):
+    names = ("pose_keypoints_2d", "hand_left_keypoints_2d", "hand_right_keypoints_2d")
     for number in range(FRAMES):
-        people = [{"pose_keypoints_2d": points("body25", person)[number].ravel().tolist()} for person in (0, 1)]
+        parts = [np.split(points(layout, person)[number], [25, 46]) for person in (0, 1)]
+        people = [{name: part.ravel().tolist() for name, part in zip(names, own)} for own in parts]
         (folder / f"walk_{number:012d}_keypoints.json").write_text(json.dumps({"version": 1.3, "people": people}))
-    return folder, "body25", 2
+    return folder, layout, 2
 
 
 def write_alphapose(folder, key="{}.jpg", extra=110):
@@ -94,6 +96,7 @@ def write_arrays(folder):
 
 KINDS = {
     "OpenPose": write_openpose,
+    "OpenPose, hands": lambda folder: write_openpose(folder, "openpose67"),
     "AlphaPose": write_alphapose,
     "COCO": write_coco,
     "DeepLabCut": write_deeplabcut,
@@ -133,6 +136,19 @@ def test_times_and_size_are_those_of_the_file(kind, said, tmp_path):
     source, _ = opened(path, *(["--image-size", "640x480"] if kind == "MediaPipe" else []))
     assert source.fps == pytest.approx(30 if said else 25) and source.size == SIZE
     assert source.remark.startswith(said) and bool(source.remark) == bool(said)
+
+
+def test_hands_of_openpose_are_tracked_with_fingers(tmp_path):
+    """A hand that one image lacks is missing there; broken lists of hands are as if there were none."""
+    write_openpose(tmp_path, "openpose67")
+    file = tmp_path / "walk_000000000001_keypoints.json"
+    data = json.loads(file.read_text())
+    data["people"][0] |= {"hand_left_keypoints_2d": [], "hand_right_keypoints_2d": ["x"]}
+    file.write_text(json.dumps(data))
+    source, detector = opened(tmp_path, "--fps", "10", "--image-size", "640x480")
+    found = [detector.detect(image.rgb, image.seconds)[0] for image in source.images]
+    assert [int((one.confidence[25:] > 0).sum()) for one in found] == [42, 0, 42, 42]
+    assert skeleton_of(detector.landmarks) == "body_hands"
 
 
 def test_images_without_a_person_are_kept(tmp_path):

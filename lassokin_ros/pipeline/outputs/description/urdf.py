@@ -81,7 +81,7 @@ def _texts(tree: Tree, base_frame: str, naming: Naming) -> list[str]:
     Building the document takes ten times as long as filling in the sizes, which calibration changes.
     """
     if not base_frame:
-        raise SkeletonError("base frame is empty; expected a name, such as camera_optical_frame (base_frame)")
+        raise SkeletonError("base frame is empty; expected a name, such as camera_optical_frame")
     if base_frame in {*map(naming.link, _link_names(tree)), *map(naming.link_of_joint, tree.joint_names)}:
         raise SkeletonError(f"base frame is '{base_frame}'; expected a name that is not one of the skeleton's joints")
     if any(_SIZE in name for name in (tree.name, *tree.joint_names, base_frame, naming.prefix, naming.body_id)):

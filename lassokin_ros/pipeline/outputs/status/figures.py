@@ -56,8 +56,6 @@ def figures(
         gone = len(set(session.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
         values["people come"], values["people left"] = str(counts["people come"]), str(counts["people left"] + gone)
         values["people beyond max_people"] = str(counts["people beyond max_people"])
-    if session.placement.mount is not None and (angles := session.placement.mount.angles) is not None:
-        values["camera roll, pitch from TF [rad]"] = "{:.3f}, {:.3f}".format(*angles)
     if (above := session.placement.camera_height) is not None:
         values["camera height above the floor [m]"] = f"{above:.3f}"
     if session.first.depth is not None:

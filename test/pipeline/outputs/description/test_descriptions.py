@@ -203,16 +203,15 @@ def test_how_far_a_joint_moves_with_other_lengths():
 
 
 def test_the_urdf_from_the_settings():
-    settings = NodeSettings(base_frame="optical", frame_prefix="~/x/")
+    settings = NodeSettings(fixed_frame="map", frame_prefix="~/x/")
     text = urdf_from_settings(TrackerConfig(height=1.6), settings, "robot/tracker")
-    assert text == urdf(Skeleton.load("anthropometric", 1.6), "optical", "robot/tracker/x/")
+    assert text == urdf(Skeleton.load("anthropometric", 1.6), "map", "robot/tracker/x/")
     assert has_prefix(urdf_from_settings(TrackerConfig(height=1.75), NodeSettings()), "tracker/")
 
 
-@pytest.mark.parametrize("setting", ["fixed_frame", "base_frame"])
-def test_a_frame_with_a_leading_slash_is_the_one_without(setting):
+def test_a_frame_with_a_leading_slash_is_the_one_without():
     """As tf2 and the results have it."""
-    slashed, plain = (NodeSettings(**{setting: name}) for name in ("/odom", "odom"))
+    slashed, plain = (NodeSettings(fixed_frame=name) for name in ("/odom", "odom"))
     assert urdf_from_settings(TrackerConfig(height=1.75), slashed) == urdf_from_settings(
         TrackerConfig(height=1.75), plain
     )

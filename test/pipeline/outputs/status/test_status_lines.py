@@ -62,7 +62,7 @@ def session():
         detector_connected=True,
         tracker=tracker,
         trackers={"": tracker},
-        placement=SimpleNamespace(places=None, mount=None, camera_angles=(0.0, 0.0), camera_height=None),
+        placement=SimpleNamespace(places=None, camera_angles=(0.0, 0.0), camera_height=None),
         scene=SimpleNamespace(image=None),
         cameras={"": only},
         inputs=SimpleNamespace(has_camera=True, nobody_in_view=False, unused_confidence=0.0, camera_fault=""),

@@ -1,11 +1,11 @@
-"""Export CSV: one row per frame and person; the header gives the unit of each column."""
+"""Export tables of all people: CSV, one row per frame and person, and npz, named arrays without pickled objects."""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Iterator, Sequence
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -86,3 +86,58 @@ def _block(motion: Motion, part: slice, named: np.ndarray, speeds: np.ndarray) -
 def _ankles(motion: Motion) -> list[int]:
     names = motion.skeleton.joint_names
     return [names.index(ankle) for ankle in ANKLES if ankle in names]
+
+
+def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
+    """Write all people, one after the other: r rows, n joints, l landmarks, p people; camera optical frame, m and rad.
+
+    The file is not compressed, because the output of zlib depends on its version: equal motions give equal bytes.
+    """
+    first = motions[0]
+    skeleton = first.skeleton
+
+    def rows(name: str) -> np.ndarray:
+        columns = [getattr(motion, name) for motion in motions]
+        return columns[0] if len(columns) == 1 else np.concatenate(columns)  # one person: no copy
+
+    arrays: dict[str, Any] = {
+        "stamp_ns": rows("stamps_ns"),  # (r,)
+        "person": np.repeat([motion.person for motion in motions], [motion.frame_count for motion in motions]),  # (r,)
+        "joint_positions": rows("positions"),  # (r, n, 3)
+        "joint_rotations": rows("rotations"),  # (r, n, 3, 3), each in its parent's frame
+        "joint_angles": rows("angles"),  # (r, n, 3) about x, y, z
+        "translation": rows("translations"),  # (r, 3)
+        "landmark_positions": rows("landmarks"),  # (r, l, 3)
+        "detected_px": rows("detected"),  # (r, l, 2), NaN = missing
+        "reprojection_px": rows("reprojection_px"),  # (r,)
+        "relative_duality_gap": rows("relative_gap"),  # (r,)
+        "support_size": rows("support_size"),  # (r,)
+        "initialised": rows("initialised"),  # (r,) bool
+        "joint_speeds": rows("speeds"),  # (r, n) m/s
+        "joint_deviations": rows("deviations"),  # (r, n)
+        "rotation_deviations": rows("rotation_deviations"),  # (r, n) rad
+        "joint_observed": rows("observed"),  # (r, n) bool
+        "angles_observed": rows("angles_observed"),  # (r, n) bool
+        "likely_wrong": rows("likely_wrong"),  # (r,) bool
+        "level": first.level,  # (3, 3) from the camera frame to a level one
+        "joint_contacts": rows("contacts"),  # (r, n) bool, ankles of feet that stand still
+        "floor": np.array(first.floor),  # m above the camera, in a level frame
+        "start_ns": np.array(first.start_ns),  # stamp at which the recording begins; 0 of a video's first image
+        "smoothing": np.array(first.smoothing),  # s, with later frames; 0 without
+        "lens": np.array(first.lens),  # assumed or given
+        "height_from": np.array(first.height_from),  # assumed or given
+        "people": np.array([motion.person for motion in motions]),  # (p,)
+        "rest_offsets": np.array([motion.skeleton.offsets for motion in motions]),  # (p, n, 3), the last frame's
+        "joint_names": np.array(skeleton.joint_names),  # (n,)
+        "joint_parents": skeleton.parents,  # (n,), -1 for the root
+        "joint_axes": np.array(skeleton.axes),  # (n,) order of the three angles
+        "landmark_names": np.array(first.landmark_names),  # (l,)
+        "frame_id": np.array(first.frame_id),
+    }
+    if first.cameras:
+        arrays["camera_names"] = np.array(list(first.cameras))  # (c,)
+    for name in first.cameras:
+        seen = [motion.cameras[name] for motion in motions]
+        arrays[f"detected_px_{name}"] = np.concatenate([one.detected for one in seen])  # (r, l, 2), NaN = missing
+        arrays[f"reprojected_px_{name}"] = np.concatenate([one.reprojected for one in seen])  # (r, l, 2)
+    np.savez(file, **arrays)

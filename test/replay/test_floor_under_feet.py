@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lassokin_ros.replay.analysis.floor import FLESH, SOLE, floor_height
+from lassokin_ros.replay.motion import FLESH, SOLE, floor_height
 
 NAMES = ("pelvis", "left_ankle", "right_ankle", "left_foot", "right_foot")
 HEIGHT, FRAMES = 1.7, 100

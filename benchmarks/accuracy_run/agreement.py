@@ -1,7 +1,7 @@
 """Agreement of results between versions of Python, numpy and scipy: track a fixed sequence and compare the joints.
 
-    python benchmarks/numerics/agreement.py --save here.npz              # in one environment
-    python benchmarks/numerics/agreement.py --compare here.npz there.npz # the largest difference of any joint, mm
+    python benchmarks/accuracy_run/agreement.py --save here.npz              # in one environment
+    python benchmarks/accuracy_run/agreement.py --compare here.npz there.npz # the largest difference of any joint, mm
 
 It needs only the dependencies of the core.
 """

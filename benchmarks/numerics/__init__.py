@@ -1,1 +1,0 @@
-"""Numerical properties: agreement of versions, drift over hours."""
