@@ -224,18 +224,6 @@ def test_searching_before_the_first_usable_frame():
         assert answer.status is Status.SEARCHING and tracker.state is None
 
 
-def test_reset_forgets_the_state_and_the_stamps():
-    tracker, fresh = Tracker(CONFIG), Tracker(CONFIG)
-    sequence = [o for _, o in observations(tracker, 4.0)]
-    for observation in sequence[:70]:
-        tracker.track(observation)
-    tracker.reset()
-    assert tracker.state is None
-    for observation in sequence:  # the same stamps are accepted again
-        mine, theirs = tracker.track(observation), fresh.track(observation)
-        assert mine.initialised == theirs.initialised and same(mine.state, theirs.state)
-
-
 def test_results_are_bitwise_deterministic():
     runs = []
     for _ in range(2):

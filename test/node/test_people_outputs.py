@@ -169,26 +169,6 @@ def test_people_leave_when_the_detector_is_silent():
     assert "Traceback" not in node.said
 
 
-@pytest.mark.parametrize("person_ids", ["message", "node"])
-def test_person_numbers_that_change_in_each_image_are_reported(person_ids):
-    """Otherwise a new person comes with every other message, the level is OK, and most messages are unused."""
-    namespace, sent = f"/numbers_{person_ids}", 0
-    settings = ("-p", "max_people:=3", "-p", f"person_ids:={person_ids}")
-    with NodeProcess(namespace, *settings), Peer(namespace, outputs=False) as peer:
-
-        def seen(status):
-            nonlocal sent
-            sent += 1
-            peer.send_camera()
-            one = [(PIXELS[sent % 40], np.full(17, 0.9))]
-            peer.keypoints.publish(crowd(BACKEND, peer.start_ns + 3 * sent * PERIOD_NS, one, [sent]))
-            numbered = "set person_ids to node" in status.message and status.level == b"\x01"
-            return numbered if person_ids == "message" else int(values_of(status)["accepted [messages]"]) > 20
-
-        status = peer.next_diagnostics(seen)
-        assert ("people come and leave" in status.message) is (person_ids == "message"), status.message
-
-
 @pytest.mark.parametrize("parameter, package, people", [("rep155", "hri_msgs", 2), ("publish_tf", "tf2_msgs", 1)])
 def test_a_missing_package_is_reported_at_the_start(parameter, package, people, tmp_path):
     (tmp_path / f"{package}.py").write_text("raise ModuleNotFoundError")  # it may be installed
@@ -237,17 +217,3 @@ def test_replay_writes_each_persons_topics(recording, tmp_path, rep155):
     assert frames == {"body_p4", "body_p9"} if rep155 else {"tracker/p4/body", "tracker/p9/body"}
     lists = [m.ids if rep155 else m.data.split(",") for _, m in read(tmp_path / "out", f"{folder}/tracked")]
     assert [list(filter(None, ids)) for ids in lists] == [[], ["p4", "p9"], ["p9"]]
-
-
-def test_replay_writes_the_topics_of_one_person_for_the_locked_one(recording, tmp_path):
-    settings = ["max_people:=2", "lock:=true", "follow:=p9"]
-    options = [word for setting in settings for word in ("-p", setting)]
-    assert main([str(recording), "-o", str(tmp_path / "out"), *options]) == 0
-    with BagReader(tmp_path / "out") as bag:
-        found = {topic.name: topic.count for topic in bag.topics}
-    names = [topic.name.removeprefix("~/") for topic in topics.FRAME_OUTPUTS if topic.name != topics.MARKERS]
-    for name in (*names, "robot_description"):
-        assert found[f"/tracker/{name}"] == found[f"/tracker/bodies/p9/{name}"] > 0
-    assert found["/tracker/markers"] > found["/tracker/joints"]  # everybody's
-    one, of_p9 = (read(tmp_path / "out", f"/tracker/{place}joints") for place in ("", "bodies/p9/"))
-    assert [message.poses for _, message in one] == [message.poses for _, message in of_p9]

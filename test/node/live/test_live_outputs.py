@@ -89,25 +89,6 @@ def check_covariances(places, pose, skeleton):
     assert points["observed"][[joints.LEFT_WRIST, joints.LEFT_ELBOW, joints.LEFT_HAND]].tolist() == [1, 1, 0]
 
 
-def test_velocities_are_the_differences_of_positions():
-    namespace = "/velocities"
-    pixels = pixels_of_motion(20)
-    with NodeProcess(namespace), Peer(namespace) as peer:
-        peer.start(pixels[0])
-        peer.clear()
-        stream(peer, pixels, period_ns=20_000_000)
-        states = peer.got[topics.JOINT_STATES]
-        peer.spin_until(lambda: len(states) == 20, what="the last joint state")
-        positions = np.array([m.position for m in states])
-        velocities = np.array([m.velocity for m in states])
-        assert np.allclose(velocities[1:], np.diff(positions, axis=0) / 0.02, atol=1e-9)
-        clouds = peer.got[topics.SKELETON]
-        peer.spin_until(lambda: len(clouds) == 20, what="the last skeleton")
-        points = np.stack([np.frombuffer(bytes(message.data), POINT) for message in clouds])
-        places, moved = ([points[name] for name in names] for names in (("x", "y", "z"), ("vx", "vy", "vz")))
-        assert np.allclose(np.array(moved)[:, 1:], np.diff(places, axis=1) / 0.02, atol=1e-3)
-
-
 @pytest.mark.parametrize("keypoints_type", list(CARRIERS))
 def test_each_keypoint_message_type_is_tracked(keypoints_type):
     namespace = "/carrier_" + keypoints_type.rpartition("/")[2].lower()

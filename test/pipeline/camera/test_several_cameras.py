@@ -427,11 +427,6 @@ def test_an_inverse_transform_is_named():
     assert "the keypoints fit the inverse transform of 'right', not the given one" in status(play).message
 
 
-def test_two_cameras_measure_the_height(height=1.1):
-    play = Play([LEFT, RIGHT], TWO, TrackerConfig(height=0.0), height=height).run(3.0)
-    assert play.session.tracker.skeleton.height == pytest.approx(height, rel=0.03)
-
-
 @pytest.mark.parametrize(
     "settings, words",
     [

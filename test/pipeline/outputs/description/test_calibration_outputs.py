@@ -236,17 +236,6 @@ def test_replay_reports_that_it_averaged_an_asymmetric_skeleton(tmp_path, capsys
         assert shanks[0] / shanks[1] == pytest.approx(1.0 if calibrate else 1.1)
 
 
-def test_the_node_reports_that_it_averaged_an_asymmetric_skeleton(tmp_path):
-    pytest.importorskip("rclpy")
-    from live import NodeProcess, Peer, values_of
-
-    namespace = "/uneven"
-    with NodeProcess(namespace, "-p", f"skeleton:={uneven_skeleton_file(tmp_path)}") as node, Peer(namespace) as peer:
-        values = values_of(peer.next_diagnostics())
-    assert values["skeleton: left/right difference, averaged [%]"] == "9.5"
-    assert APART in node.said
-
-
 def test_the_running_node_publishes_saves_and_reports_learned_lengths(tmp_path):
     pytest.importorskip("rclpy")
     from live import NodeProcess, Peer, values_of
