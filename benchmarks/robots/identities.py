@@ -12,7 +12,6 @@ predicts no motion, `true` uses the true velocity: the rest is the error of the 
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -22,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
 
+from benchmarks.common import option_types
 from benchmarks.robots.scene import FIXED, START_NS, Camera, Scene, Walker
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -212,17 +212,16 @@ KINDS: dict[str, Callable[[Path, int], Iterator[Record]]] = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, default=data_folder(), help="folder with mocap/")
-    parser.add_argument("--only", default=",".join(KINDS), help="which tables, separated by commas")
-    parser.add_argument("--seeds", type=int, default=4, help="runs of each kind")
-    parser.add_argument("--json", type=Path, help="also write the records to this file")
+    parser = option_types.command_line(__doc__, "data")
+    parser.add_argument("--only", type=option_types.some_of(KINDS), default=list(KINDS), help="tables (all)")
+    parser.add_argument("--seeds", type=option_types.count, default=4, help="runs of each kind (4)")
     options = parser.parse_args(arguments)
-    if not (options.data / "mocap").is_dir():
-        parser.error(f"no folder {options.data / 'mocap'}; expected the motion capture of LASSOKIN_DATA")
+    clips = (options.data or data_folder()) / "mocap"
+    if not clips.is_dir():
+        parser.error(f"no folder {clips}; expected the motion capture of LASSOKIN_DATA")
     records: list[Record] = []
-    for kind in options.only.split(","):
-        rows = list(KINDS[kind](options.data / "mocap", options.seeds))
+    for kind in options.only:
+        rows = list(KINDS[kind](clips, options.seeds))
         print(f"\n{kind}\n{table(rows, COLUMNS[kind])}", flush=True)
         records += [{"kind": kind, **row} for row in rows]
     write_json(options.json, records)

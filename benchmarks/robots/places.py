@@ -19,21 +19,21 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from benchmarks.accuracy_run.people import person_of, test_clips, validation_clips
+from benchmarks.accuracy_run.people import chosen_clips, person_of
 from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
 from benchmarks.data.mocap import Clip, clip_height, clip_skeleton, floor_height, landmark_positions, load_clip
 from benchmarks.data.rig import Z_UP
 from benchmarks.data.strangers import with_peoples_proportions
+from benchmarks.robots.scene import transform
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import CameraPose
@@ -177,18 +177,6 @@ class World:
             yield seconds, Keypoints(stamp_ns, eye.name, ids, pixels[ids], np.full(len(ids), 0.9))
 
 
-def message(eye: Eye, seconds: float) -> SimpleNamespace:
-    """The message of TF at a time, s."""
-    pose = eye.told(seconds)
-    x, y, z, w = Rotation.from_matrix(pose.rotation.T).as_quat()
-    place, stamp_ns = pose.centre, START_NS + round(1e9 * seconds)
-    stamp = SimpleNamespace(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
-    return SimpleNamespace(transforms=[SimpleNamespace(
-        header=SimpleNamespace(stamp=stamp, frame_id="odom"), child_frame_id=eye.name,
-        transform=SimpleNamespace(rotation=SimpleNamespace(x=x, y=y, z=z, w=w),
-                                  translation=SimpleNamespace(x=place[0], y=place[1], z=place[2])))])  # fmt: skip
-
-
 def play(run: Run) -> Record:
     """Process all messages of a run in the order of their arrival; return its figures."""
     session, world = Session(TrackerConfig(**run.tracker), run.node), World(run)
@@ -198,9 +186,11 @@ def play(run: Run) -> Record:
         intrinsics = Intrinsics(K, np.zeros(0), "", np.eye(3), np.hstack([K, np.zeros((3, 1))]), *SIZE, eye.name)
         session.set_camera(intrinsics, eye.name if several else "")
         if not eye.turning:
-            session.push_transforms(message(eye, 0.0), static=True)
+            session.push_transforms(transform(START_NS, eye.told(0.0), eye.name), static=True)
         times = np.arange(0, run.seconds, 1 / TF_RATE) if eye.turning else ()
-        events += [(t + run.tf_late, 0, eye, message(eye, t)) for t in times]
+        events += [
+            (t + run.tf_late, 0, eye, transform(START_NS + round(1e9 * t), eye.told(t), eye.name)) for t in times
+        ]
         events += [(t + run.detector_late, 1, eye, seen) for t, seen in world.seen(eye, number * 0.4 / RATE)]
     answers: list[tuple[float, Answer]] = []
     said = Said(run.eyes)
@@ -346,8 +336,7 @@ def people(files: Sequence[Path], count: int, seed: int) -> list[Clip]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     options = parser().parse_args(arguments)
-    files = (validation_clips if options.validation_people else test_clips)(options.data or data_folder())
-    records = []
+    files, records = chosen_clips(options), []
     for seed in range(options.seeds):
         clips = people(files, options.clips, seed)
         for row in options.rows:
@@ -370,15 +359,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line's options."""
-    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result = option_types.command_line(__doc__, "data", "validation-people")
     add = result.add_argument
-    add("--data", type=Path, help="folder of the data (default: LASSOKIN_DATA)")
     add("--rows", type=option_types.names, default=tuple(ROWS), help="comma-separated: height, late, moved (all)")
     add("--only", default="", metavar="TEXT", help="only the rows whose name contains this")
     add("--clips", type=option_types.count, default=2, help="clips of each person (2)")
     add("--seeds", type=option_types.count, default=1, help="number of seeds, each with its own errors (1)")
-    add("--validation-people", action="store_true", help="the people with whom the design was chosen, not the test's")
-    add("--json", type=option_types.output_file, metavar="FILE", help="write the records as a JSON list")
     return result
 
 

@@ -12,10 +12,8 @@ from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import has_built_in_proportions
 from lassokin_ros.core.cameras import Camera
 from lassokin_ros.core.errors import CameraError, ConfigurationError
-from lassokin_ros.core.image.frame_data import FrameData, View
-from lassokin_ros.core.image.projection import carried, project
-from lassokin_ros.core.image.robust_loss import huber_weights
-from lassokin_ros.core.image.triangulation import triangulate
+from lassokin_ros.core.image.frame_data import FrameData, View, triangulate
+from lassokin_ros.core.image.projection import carried, huber_weights, project
 from lassokin_ros.core.observation import CameraPose, Observation, Rejection
 from lassokin_ros.core.output import uncertainty
 from lassokin_ros.core.tracker import Tracker

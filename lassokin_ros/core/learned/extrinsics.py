@@ -17,9 +17,9 @@ import numpy as np
 
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.image.frame_data import FrameData, View
-from lassokin_ros.core.image.robust_loss import MEDIAN_OF_NORMAL
+from lassokin_ros.core.image.projection import MEDIAN_OF_NORMAL
 from lassokin_ros.core.learned.camera_finder import CameraFinder
-from lassokin_ros.core.learned.size_check import SizeCheck
+from lassokin_ros.core.learned.height import SizeCheck
 from lassokin_ros.core.observation import CameraPose, has_passed
 
 GIVEN_DEVIATION = np.array([0.035, 0.035, 0.035, 0.03, 0.03, 0.03])

@@ -12,10 +12,10 @@ from lassokin_ros.core.body.roles import ANKLES, PELVIS
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.triangulation import triangulate
+from lassokin_ros.core.image.frame_data import FrameData, triangulate
 from lassokin_ros.core.learned.adaptive_mean import AdaptiveMean
 from lassokin_ros.core.learned.bone_lengths import OBSERVED_STATURE_DEVIATION, Calibration
+from lassokin_ros.core.learned.errors import ModelError
 from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.core.learned.foot_contacts import FootContacts, on_floor
 from lassokin_ros.core.learned.height import (
@@ -23,10 +23,9 @@ from lassokin_ros.core.learned.height import (
     PEOPLE_DEVIATION,
     FloorSize,
     HeightEstimator,
+    SizeCheck,
     floor_size,
 )
-from lassokin_ros.core.learned.model_error import ModelError
-from lassokin_ros.core.learned.size_check import SizeCheck
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import CameraPose
 

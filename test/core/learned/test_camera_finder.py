@@ -14,7 +14,7 @@ from lassokin_ros.core.image.frame_data import FrameData, View
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.camera_finder import EVERY, FEWEST, CameraFinder
 from lassokin_ros.core.learned.extrinsics import LONGEST, PERIOD_S, Extrinsics, Pairs
-from lassokin_ros.core.learned.size_check import SizeCheck
+from lassokin_ros.core.learned.height import SizeCheck
 from lassokin_ros.core.observation import CameraPose, Observation, Rejection, Status
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
