@@ -222,11 +222,11 @@ def test_more_people_than_allowed_are_ignored():
 
 
 def test_a_jump_back_in_time_forgets_all_people():
-    pixels = walk(60, 0.0, 3.5, 0.0, 1)[1]
+    pixels = walk(45, 0.0, 3.5, 0.0, 1)[1]
     session = pipeline_for(person_ids="node")
     rounds = []
     for _ in range(3):
-        rounds.append([feed(session, i, [pixels[i]]) for i in range(60)])
+        rounds.append([feed(session, i, [pixels[i]]) for i in range(45)])
     assert session.counts["resets"] == 2
     for other in rounds[1:]:
         for mine, theirs in zip(rounds[0], other):
