@@ -110,27 +110,6 @@ def test_two_people_who_cross_keep_their_ids_and_skeletons(numbered):
         assert error(joints[who]) < 1.25 * error(by_itself) < 0.25, "a person among others is tracked as one alone"
 
 
-def test_people_appear_are_absent_and_leave():
-    pixels = walk(200, 0.8, 3.5, 0.0, 1)[1], walk(200, -0.8, 3.5, 3.0, 2)[1]
-    session = pipeline_for(max_people=2, person_ids="node", forget_after=1.0)
-    seen = [feed(session, i, [pixels[0][i]]) for i in range(10)]
-    assert [list(s) for s in seen] == [[], []] + [["p1"]] * 8  # confirmed with the third measurement
-    seen = [feed(session, i, [pixels[1][i], pixels[0][i]]) for i in range(10, 20)]
-    assert list(seen[0]) == ["p1"] and set(seen[-1]) == {"p1", "p2"}
-    for i in range(20, 40):  # a short absence
-        assert list(feed(session, i, [pixels[0][i]])) == ["p1"]
-    assert session.people.ids == ["p1", "p2"]
-    back = feed(session, 40, [pixels[1][40], pixels[0][40]])
-    assert set(back) == {"p1", "p2"} and not back["p2"].estimate.initialised
-    for i in range(41, 75):  # longer than forget_after
-        feed(session, i, [pixels[0][i]])
-    assert session.people.ids == ["p1"] and session.counts["people left"] == 1
-    for i in range(75, 80):
-        last = feed(session, i, [pixels[0][i], pixels[1][i]])
-    assert set(last) == {"p1", "p3"}  # an id is not used again
-    assert feed(session, 80, []) == {} and session.counts["accepted"] == session.counts["received"]
-
-
 @pytest.mark.parametrize("people", [1, 3])
 def test_silence_is_reported_and_does_not_reset_the_state(people):
     """By the clock of arrivals, at any distance from the stamps, and only while it advances."""
