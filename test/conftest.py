@@ -108,15 +108,20 @@ def pytest_ignore_collect(collection_path, config):
 def pytest_collection_modifyitems(items):
     """Mark slow tests. Each file is a group, which one process runs: its tests share a running node, for example.
 
-    Files that run nodes come first, then those of whole commands, and the fast ones last, so that the processes end at
-    the same time (with `--no-loadscope-reorder`, xdist keeps this order).
+    The order is that in which the processes take the files (with `--no-loadscope-reorder`). Those that run nodes, which
+    mostly wait, are spread among the other slow ones, which use a core. The fast ones come last, so that the processes
+    end at the same time.
     """
-    paths = dict.fromkeys(item.path for item in items)
-    order = {path: (not runs_nodes(path), not is_slow(path)) for path in paths}
+    slow = {item.path for item in items if name_of(item) in SLOW_TESTS}
+    nodes, others, fast = [], [], []
+    for path in dict.fromkeys(item.path for item in items):
+        kind = nodes if runs_nodes(path) else others if is_slow(path) or path in slow else fast
+        kind.append(path)
+    order = {path: (kind is fast, i / len(kind)) for kind in (nodes, others, fast) for i, path in enumerate(kind)}
     items.sort(key=lambda item: order[item.path])
     for item in items:
         item.add_marker(pytest.mark.xdist_group(item.path.stem))
-        if order[item.path] != (True, True) or name_of(item) in SLOW_TESTS:
+        if item.path in nodes or is_slow(item.path) or name_of(item) in SLOW_TESTS:
             item.add_marker(pytest.mark.slow)
 
 

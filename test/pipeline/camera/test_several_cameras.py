@@ -374,10 +374,11 @@ def test_a_camera_that_was_moved_is_noticed_and_with_learn_corrected(extrinsics)
     play = Play([LEFT, RIGHT], TWO, TrackerConfig(height=1.75, extrinsics=extrinsics), poses=poses).run(6.0)
     angle, shift = play.session.tracker.learned.extrinsics.moved("right")
     assert np.degrees(angle) == pytest.approx(3.0, abs=0.7) and shift < 0.1
+    stated = np.sqrt(play.results[-1].frame.uncertainty.absolute.pelvis[:3, :3].trace())
     if extrinsics == "check":
-        assert play.error(5.0) > 100
+        assert play.error(5.0) > 100 and 2 * stated > np.linalg.norm(play.results[-1].root)
         return
-    assert play.error(5.0) < 40
+    assert play.error(5.0) < 40 and stated < 0.1
     play.image(1, 6.01)  # the learned pose is that of the results
     play.keep(frames_of(play.session.due(START_NS + 7_000_000_000)))
     frame = play.results[-1].frame
