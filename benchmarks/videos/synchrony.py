@@ -1,6 +1,6 @@
 """Offsets between cameras, and faults of their set-up, found from one person's keypoints without any other knowledge.
 
-    python benchmarks/synchrony.py [--case offset,occlusion,lost,drift,two,set-up] [--seconds 5] [--validation-people]
+    python benchmarks/videos/synchrony.py [--case offset,occlusion,lost,drift,two,set-up] [--validation-people]
 
 Motion capture, seen by two simulated cameras (set-up: two to four) with a detector's errors, whose clocks differ by up
 to 5 s. Cases: `offset`; `occlusion`, the second camera sees nobody in a third of the time, and no legs in another
@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from benchmarks.common.report import Record, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
