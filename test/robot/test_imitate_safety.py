@@ -9,11 +9,11 @@ import toy_robot
 pytest.importorskip("pink", reason="needs the extra robot: pip install lassokin_ros[robot]")
 rclpy = pytest.importorskip("rclpy")
 
-from imitated_person import BENT, DOWN, PERSON, PersonMessages, without_shoulder  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from rclpy.time import Time  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
+from simulated.imitated_person import BENT, DOWN, PERSON, PersonMessages, without_shoulder  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 

@@ -17,11 +17,12 @@ import toy_robot
 pytest.importorskip("pink", reason="needs the extra robot: pip install lassokin_ros[robot]")
 rclpy = pytest.importorskip("rclpy")
 
-from imitated_person import BENT, DOWN, PersonMessages  # noqa: E402
+from forked import Forked  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from sensor_msgs.msg import JointState, PointCloud2  # noqa: E402
+from simulated.imitated_person import BENT, DOWN, PersonMessages  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
@@ -150,6 +151,6 @@ def test_a_robot_follows_a_person_and_stops_in_half_a_second_if_the_tracker_is_k
     ],
 )
 def test_a_parameter_that_is_wrong_ends_the_node_in_one_line(arguments, words):
-    command = [sys.executable, "-m", "lassokin_ros.robot.command", "--ros-args", *arguments]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 2 and words in done.stderr.splitlines()[-1]
+    done = Forked([sys.executable, "-m", "lassokin_ros.robot.command", "--ros-args", *arguments])
+    said = done.communicate(timeout=120)[1]
+    assert done.returncode == 2 and words in said.splitlines()[-1]

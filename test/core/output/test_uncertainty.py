@@ -284,13 +284,6 @@ def test_depth_is_as_uncertain_as_the_size_of_the_body_and_more_if_the_pose_is_l
     assert np.sqrt(doubtful[2, 2]) == pytest.approx(0.9 * WRONG_SCALE * z, rel=0.1)
 
 
-def test_the_absolute_covariance_is_computed_once_and_only_on_request():
-    tracker, estimate = followed()
-    uncertainty = tracker.uncertainty(estimate)
-    assert "absolute" not in vars(uncertainty)
-    assert uncertainty.absolute is uncertainty.absolute
-
-
 def test_a_keypoint_that_is_extrapolated_is_no_measured_depth():
     tracker, before = followed()
     points, confidence = project(before.pose.landmarks), np.ones(len(before.pose.landmarks))
