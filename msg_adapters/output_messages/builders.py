@@ -81,7 +81,7 @@ class FieldsBuilder(StampedBuilder):
         self._fields = [(part, name) for part, names in parts for name in names]
         super().__init__(message, headers)
 
-    def numbers(self, *content: np.ndarray) -> np.ndarray:
+    def numbers(self, *content: Any) -> np.ndarray:
         """content: arrays (k,), or (n, k) with a row for each of n parts, in the order of the fields."""
         return np.concatenate(content, axis=-1).reshape(-1)
 

@@ -195,8 +195,8 @@ class PeopleCloudBuilder:
 
     def __init__(self, backend: Backend, serialised: bool = False) -> None:
         """serialised: return serialised messages where there are people."""
-        self._cloud = CloudBuilder(backend, POINT, dense=False)
-        self._fill = SerialisedMessage(self._cloud, backend).fill if serialised else self._cloud.fill
+        cloud = CloudBuilder(backend, POINT, dense=False)
+        self._fill = SerialisedMessage(cloud, backend).fill if serialised else cloud.fill
 
     def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport], untracked: int = 0) -> Any:
         """See PeopleBuilder.fill."""
@@ -215,8 +215,7 @@ class PeopleCloudBuilder:
         numbers["detector_id"] = [p.detector_id if p.detector_id <= LARGEST_NUMBER else -1 for p in people]
         for flag in ("guessed", "doubtful", "locked", "out_of_view"):
             numbers[flag] = [getattr(person, flag) for person in people]
-        fill = self._fill if len(points) > 0 else self._cloud.fill
-        return fill(stamp_ns, frame_id, points)
+        return self._fill(stamp_ns, frame_id, points)
 
 
 BUILDERS: Mapping[str, Callable[[Backend], PeopleBuilder]] = {

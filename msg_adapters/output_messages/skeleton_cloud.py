@@ -91,8 +91,8 @@ class SkeletonsCloudBuilder:
     def __init__(self, backend: Backend, count: int, serialised: bool = False) -> None:
         """count: number of joints. serialised: return serialised messages where there are people."""
         self._count = count
-        self._cloud = CloudBuilder(backend, SKELETONS_POINT)
-        self._fill = SerialisedMessage(self._cloud, backend).fill if serialised else self._cloud.fill
+        cloud = CloudBuilder(backend, SKELETONS_POINT)
+        self._fill = SerialisedMessage(cloud, backend).fill if serialised else cloud.fill
 
     def fill(self, stamp_ns: int, frame_id: str, people: Sequence[JointsReport]) -> Any:
         """Return the message. Without people it is empty."""
@@ -102,8 +102,7 @@ class SkeletonsCloudBuilder:
             person.write(row, row_values)
             row["person"] = person.person
         points["index"] = np.arange(self._count)
-        fill = self._fill if len(people) > 0 else self._cloud.fill
-        return fill(stamp_ns, frame_id, points.reshape(-1))
+        return self._fill(stamp_ns, frame_id, points.reshape(-1))
 
 
 LIMB_POINT = np.dtype(
