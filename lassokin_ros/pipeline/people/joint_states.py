@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.record import record
 from lassokin_ros.pipeline.people.joint_angles import JointAngleReader
 
 SHORTEST_NS = 1_000_000
@@ -54,3 +56,20 @@ class JointStates:
         positions = np.concatenate([moment.state.translation, angles.ravel()])
         self._last = moment, positions
         return positions
+
+
+@record
+class Angles:
+    """The joint angles of one frame, computed at the first access. They are continuous to the frame that was read last.
+
+    before: the frame before, None for the first one.
+    """
+
+    states: JointStates
+    moment: Moment
+    before: Moment | None
+
+    @cached_property
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """See `JointStates.read`."""
+        return self.states.read(self.moment, self.before)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.observation import HERE, Status
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.camera_images import NOBODY
 from lassokin_ros.pipeline.concerns.catalogue import say
 from lassokin_ros.pipeline.concerns.rejections import advice_for
 from lassokin_ros.pipeline.depth.depth_images import MATCHED, RECEIVED, UNMATCHED
-from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
@@ -90,9 +90,9 @@ def frame(stamp_ns=SECOND, reprojection_px=2.0, depth=3.5, repeated=0.0, deviati
         stamp_ns,
         "optical",
         estimate,
-        lens=SimpleNamespace(focal=1000.0),
+        images=[ImageOfPerson(HERE, SimpleNamespace(focal=1000.0), None, None)],
         skeleton=SimpleNamespace(height=1.75),
-        measure=lambda _: uncertainty,
+        tracker=SimpleNamespace(uncertainty=lambda _: uncertainty),
         held_s=held_s,
     )
 
