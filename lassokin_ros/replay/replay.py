@@ -222,7 +222,7 @@ def _figures(tracker: Playback) -> Figures:
 
 
 def _warning(figures: Figures, tracker: Playback) -> str:
-    if tracker.session.answered or not figures.frames_in:
+    if tracker.session.results.answered or not figures.frames_in:
         return ""
     found = f"none of {figures.frames_in} keypoint messages gave a skeleton"
     return f"{found}; first rejection: {_first_rejection(tracker)}" if tracker.first_rejection else found

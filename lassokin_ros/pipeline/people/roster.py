@@ -24,7 +24,7 @@ REPLACEABLE_AFTER_S = 0.5
 
 @dataclass(eq=False)
 class Person:
-    """A person with a tracker. number: of the id; tracks: in the images of each camera.
+    """A person with a tracker. number: of the id; name: in place of it; tracks: in the images of each camera.
 
     guessed: found again by place after an absence, so that it may be somebody else.
     """
@@ -33,11 +33,12 @@ class Person:
     body: TrackedPerson
     tracks: dict[str, ImageTrack] = field(default_factory=dict)
     guessed: bool = False
+    name: str = ""
 
     @property
     def id(self) -> str:
         """The id. It is part of topic names, which must not begin with a digit."""
-        return f"p{self.number}"
+        return self.name or f"p{self.number}"
 
     @property
     def newest(self) -> ImageTrack | None:
@@ -51,7 +52,8 @@ class Roster:
     Attributes
     ----------
     people: those who have a tracker; idle: the trackers without a person.
-    one: True if there is one tracker. It always has a person, and ids are those of whom it follows.
+    listed: True if the detector's list says who is there, under which id.
+    one: True if there is one tracker, and no list. It always has a person, and ids are those of whom it follows.
     locked: the person whom the lock holds; gone: True if that person was forgotten.
     newest_ns: stamp of the newest images.
     left: results of people who left, which waited for `smoothing_lag`.
@@ -59,9 +61,12 @@ class Roster:
     renumbered: True if a number of the detector may be another person's than before.
     """
 
-    def __init__(self, bodies: Sequence[TrackedPerson], counts: Counter[str], follow: str) -> None:
+    def __init__(
+        self, bodies: Sequence[TrackedPerson], counts: Counter[str], follow: str, listed: bool = False
+    ) -> None:
         """counts: receives the numbers of people who come and leave. follow: see NodeSettings."""
-        self.one, self.follow, self.counts = len(bodies) == 1, follow, counts
+        self.listed, self.one = listed, len(bodies) == 1 and not listed
+        self.follow, self.counts = follow, counts
         self.idle = list(bodies)
         self.config_of = bodies[0].tracker  # all have the same settings
         self.people = [Person(1, self.idle.pop())] if self.one else []
@@ -102,6 +107,20 @@ class Roster:
         self._next = max(self._next, number + 1)
         self.counts["people come"] += 1
         return self.people[-1]
+
+    def keep(self, ids: Sequence[str]) -> int:
+        """Keep the people of the detector's list, and add those who are new. Return how many have no tracker."""
+        for person in [person for person in self.people if person.id not in ids]:
+            self.remove(person)
+        self.left.clear()
+        present, beyond = {person.id for person in self.people}, 0
+        for name in [name for name in dict.fromkeys(ids) if name not in present]:
+            if not self.idle:
+                beyond += 1
+                self.counts["people beyond max_people"] += 1
+            elif (newcomer := self.add(self._next, ())) is not None:
+                newcomer.name = name
+        return beyond
 
     def remove(self, person: Person) -> None:
         """Take the tracker from a person. The results that wait for `smoothing_lag` are kept in `left`."""

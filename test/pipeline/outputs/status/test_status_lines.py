@@ -56,17 +56,14 @@ def session():
         status=Status.TRACKING,
         ids=None,
         config=NodeSettings(),
-        reported_lost_after=0.4,
         locked=None,
         people=SimpleNamespace(jumped_number=None, numbers_may_be_indices=False),
-        detector_connected=True,
         tracker=tracker,
         trackers={"": tracker},
         placement=SimpleNamespace(places=None, camera_angles=(0.0, 0.0), camera_height=None),
-        scene=SimpleNamespace(image=None),
+        scene=SimpleNamespace(image=None, lost_after=0.4, detector_connected=True, untracked_at=lambda stamp_ns: 0),
         cameras={"": only},
         inputs=SimpleNamespace(has_camera=True, nobody_in_view=False, unused_confidence=0.0, camera_fault=""),
-        untracked_at=lambda stamp_ns: 0,
         calibrations=dict,
         heights=dict,
         evidence_faults={},
@@ -155,11 +152,11 @@ def test_a_silent_detector_of_an_empty_room(session, diagnostics):
     assert said(diagnostics, 12.1) == (WARN, "lost")
     line = diagnostics.line(13.1, state="nobody")
     assert (line.level, line.message, line.values["state"]) == (OK, NOBODY, "nobody")
-    session.detector_connected = False
+    session.scene.detector_connected = False
     assert said(diagnostics, 14.1) == (WARN, SILENT)
     fresh = Diagnostics(session, "tracker", 0.0)
     assert said(fresh) == (WARN, "waiting for keypoints")
-    session.detector_connected = True
+    session.scene.detector_connected = True
     assert said(fresh, state="nobody") == (OK, NOBODY)
 
 
