@@ -37,9 +37,8 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
-from lassokin_ros.core.image.frame_data import View
+from lassokin_ros.core.image.frame_data import View, triangulate
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.observation import CameraPose, Observation
 from lassokin_ros.core.recording import WHOLE_FILE, published, track_recording
 from lassokin_ros.core.tracker import Tracker
@@ -68,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line's options."""
-    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result = option_types.command_line(__doc__)
     add = result.add_argument
     add("files", type=Path, nargs="+", metavar="FILE", help="detections with R and t of their cameras")
     add("--together", type=_numbers, metavar="A,B", help="cameras that are used (default: every pair)")
@@ -77,7 +76,6 @@ def parser() -> argparse.ArgumentParser:
     add("--unknown-height", action="store_true", help="give not even the height: height 0")
     add("--measured-bones", action="store_true", help="give the reference's bone lengths")
     add("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help="a setting of the tracker")
-    add("--json", type=option_types.output_file, metavar="FILE", help="write the records as a JSON list")
     return result
 
 

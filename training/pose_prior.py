@@ -20,9 +20,9 @@ from benchmarks.common.refusals import exit_code
 from benchmarks.data.mocap import Clip, clip_skeleton, load_clips, true_state
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.proportions import other_side
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.body.symmetry import other_side
 
 # Every third clip by name is kept for evaluation; these are the others.
 TRAINING = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lassokin_ros.core.body.symmetry import partners
+from lassokin_ros.core.body.proportions import partners
 from lassokin_ros.core.network.depth_network import DEPTHS, INPUTS, NAMES, TARGETS, TIMES
 
 OTHER = partners(NAMES)

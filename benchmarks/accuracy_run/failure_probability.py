@@ -10,7 +10,7 @@ from benchmarks.accuracy_run.experiment import Job
 from benchmarks.accuracy_run.followed import followed_frames
 from benchmarks.common.report import Record
 from benchmarks.data.detections import DetectionJob
-from lassokin_ros.core.output.failure_probability import WRONG
+from lassokin_ros.core.output.uncertainty import WRONG
 
 EDGES = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.0)
 COLUMNS = {"from": ".2f", "to": ".2f", "frames": "d", "stated": ".3f", "actual": ".3f", "mpjpe_mm": ".0f"}

@@ -23,8 +23,7 @@ from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
-from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.stacked_model import stacked_matrices
+from lassokin_ros.core.image.projection import project, stacked_matrices
 from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
 from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver

@@ -46,19 +46,6 @@ static int64_t *indices(Arrays *a, PyObject *from, Py_ssize_t least, Py_ssize_t 
             if (found[i] < least || found[i] >= below) a->regular = 0;
     return found;
 }
-/* A slice of one matrix (leading axes have length 1), of rows of `width` numbers; *stride: numbers from row to row. */
-static double *slice(Arrays *a, PyObject *from, Py_ssize_t rows, Py_ssize_t width, Py_ssize_t *stride)
-{
-    double *found = any_array(a, from, "d", rows * width, PyBUF_STRIDES | PyBUF_WRITABLE);
-    if (!a->regular) return NULL;
-    const Py_buffer *view = &a->views[a->count - 1];
-    int last = view->ndim - 1;
-    if (last > 0 && view->shape[last - 1] == rows && view->strides[last] == 8 && view->strides[last - 1] % 8 == 0)
-        *stride = view->strides[last - 1] / 8;
-    else
-        a->regular = 0;
-    return found;
-}
 static Py_ssize_t size(const Arrays *a) { return a->regular ? a->views[a->count - 1].len / 8 : 0; }
 static PyObject *done(Arrays *a, int regular)
 {
@@ -128,26 +115,6 @@ FUNCTION(pose, 7)
     }
 END
 
-/* PosePrior.posture: rotations, joints, W, whitened mean; theta, residual */
-FUNCTION(posture, 6)
-    double *R = in(&a, o[0], -1);
-    int64_t *joints = indices(&a, o[1], 0, size(&a) / 9);
-    Py_ssize_t j = size(&a), k = 3 * j;
-    double *mean = in(&a, o[3], -1);
-    Py_ssize_t rows = size(&a);
-    double *W = in(&a, o[2], rows * k), *theta = out(&a, o[4], k), *residual = out(&a, o[5], rows);
-    if (rows > k) a.regular = 0;
-    IF_REGULAR
-    for (Py_ssize_t i = 0; i < j; i++) {
-        const double *M = R + 9 * joints[i];
-        double axis[3] = {M[7] - M[5], M[2] - M[6], M[3] - M[1]}, cosine = M[0] + M[4] + M[8] - 1;
-        double sine = fmax(sqrt(dot(axis, axis, 3)), 1e-150), scale = atan2(sine, cosine) / sine;
-        if (!(cosine >= -1.9)) return done(&a, 0); /* beyond 162 degrees, or NaN */
-        for (int c = 0; c < 3; c++) theta[3 * i + c] = scale * axis[c];
-    }
-    for (Py_ssize_t i = 0; i < rows; i++) residual[i] = mean[i] - dot(W + k * i + i, theta + i, k - i); /* W is upper */
-END
-
 /* BodyState.retract: rotations, omega; result */
 FUNCTION(retract, 3)
     double *R = in(&a, o[0], -1), *omega;
@@ -173,18 +140,6 @@ static void live_twists(const double *axes, const double *p, const int64_t *live
         cross(at, w, w + 3);
     }
 }
-/* Kinematics.live_twists: axes, positions, live; twists */
-FUNCTION(twists, 4)
-    double *axes = in(&a, o[0], -1);
-    Py_ssize_t n = size(&a) / 9;
-    double *p = in(&a, o[1], 3 * n);
-    int64_t *live = indices(&a, o[2], 0, 3 * n);
-    Py_ssize_t k = size(&a);
-    double *result = out(&a, o[3], 6 * k);
-    IF_REGULAR
-    live_twists(axes, p, live, k, result);
-END
-
 /* Derivatives of rows f . q at m points q by k twists, with a mask (k, m per); the last 3 rows of columns are f. */
 static void spread(const double *twists, Py_ssize_t k, const double *root, const double *q, const double *f,
                    Py_ssize_t rows, Py_ssize_t per, const double *reach, double *columns, Py_ssize_t stride)
@@ -200,20 +155,6 @@ static void spread(const double *twists, Py_ssize_t k, const double *root, const
             columns[d * stride + r] = reach[d * rows + r] * dot(twists + 6 * d, wrench, 6);
     }
 }
-
-/* LinearisationPoint's columns: twists, root, points, rows, mask; columns */
-FUNCTION(point_columns, 6)
-    double *twists = in(&a, o[0], -1);
-    Py_ssize_t k = size(&a) / 6, stride = 0;
-    double *root = in(&a, o[1], 3), *points = in(&a, o[2], -1);
-    Py_ssize_t m = size(&a) / 3;
-    double *f = in(&a, o[3], -1);
-    Py_ssize_t rows = size(&a) / 3;
-    double *reach = in(&a, o[4], k * rows), *columns = slice(&a, o[5], k + 3, rows, &stride);
-    IF_REGULAR
-    if (!m || rows % m) return done(&a, 0);
-    spread(twists, k, root, points, f, rows, rows / m, reach, columns, stride);
-END
 
 /* What does not change from frame to frame (see evidence/compiled.py), the state, and what one camera sees. */
 typedef struct {
@@ -443,32 +384,6 @@ FUNCTION(cost, 4)
     if (!isfinite(sum[0])) return done(&a, 0);
 END
 
-/* OutputFilter.filtered: offset, velocity, omega, x, orientations, ray of the body, (step, gain, velocity gain, both in
- * depth); predicted, rays, offset, velocity */
-FUNCTION(smooth, 11)
-    double *omega = in(&a, o[2], -1);
-    Py_ssize_t n = size(&a) / 3, all = 3 * n + 3;
-    double *before = in(&a, o[0], all), *velocity = in(&a, o[1], all), *x = in(&a, o[3], 3);
-    double *turns = in(&a, o[4], 9 * n), *ray = in(&a, o[5], 3), *gains = in(&a, o[6], 5);
-    double *predicted = out(&a, o[7], all), *rays = out(&a, o[8], all), *offset = out(&a, o[9], all);
-    double *faster = out(&a, o[10], all);
-    IF_REGULAR
-    for (Py_ssize_t j = 0; j <= n; j++) {
-        double *at = predicted + 3 * j, *along = rays + 3 * j, share;
-        for (int c = 0; c < 3; c++) {
-            at[c] = before[3 * j + c] + gains[0] * velocity[3 * j + c] - (j < n ? omega[3 * j + c] : x[c]);
-            along[c] = j < n ? ray[0] * turns[9 * j + c] + ray[1] * turns[9 * j + 3 + c] + ray[2] * turns[9 * j + 6 + c]
-                             : ray[c];
-        }
-        share = dot(at, along, 3);
-        for (int c = 0; c < 3; c++) {
-            double depth = j < n ? at[c] - share * along[c] : share * along[c];
-            offset[3 * j + c] = (1 - gains[1]) * at[c] + (gains[1] - gains[3]) * depth;
-            faster[3 * j + c] = velocity[3 * j + c] - gains[2] * at[c] + (gains[2] - gains[4]) * depth;
-        }
-    }
-END
-
 /* eliminate_translation without H: columns of A, columns of B, z; M A transposed, M z, Y, g */
 FUNCTION(eliminate, 7)
     double *z = in(&a, o[2], -1);
@@ -610,37 +525,6 @@ FUNCTION(condensed, 7)
     }
 END
 
-/* certify: columns of A, columns of B, z, alpha, omega, x; the seven numbers of a Certificate */
-FUNCTION(certify, 7)
-    double *z = in(&a, o[2], -1);
-    Py_ssize_t m = size(&a);
-    double *alpha = in(&a, o[3], -1);
-    Py_ssize_t n = size(&a);
-    double *A = in(&a, o[0], n * m), *B = in(&a, o[1], 3 * m), *omega = in(&a, o[4], n), *x = in(&a, o[5], 3);
-    double *result = out(&a, o[6], 7), r[8 * MOST];
-    IF_REGULAR
-    if (m > 8 * MOST) return done(&a, 0);
-    double kkt[3] = {0, 0, 0}, largest = 0, penalty = 0, least = INFINITY, active = 0;
-    for (Py_ssize_t i = 0; i < m; i++) r[i] = z[i] - x[0] * B[i] - x[1] * B[m + i] - x[2] * B[2 * m + i];
-    for (Py_ssize_t k = 0; k < n; k++)
-        if (omega[k] != 0)
-            for (Py_ssize_t i = 0; i < m; i++) r[i] -= omega[k] * A[k * m + i];
-    for (Py_ssize_t k = 0; k < n; k++) {
-        double correlation = dot(A + k * m, r, m) / alpha[k];
-        if (!isfinite(correlation)) return done(&a, 0);
-        if (omega[k] != 0) kkt[0] = fmax(kkt[0], fabs(correlation - (omega[k] > 0 ? 1 : -1)));
-        else kkt[1] = fmax(kkt[1], fabs(correlation) - 1);
-        largest = fmax(largest, fabs(correlation)), penalty += alpha[k] * fabs(omega[k]);
-        least = fmin(least, alpha[k]), active += omega[k] != 0;
-    }
-    for (int c = 0; c < 3; c++) kkt[2] = fmax(kkt[2], fabs(dot(B + c * m, r, m)) / least);
-    double squared = dot(r, r, m), objective = 0.5 * squared + penalty, shrink = 1 / fmax(1, largest);
-    double gap = objective - (shrink * dot(z, r, m) - 0.5 * shrink * shrink * squared);
-    memcpy(result, kkt, sizeof kkt);
-    result[3] = objective, result[4] = gap, result[5] = gap / fmax(fmax(objective, 0.5 * dot(z, z, m)), 1e-300);
-    result[6] = active;
-END
-
 /* KeypointFilter.update if no track begins and no point is suspicious: points, weights, squared acceleration factors,
  * (step, stays, switches, noise, largest surprise, variance of unused points, largest distance, longest gap, model error);
  * known, unseen, beliefs, merged, variance, filtered points, filtered weights */
@@ -763,29 +647,9 @@ FUNCTION(activate, 2)
     }
 END
 
-/* interpreted, in metres: outputs, (height,), index of the whitening's lower part; places, depths, whitening */
-FUNCTION(decode, 6)
-    double *height = in(&a, o[1], 1), *depths = out(&a, o[4], -1);
-    Py_ssize_t d = size(&a);
-    float *outputs = any_array(&a, o[0], "f", -1, PyBUF_C_CONTIGUOUS);
-    Py_ssize_t count = a.regular ? a.views[a.count - 1].len / 4 : 0;
-    int64_t *index = indices(&a, o[2], 0, count);
-    double *places = out(&a, o[3], 3 * (d + 1)), *W = out(&a, o[5], d * d);
-    if (!a.regular || count < 4 * d || a.views[3].len != 8 * d * d) return done(&a, 0);
-    for (Py_ssize_t i = 0; i < d; i++) {
-        double diagonal = exp(fmin(fmax(outputs[3 * d + i], -1), 5)) / height[0];
-        for (int c = 0; c < 3; c++) places[3 * i + c] = height[0] * outputs[c * d + i];
-        depths[i] = places[3 * i + 2];
-        for (Py_ssize_t j = 0; j < d; j++) W[i * d + j] = j > i ? 0 : diagonal * (j < i ? outputs[index[i * d + j]] : 1);
-    }
-    for (int c = 0; c < 3; c++) places[3 * d + c] = -places[c];
-END
-
 #define METHOD(name) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, NULL}
 static PyMethodDef methods[] = {
-    METHOD(pose), METHOD(posture), METHOD(retract), METHOD(twists), METHOD(point_columns), METHOD(linearise),
-    METHOD(cost), METHOD(smooth), METHOD(eliminate), METHOD(predicted), METHOD(condensed), METHOD(certify),
-    METHOD(follow), METHOD(features), METHOD(activate),
-    METHOD(decode), {NULL, NULL, 0, NULL}};
+    METHOD(pose), METHOD(retract), METHOD(linearise), METHOD(cost), METHOD(eliminate), METHOD(predicted),
+    METHOD(condensed), METHOD(follow), METHOD(features), METHOD(activate), {NULL, NULL, 0, NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_kernel", NULL, 0, methods, NULL, NULL, NULL, NULL};
 PyMODINIT_FUNC PyInit__kernel(void) { return PyModuleDef_Init(&module); }

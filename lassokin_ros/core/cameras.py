@@ -13,14 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
-from lassokin_ros.core.body.surface import surface_depths
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.image.depth_gating import of_own_surface
 from lassokin_ros.core.image.frame_data import NO_HANDS, FrameData, JointDepths, View
-from lassokin_ros.core.image.gating import gate_observation
+from lassokin_ros.core.image.gating import gate_observation, of_own_surface, surface_depths
 from lassokin_ros.core.image.measurement import Measurement, MeasurementFilter
 from lassokin_ros.core.image.projection import NEAREST_DEPTH, carried
-from lassokin_ros.core.learned.depth_noise import DepthNoise
+from lassokin_ros.core.learned.errors import DepthNoise
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
 from lassokin_ros.core.network.depth_network import shipped_network

@@ -16,7 +16,7 @@ from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.robust_loss import huber_weights
+from lassokin_ros.core.image.projection import huber_weights
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver
 from lassokin_ros.core.observation import is_longer

@@ -24,10 +24,7 @@ except ImportError:
     compiled = None
 
 
-FUNCTIONS = (
-    "pose posture retract twists point_columns linearise cost smooth eliminate predicted condensed certify follow "
-    "features activate decode"
-).split()
+FUNCTIONS = "pose retract linearise cost eliminate predicted condensed follow features activate".split()
 """Of the kernel; Python does the same without it."""
 
 

@@ -23,10 +23,10 @@ import numpy as np
 from lassokin_ros.core.answer import Answer
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.proportions import symmetric_skeleton
 from lassokin_ros.core.body.roles import missing_roles
 from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.body.symmetry import symmetric_skeleton
 from lassokin_ros.core.cameras import Cameras
 from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
@@ -37,17 +37,15 @@ from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.start import FIT_AFTER, Start, Starts
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.measurement import Measurement
-from lassokin_ros.core.image.robust_loss import squared_norm
+from lassokin_ros.core.image.projection import squared_norm
 from lassokin_ros.core.increment import Increment, IncrementSolver
 from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.core.learned.learned import Learned
-from lassokin_ros.core.observation import HERE, CameraPose, Observation, Rejection, Status, is_longer
+from lassokin_ros.core.observation import HERE, CameraPose, Observation, Rejection, StampUnit, Status, is_longer
 from lassokin_ros.core.output.fixed_lag import Backward, FixedLag, Waiting
-from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.output_filter import OutputFilter
-from lassokin_ros.core.output.uncertainty import JointUncertainty, UncertaintyModel
-from lassokin_ros.core.stamp_unit import StampUnit
+from lassokin_ros.core.output.uncertainty import JointUncertainty, ObservedJoints, UncertaintyModel
 
 SMALLEST_PX = 3.0
 """Height of the person in the image, in noise_px, below which a body is rejected: random keypoints fit far away."""

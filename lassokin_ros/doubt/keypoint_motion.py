@@ -8,9 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from lassokin_ros.core.body.symmetry import partners
-from lassokin_ros.core.image.projection import carried
-from lassokin_ros.core.image.robust_loss import norm
+from lassokin_ros.core.body.proportions import partners
+from lassokin_ros.core.image.projection import carried, norm
 from lassokin_ros.core.record import record
 
 PAIRS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")

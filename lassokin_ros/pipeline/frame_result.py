@@ -19,7 +19,7 @@ from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.doubt.doubt import Doubt
 from lassokin_ros.doubt.live import Judgement, Pending
 from lassokin_ros.pipeline.camera.lens import Lens
-from lassokin_ros.pipeline.people.joint_states import Angles
+from lassokin_ros.pipeline.people.joint_angles import Angles
 
 BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """Axes of the frame `body` (REP-103: x front, y left, z up), as columns in the root joint's frame (x left, y up,

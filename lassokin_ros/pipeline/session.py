@@ -372,6 +372,8 @@ class Session:
             self.scene.refuse(image.source for image in images)
             return self._refusal(stamp_ns, images[0].frame_id, arrival_ns, error.reason, str(error))
         self.scene.use(images, placed, arrival_ns, frames)
+        if self.placement.tf_offset is not None:
+            self.placement.tf_offset.update(frames)
         several, tracked = self.config.several_cameras, self.people.tracked_at(stamp_ns)
         if several:
             frames = self.results.without_absences(frames, self._tracked_lately(stamp_ns))

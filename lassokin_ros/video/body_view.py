@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.body.surface import HEAD
+from lassokin_ros.core.image.gating import HEAD
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.replay.capsules import capsules
 from lassokin_ros.replay.motion import FEET, SOLE

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from sequences import CONFIG, WITHOUT_NETWORK, detected
 from test_who_sees import UP, A, B, Scene
 
-from lassokin_ros.core.body.symmetry import partners
+from lassokin_ros.core.body.proportions import partners
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.core.tracker import Tracker
 

@@ -195,7 +195,7 @@ def test_the_method_names_every_equation_and_its_code():
         named |= set(range(int(first), int(last)))
     assert set(range(1, 16)) <= named
     linked = {path.name for _, path, _ in links("method.md")}
-    expected = {"kinematics.py", "projection.py", "stacked_model.py", "problem.py", "solver.py", "certificate.py"}
+    expected = {"kinematics.py", "projection.py", "problem.py", "solver.py", "certificate.py"}
     assert expected <= linked
 
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from lassokin_ros.core.body.proportions import partners
 from lassokin_ros.core.body.rotations import exponential
-from lassokin_ros.core.body.symmetry import partners
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.doubt.keypoint_events import SideExchange, is_person_change
 from lassokin_ros.doubt.keypoint_motion import MotionMeter

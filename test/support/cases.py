@@ -15,8 +15,7 @@ from lassokin_ros.core.body.rotations import exponential, right_jacobian_inverse
 from lassokin_ros.core.body.skeleton import AXIS_ORDERS, Skeleton
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.image.frame_data import LEVEL_CAMERA_UP, FrameData, View
-from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.stacked_model import stacked_matrices
+from lassokin_ros.core.image.projection import project, stacked_matrices
 from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
 
 FACING = np.diag([1.0, -1.0, -1.0])

@@ -164,10 +164,6 @@ class Kinematics:
 
     def live_twists(self, pose: BodyPose, axes: np.ndarray) -> np.ndarray:
         """(..., live, 6): `twists` of the live degrees of freedom; axes: (..., n, 3, 3), see `twists`."""
-        if kernel.active:
-            found = np.empty((*axes.shape[:-3], len(self.live_index), 6))
-            if kernel.twists(axes, pose.positions, self.live_index, found):
-                return found
         return twists(pose, axes).take(self.live_index, axis=-2)
 
     def point_columns(
@@ -185,11 +181,9 @@ class Kinematics:
         the k joints. rows: (..., k, m, 3), m rows f per point. The last three columns are those of the translation.
         """
         f = rows.reshape(*rows.shape[:-3], -1, 3)
-        reach = self.reach_of(joints, rows.shape[-2])
-        if not (kernel.active and kernel.point_columns(live_twists, root, points, f, reach, columns)):
-            moments = wrenches(root, points, f).swapaxes(-1, -2)
-            np.multiply(live_twists @ moments, reach, out=columns[..., :-3, :])
-            columns[..., -3:, :] = f.swapaxes(-1, -2)
+        moments = wrenches(root, points, f).swapaxes(-1, -2)
+        np.multiply(live_twists @ moments, self.reach_of(joints, rows.shape[-2]), out=columns[..., :-3, :])
+        columns[..., -3:, :] = f.swapaxes(-1, -2)
 
     def reach_of(self, joints: np.ndarray, rows: int) -> np.ndarray:
         """(live, m k): 1 where a live degree of freedom moves the point of a row, for m rows per point.

@@ -7,8 +7,7 @@ import numpy as np
 from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.projection import project, project_with_jacobian
-from lassokin_ros.core.image.robust_loss import capped_cost, huber_cost, norm
+from lassokin_ros.core.image.projection import capped_cost, huber_cost, norm, project, project_with_jacobian
 
 
 class ImagePoints(Evidence):

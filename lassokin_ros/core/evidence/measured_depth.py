@@ -16,16 +16,13 @@ from lassokin_ros.core.evidence.image_points import numbered
 from lassokin_ros.core.image.frame_data import FrameData
 
 WEIGHT_FACTOR = 1.5
-"""Factor on the weights of the depths, whose noise is independent from frame to frame, unlike the errors of prior and
-network. It was chosen, with their factors, in validation."""
+"""Factor on the weights of the depths, whose noise is independent from frame to frame, unlike other errors."""
 SCALE_BEHIND, SCALE_IN_FRONT = 3.0, 3.5
-"""Scales of the loss, in standard deviations. With a SCALE_IN_FRONT of 6 the body moves by 12 cm if half of the
-depths are on an occluder. With a SCALE_BEHIND of 3.5, the first fit may follow an image of a wall."""
+"""Scales of the loss, in standard deviations; larger ones follow an occluder, or in the first fit a wall."""
 FARTHEST_BEHIND = 0.8
 """m: a measurement that is farther behind the landmark belongs to the background and has no influence."""
 LARGEST_COST = 0.5 * SCALE_IN_FRONT**2
-"""Limit of a measurement's cost, on both sides. Without it, a body at the distance of the wall behind the person can
-cost less than the person, although it is too small in the image."""
+"""Limit of a measurement's cost, on both sides: a body at the wall behind the person must not cost less."""
 SHIFT = 0.05
 """m: standard deviation of a body's motion in depth from frame to frame."""
 

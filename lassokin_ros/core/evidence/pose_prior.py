@@ -19,14 +19,12 @@ from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint, Posture
 from lassokin_ros.core.evidence.hand_prior import add_hands
 from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.robust_loss import squared_norm
-from lassokin_ros.core.kernel import kernel
+from lassokin_ros.core.image.projection import squared_norm
 from lassokin_ros.core.yaml_files import shipped_mapping
 
 WEIGHT_WITH_DEPTH = 0.7
 """Factor on the rows in frames with measured depth or of several cameras. The noise of a measured depth is independent
-from frame to frame, but a prior's error is the same in every frame, and would count again in each. Validation people
-before two cameras 30 degrees apart: 28.5 / 19.9 / 26.5 mm with 1, 25.9 / 19.2 / 25.6 with 0.7."""
+from frame to frame, but a prior's error is the same in every frame, and would count again in each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,11 +126,6 @@ class PosePrior(Evidence):
 
     def posture(self, rotations: np.ndarray) -> Posture:
         """The posture of local rotations (..., n, 3, 3), from which rows and cost are computed."""
-        if kernel.active:
-            lead = rotations.shape[:-3]
-            theta, residual = np.empty((*lead, len(self.joints), 3)), np.empty((*lead, self.count))
-            if kernel.posture(rotations, self.joints, self.W, self.whitened_mean, theta, residual):
-                return Posture(theta, residual)
         theta = logarithm(rotations.take(self.joints, axis=-3))
         flat = theta.reshape(*theta.shape[:-2], -1)
         return Posture(theta, np.asarray(self.whitened_mean - flat.dot(self.W.T)))

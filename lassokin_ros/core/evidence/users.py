@@ -10,8 +10,7 @@ from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, Linear
 from lassokin_ros.core.image.frame_data import FrameData
 
 LARGEST = 1e5
-"""Largest number in a row, and on its right side. With larger ones, a deviation of less than 10 micrometres, the
-lasso's answer is not certified."""
+"""Largest number in a row, and on its right side; with larger ones the lasso's answer is not certified."""
 
 
 class UsersEvidence(Evidence):

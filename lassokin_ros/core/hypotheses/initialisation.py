@@ -16,7 +16,7 @@ from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.robust_loss import capped_weights
+from lassokin_ros.core.image.projection import capped_weights
 from lassokin_ros.core.lasso.problem import WEAKEST
 from lassokin_ros.core.record import record
 from lassokin_ros.core.scipy_functions import lapack
@@ -30,9 +30,7 @@ START_ROTATIONS = np.array([
     [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
 ], dtype=float)  # fmt: skip
 """(6, 3, 3) the root's orientation in the camera frame: of a body that faces the camera upright, with its head to the
-right, to the left, and upside down; of one that looks down with its head to the camera, and up with its head away.
-MPJPE of people who lie: 48.7 mm with, 49.1 without the last five; without the network 64 and 82.
-"""
+right, to the left, and upside down; of one that looks down with its head to the camera, and up with its head away."""
 SIDES = 8
 """Sides to which a body is turned, at equal angles about its up axis; every second one for the other orientations."""
 POOR_FIT = 1.5

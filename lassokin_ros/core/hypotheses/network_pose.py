@@ -17,7 +17,7 @@ from lassokin_ros.core.body.rotations import least_turn
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.robust_loss import norm
+from lassokin_ros.core.image.projection import norm
 from lassokin_ros.core.network.depth_network import PLACES
 
 SAME_POSE = 0.08

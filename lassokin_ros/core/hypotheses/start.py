@@ -15,9 +15,8 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.hand_pose import HandPose
 from lassokin_ros.core.hypotheses.initialisation import Fit, Initialiser
-from lassokin_ros.core.hypotheses.mirrored_limbs import MirroredLimbs
 from lassokin_ros.core.hypotheses.network_pose import NetworkPose
-from lassokin_ros.core.hypotheses.other_pose import OtherPose
+from lassokin_ros.core.hypotheses.other_pose import MirroredLimbs, OtherPose
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.learned.vertical import Vertical
@@ -29,24 +28,19 @@ if TYPE_CHECKING:
 
 STUCK_AFTER = 3
 """Consecutive frames without a usable answer (no certificate, behind the camera, too small) after which the tracker
-initialises anew. If the answers stay unusable, it does so in every third frame only: the full search takes a hundred
-times as long as a frame. With the pose of one of two cameras inverted in TF, it would otherwise run in most frames."""
+initialises anew; every third frame only, because the full search takes a hundred times as long as a frame."""
 GOOD_FIT = 3.0
 """Cost per visible landmark up to which a fit that started from the network's pose is used without another search."""
 GOOD_HAND_FIT = 8.0
-"""The same for a hand alone: the search of 60 ms finds the same as the network's pose in 4 ms (simulated first frames:
-19.4 and 20.1 mm)."""
+"""The same for a hand alone."""
 FIT_AFTER = 0.15
-"""s since the last new keypoints from which the frame starts from a fit, because the last state is too old. MPJPE at
-5 Hz: 49.3 mm with, 51.0 without."""
+"""s since the last new keypoints from which the frame starts from a fit, because the last state is too old."""
 HIGH_COST = 2.4
-"""Cost per landmark of the layout and per depth (negative log-likelihood) above which a state is doubtful: 1 frame in
-100 of motion capture has a higher one."""
+"""Cost per landmark and per depth (negative log-likelihood) above which a state is doubtful: 1 frame in 100."""
 HIGH_COST_S = 0.06
 """s for which the cost must stay above `HIGH_COST`."""
 SHORTEST_INTERVAL, LONGEST_INTERVAL = 0.15, 2.4
-"""s between two attempts: first and longest interval. It doubles with each attempt, and is the shortest one again after
-the longest one without a frame of high cost."""
+"""s between two attempts: it doubles with each, until a longest one passes without a frame of high cost."""
 COST_SHARE = 0.5
 """A newly fitted state replaces the tracked one if its cost is below this share of the tracked state's cost."""
 

@@ -12,13 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from lassokin_ros.core.image.keypoint_tracks import KeypointTracks
-from lassokin_ros.core.image.robust_loss import norm, squared_norm
+from lassokin_ros.core.image.projection import norm, squared_norm
 from lassokin_ros.core.image.side_swaps import SWAP_GAIN, SideSwaps
 from lassokin_ros.core.observation import STAMP_TOLERANCE, has_passed
 
 GATE = 2 * 5.0**2
-"""Largest squared distance of a point from its prediction over the variance along each axis, before it is an
-outlier: 5 standard deviations along both axes."""
+"""Largest squared distance of a point from its prediction over the variance of an axis, before it is an outlier."""
 RESTART_AFTER = 3
 """Consecutive frames for which a point must be an outlier before its track restarts there."""
 MAX_GAP = 0.3
@@ -26,8 +25,7 @@ MAX_GAP = 0.3
 MAX_EXTRAPOLATION = 0.05
 """s of extrapolation with constant velocity. Longer extrapolation increases the error."""
 WIDEST = 5.0
-"""Normalised units from the middle of the image, 79 degrees, beyond which a track is out of view after the camera has
-moved."""
+"""Normalised units, 79 degrees, beyond which a track is out of view after the camera has moved."""
 PREDICTED_WEIGHT = 0.5
 """Factor on the weights of points that are predicted and not measured."""
 

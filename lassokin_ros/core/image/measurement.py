@@ -12,9 +12,9 @@ from functools import cached_property
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
-from lassokin_ros.core.body.symmetry import limb_groups
+from lassokin_ros.core.body.proportions import limb_groups
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.image.depth_gating import gate_depth
+from lassokin_ros.core.image.gating import gate_depth
 from lassokin_ros.core.image.keypoint_filter import PREDICTED_WEIGHT, KeypointFilter
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import HERE, CameraPose, Observation, is_longer

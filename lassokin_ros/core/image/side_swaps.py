@@ -13,14 +13,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lassokin_ros.core.body.symmetry import partners
+from lassokin_ros.core.body.proportions import partners
 from lassokin_ros.core.observation import STAMP_TOLERANCE
 
 SWAP_GAIN = 40.0
 """A pair is swapped if its squared distances from the tracks, over the variances, are less by this after exchanging."""
 MAX_FIT = 15.0
-"""Largest squared distance over variance of each point of a swapped pair from the other side's track: where hands meet,
-points jump and fit neither. A point without a visible partner gives evidence only if it fits its own track."""
+"""Largest squared distance over variance of a swapped point from the other side's track, of a lone one from its own."""
 IN_PLACE_GAIN = 10.0
 """A pair is in place if its squared distances are less by this as given than after exchanging the points."""
 MAX_DURATION = 2.0

@@ -15,8 +15,7 @@ from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.scipy_functions import lapack
 
 NEGLIGIBLE = 0.2
-"""Share of the guess's mean penalty below which a degree of freedom is set to 0. The predicted support has about 8
-wrong signs of 44; the last frame's support has 18."""
+"""Share of the guess's mean penalty below which a degree of freedom is set to 0."""
 ENTERING_TOGETHER = 0.15
 """Share of the largest violation of KKT-2 from which other violators enter the support in the same step."""
 ALONE_FROM = 12

@@ -26,8 +26,7 @@ from lassokin_ros.core.scipy_functions import lapack
 _proxqp = proxsuite.proxqp
 _SOLVED = _proxqp.QPSolverOutput.PROXQP_SOLVED
 TOLERANCE = {"condensed": 1e-4, "projected": 1e-7}
-"""Absolute and relative tolerance of ProxQP in the first try, in which it only has to determine the signs of Omega:
-`active_set.solve_active_set` then solves exactly."""
+"""Tolerance of ProxQP in the first try, which only determines the signs: `solve_active_set` then solves exactly."""
 TOLERANCE_AGAIN, GAP_AGAIN = 1e-9, 1e-7
 """Tolerances of the solution and of the duality gap in further tries."""
 LARGEST_CONDITION = 1e10
@@ -35,8 +34,7 @@ LARGEST_CONDITION = 1e10
 _FIRST_MU = {"condensed": 1.0, "projected": 1e-4}
 """ProxQP's step size of the inequalities at the beginning of a solve, in the first try."""
 ITERATIONS = ((40, 25), (50, 30), (50, 30))
-"""Limits of ProxQP's outer and inner iterations, by effort; a frame's problem takes about 10 and 60 in total. A solve
-that does not converge ends after 10 ms."""
+"""Limits of ProxQP's outer and inner iterations, by effort: a solve that does not converge ends after 10 ms."""
 
 
 def available_solvers() -> list[str]:

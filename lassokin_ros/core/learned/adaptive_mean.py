@@ -25,15 +25,13 @@ from lassokin_ros.core.observation import has_passed
 from lassokin_ros.core.scipy_functions import lapack
 
 SHARE = 0.3
-"""Share of the prior's covariance that is constant for a person: half of it differs between clips of motion capture,
-and a smaller share gains as much with less harm by a wrong pose."""
+"""Share of the prior's covariance that is constant for a person."""
 TIME_CONSTANT_S = 30.0
 """s: time constant of the process."""
 PERIOD_S = 0.25
 """s between measurements."""
 INDEPENDENT_AFTER = 1.0
-"""s: deviations of postures closer in time are correlated. A measurement a step after the last one has the weight
-step / INDEPENDENT_AFTER."""
+"""s: postures closer in time are correlated: a measurement has the weight step / INDEPENDENT_AFTER."""
 FREE_VARIANCE = 1e3
 """rad^2, m^2: variance of the root's rotation and translation, which are unknown here."""
 

@@ -20,7 +20,7 @@ from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.robust_loss import huber_weights
+from lassokin_ros.core.image.projection import huber_weights
 from lassokin_ros.core.lasso.problem import WEAKEST
 from lassokin_ros.core.learned.length_prior import LengthPosterior, initial_deviation, length_models, posterior
 from lassokin_ros.core.observation import has_passed
@@ -41,9 +41,8 @@ class Schedule:
 
 
 STATURE_DEVIATION, OBSERVED_STATURE_DEVIATION = 0.005, 0.02
-"""Standard deviation of the logarithm of the stature at rest: with one camera, which does not observe size, and with
-several, measured depth or the floor, for the difference between a stated height and that of the limbs. MPJPE with
-depth: 40.8 mm with, 42.5 with the first for both; with the floor 63.1 and 64.0."""
+"""Standard deviation of the logarithm of the stature at rest: with one camera, which does not observe size; and with
+several, measured depth or the floor, for the difference between a stated height and that of the limbs."""
 LARGEST_STEP = 0.1
 """Largest change of a log-length in one update, so that the poses of the kept frames can follow."""
 LARGEST_DIFFERENCE = 0.3
@@ -51,18 +50,16 @@ LARGEST_DIFFERENCE = 0.3
 INFORMATION = 0.6
 """Factor on a kept frame's information, because the errors of the prior and of the tracks are not independent."""
 KEEP = Schedule(0.05, 0.08, 0.25)
-"""s between kept frames, by the duration that they cover. It is short at first, because the lengths are wrong until
-enough frames are kept."""
+"""s between kept frames, by the duration that they cover."""
 WORK = Schedule(0.05, 0.05, 0.13)
 """s between two pieces of work: keep one frame, or relinearise one."""
 UPDATE = Schedule(0.2, 0.25, 1.0)
 """s between two updates of the skeleton."""
 TYPICAL_COST = 12.0
-"""Robust cost of a frame (image and prior) at which its weight is halved: its pose is probably wrong. The median over
-the kept frames is used instead if it is larger, as it is while the lengths are wrong."""
+"""Robust cost of a frame (image and prior) at which its weight is halved; the median of the kept frames if larger."""
 CERTAIN_MEAN, CERTAIN = 0.04, 0.012
-"""Mean standard deviation of the log-lengths below which they are input to the depth network, as given ones are; and
-deviation of the least certain one below which the calibration ends."""
+"""Deviations of the log-lengths: mean below which they are input to the depth network, as given ones are; and of the
+least certain one below which the calibration ends."""
 SHORTEST_S, LONGEST_S = 8.0, 20.0
 """s of kept motion: minimum, and the duration after which the calibration ends in any case."""
 

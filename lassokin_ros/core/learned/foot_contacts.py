@@ -1,4 +1,4 @@
-"""Which feet stand still, and where: the anchors of the rows of `evidence.foot_contact`.
+"""Which feet stand still, and where: the anchors of the rows of `evidence.feet`.
 
 A foot is in contact if its keypoints stand still in the image. They do not show a motion along the line of sight, so
 the ankle of the fitted body must not be fast at the beginning of a contact; later the rows hold it.
@@ -10,20 +10,17 @@ import math
 
 import numpy as np
 
-from lassokin_ros.core.image.robust_loss import squared_norm
+from lassokin_ros.core.image.projection import squared_norm
 from lassokin_ros.core.observation import is_longer
 
 STILL, STILL_BODY = 0.4, 2.0
 """m/s: speeds v of the keypoints across the line of sight, and of the fitted ankle, at which their factors of the
-probability of a contact, 1 / (1 + (v / STILL)^2)^2, are a quarter. Without the second one, feet of people who run
-towards the camera are held. MPJPE: 67.0 mm with, 67.2 without."""
+probability of a contact, 1 / (1 + (v / STILL)^2)^2, are a quarter."""
 BEGUN, ENDED = 0.5, 0.2
-"""Probability above which a contact begins, and below which it ends. MPJPE: 67.2 mm with, 68.0 with 0.4
-and 0.25, at the same slide."""
+"""Probability above which a contact begins, and below which it ends."""
 NEW_DEVIATION, SETTLED_DEVIATION, SETTLED_S = 0.03, 0.015, 1.0
 """m: standard deviations of an ankle about its anchor in a contact that begins, and in one of `SETTLED_S`, s, or more;
-1 / deviation grows linearly between. Slide: 133 mm/s with, 155 with 3 cm throughout; 126 with 1 cm, but then
-a squat seen from the front can stay a lean."""
+1 / deviation grows linearly between."""
 ANCHOR_S = 0.3
 """s: time constant of the anchor, a running mean of the ankle's place."""
 SPEED_S = 0.15

@@ -10,16 +10,25 @@ the pelvis:
 
 The logarithms of the frames' scales are averaged over time, together with a prior of people's heights. Until there is
 one, the height of an adult is assumed, with a deviation that contains children.
+
+A given height is checked by the limbs between two measured or triangulated landmarks, whose lengths do not adapt as
+pose and bone lengths do, or by the size with which feet stand on the floor. The check does not change the poses, but
+their stated uncertainty.
 """
 
 from __future__ import annotations
 
+import math
+from collections import deque
+
 import numpy as np
 
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.roles import sided
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TYPICAL_HEIGHT
 from lassokin_ros.core.evidence.evidence import EvaluatedState
-from lassokin_ros.core.evidence.floor import ANKLE_HEIGHT
-from lassokin_ros.core.evidence.floor import DEVIATION as FLOOR_DEVIATION
+from lassokin_ros.core.evidence.feet import ANKLE_HEIGHT, FLOOR_DEVIATION
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.observation import CameraPose, has_passed
 from lassokin_ros.core.record import record
@@ -39,13 +48,11 @@ CORRELATED_S = 0.1
 LARGEST_FLOOR_DEVIATION = 0.05
 """Standard deviation of the logarithm, by tilt and distance, above which feet on the floor do not measure the size."""
 FLOOR_AFTER = 0.5
-"""s after the first foot on the floor before the floor is used: with the poses and lengths before, people are 2 to 3 %
-too tall."""
+"""s after the first foot on the floor before the floor is used: the poses and lengths before are less exact."""
 TIME_CONSTANT_S = 5.0
 """s: time constant of the average. The first frames' poses are the least exact."""
 LEAST_DEVIATION = 0.035
-"""Lower limit of the logarithm's standard deviation, because people's proportions differ from those of the skeleton:
-the root mean square error over 19 people of motion capture who are not in the tests."""
+"""Lower limit of the logarithm's standard deviation, because people's proportions differ from the skeleton's."""
 CHANGE = 0.01
 """Change of the logarithm from which a new height is adopted."""
 PAUSE_S = 0.25
@@ -196,3 +203,94 @@ def floor_size(
         return None
     distance = float(np.linalg.norm(lower - rise * up))
     return FloorSize(camera_height / below, float(np.hypot(tilt_deviation * distance, FLOOR_DEVIATION)) / camera_height)
+
+
+SHORTEST = 0.08
+"""As a fraction of the height: shortest limb that is used."""
+FEWEST_FRAMES = 20
+"""Frames until there is a result, the median over the last 100."""
+LARGEST_COUNT = 100
+"""Frames of which the limbs are kept. The result is the median over all of them."""
+LARGEST_RATIO = 1.6
+"""Ratio of a limb from which on, or from the inverse, one of its ends is considered to be on an occluder."""
+LIMIT = 0.12
+"""Logarithm of the ratio from which on the given height is considered wrong; with the right one it is at most 0.11."""
+
+
+class SizeCheck:
+    """Finds the ratio of measured and given lengths of one person."""
+
+    def __init__(self, kinematics: Kinematics) -> None:
+        """kinematics: with the given skeleton."""
+        self._kinematics = kinematics
+        self.use(kinematics.skeleton)
+
+    def use(self, given: Skeleton) -> None:
+        """Use another given skeleton with the same tree, and forget the person."""
+        layout = self._kinematics.layout.scaled(given.height / self._kinematics.skeleton.height)
+        joints, rest = layout.joints, given.rest_positions[layout.joints] + layout.offsets
+        # Pairs of landmarks: one of a joint, one of a child of that joint.
+        limbs = np.argwhere(given.parents[joints] == joints[:, None])
+        limbs = limbs[np.linalg.norm(rest[limbs[:, 0]] - rest[limbs[:, 1]], axis=1) > SHORTEST * given.height]
+        sides = [pair for pair in zip(sided("shoulder"), sided("hip")) if set(pair) <= set(given.joint_names)]
+        trunk = [np.argwhere(np.outer(*(joints == given.index(name) for name in side))) for side in sides]
+        self._limbs, self._ends = limbs.T, np.concatenate([limbs, *trunk])
+        self._lengths = np.linalg.norm(rest[self._ends[:, 0]] - rest[self._ends[:, 1]], axis=1)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the person."""
+        self._newest = -math.inf
+        self._ratios: deque[np.ndarray] = deque(maxlen=LARGEST_COUNT)
+
+    def is_due(self, stamp: float) -> bool:
+        """Return whether a frame at a stamp, s, is used."""
+        return has_passed(stamp - self._newest, CORRELATED_S)
+
+    def add(self, stamp: float, ratios: np.ndarray) -> None:
+        """Use the ratios (k,) of measured and given lengths of a frame. stamp: s."""
+        if len(ratios) and self.is_due(stamp):
+            self._newest = stamp
+            self._ratios.append(ratios)
+
+    @property
+    def ratio(self) -> float:
+        """Measured size / given size; 1 until enough frames were used."""
+        return float(np.median(np.concatenate(self._ratios))) if len(self._ratios) >= FEWEST_FRAMES else 1.0
+
+    @property
+    def wrong(self) -> bool:
+        """True if the given height is probably wrong."""
+        return abs(math.log(self.ratio)) > LIMIT
+
+    def ratios(self, places: np.ndarray, usable: np.ndarray) -> np.ndarray:
+        """Ratios of the limbs' measured and given lengths, of all bodies. places: (..., l, 3) m; usable: (..., l)."""
+        above, below = self._limbs
+        measured = np.linalg.norm(places[..., above, :] - places[..., below, :], axis=-1)
+        found = (measured / self._lengths[: len(above)])[usable[..., above] & usable[..., below]]
+        return np.asarray(found[(found > 1 / LARGEST_RATIO) & (found < LARGEST_RATIO)])
+
+    def lengths(self, places: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Measured and given lengths (k,) m of the limbs and of both sides of the trunk, without implausible ones.
+
+        places: (l, 3) m; usable: (l,).
+        """
+        seen = usable[self._ends].all(axis=1)
+        a, b = places[self._ends[seen]].swapaxes(0, 1)
+        measured, given = np.linalg.norm(a - b, axis=1), self._lengths[seen]
+        plausible = (measured < LARGEST_RATIO * given) & (given < LARGEST_RATIO * measured)
+        return measured[plausible], given[plausible]
+
+    def limb_count(self, usable: np.ndarray) -> int:
+        """Number of limbs between usable landmarks (..., l), of all bodies."""
+        return int(np.count_nonzero(usable[..., self._limbs].all(axis=-2)))
+
+    def update(self, measurement: Measurement) -> None:
+        """Use the measured depths of a tracked frame."""
+        if measurement.depth is None or measurement.depth_weights is None or measurement.repeated:
+            return
+        if not self.is_due(measurement.stamp):
+            return
+        usable = (measurement.depth_weights > 0) & measurement.visible & (measurement.weights > 0)
+        places = measurement.depth[:, None] * np.column_stack([measurement.points, np.ones(len(usable))])
+        self.add(measurement.stamp, self.ratios(places, usable))

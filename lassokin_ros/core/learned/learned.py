@@ -12,10 +12,10 @@ from lassokin_ros.core.body.roles import ANKLES, PELVIS
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.triangulation import triangulate
+from lassokin_ros.core.image.frame_data import FrameData, triangulate
 from lassokin_ros.core.learned.adaptive_mean import AdaptiveMean
 from lassokin_ros.core.learned.bone_lengths import OBSERVED_STATURE_DEVIATION, Calibration
+from lassokin_ros.core.learned.errors import ModelError
 from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.core.learned.foot_contacts import FootContacts, on_floor
 from lassokin_ros.core.learned.height import (
@@ -23,10 +23,9 @@ from lassokin_ros.core.learned.height import (
     PEOPLE_DEVIATION,
     FloorSize,
     HeightEstimator,
+    SizeCheck,
     floor_size,
 )
-from lassokin_ros.core.learned.model_error import ModelError
-from lassokin_ros.core.learned.size_check import SizeCheck
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import CameraPose
 
@@ -119,7 +118,7 @@ class Learned:
         found = []
         if self.height is None and self.size_check.wrong:
             found.append(WRONG_HEIGHT.format(self.lengths.proportions.given.height))
-        if self.extrinsics is not None and self.extrinsics.contradicting:
+        if self.extrinsics is not None and self.extrinsics.lately.contradicting:
             found.append(MOVED_CAMERA)
         return tuple(found)
 
@@ -231,7 +230,7 @@ class Learned:
         if answer.repeated or deep or not self.size_check.is_due(answer.stamp):
             return
         if answer.several:
-            if self.extrinsics is not None and self.extrinsics.contradicting:
+            if self.extrinsics is not None and self.extrinsics.lately.contradicting:
                 return
             places = self._triangulated(answer)
             self.size_check.add(answer.stamp, self.size_check.ratios(places, np.isfinite(places[:, 0])))

@@ -15,12 +15,9 @@ from lassokin_ros.core.body.rotations import exponential, least_turn
 from lassokin_ros.core.observation import is_longer
 
 TIME_CONSTANT_S = 0.5, 5.0
-"""s with which the vertical follows the person's: at first, when the error of the mount is often larger than the lean
-of a person, and at most. It grows with the time for which a person has been tracked."""
+"""s with which the vertical follows the person's: at first, and at most. It grows with the time of tracking."""
 TILT, TILT_COST = 0.45, 4.0
-"""rad: pitch of the alternative verticals of `candidates`; and their cost, a negative log-likelihood. With a smaller
-one people who lean in front of a level camera are estimated as upright, with a larger one upright people in front of a
-tilted camera as leaning."""
+"""rad: pitch of the alternative verticals of `candidates`; and their cost, a negative log-likelihood."""
 LEAST_COSINE = 0.5
 """Cosine of the lean, 60 degrees, beyond which a person is not used."""
 LEAST_TILT = 1e-4

@@ -81,8 +81,7 @@ INPUTS = len(TIMES) * len(NAMES) * 3 + 1 + 4 + len(LENGTHS) + 1
 DEPTHS = len(TARGETS)
 _LOWER = np.tril_indices(DEPTHS, -1)
 OUTPUTS = 3 * DEPTHS + DEPTHS + len(_LOWER[0]) + DEPTHS
-"""Sizes of the parts of the output: positions x, y, z; logarithms of the whitening's diagonal; its lower part;
-logarithms of the scales of x and y."""
+"""Positions x, y, z; logarithms of the whitening's diagonal; its lower part; logarithms of the scales of x and y."""
 _FROM_OUTPUTS = np.zeros((DEPTHS, DEPTHS), dtype=int)
 _FROM_OUTPUTS[_LOWER] = np.arange(4 * DEPTHS, OUTPUTS - DEPTHS)
 _STRICTLY_LOWER, _UNIT = np.tri(DEPTHS, k=-1, dtype=np.float32), np.eye(DEPTHS, dtype=np.float32)
@@ -300,12 +299,7 @@ class Network:
         (DEPTHS, DEPTHS) 1/m, and the rotation (3, 3) into the virtual camera.
         """
         inputs, rotation = features(scene)
-        outputs = self(inputs)
-        if kernel.active:
-            places, depths, whitening = np.empty((len(PLACES), 3)), np.empty(DEPTHS), np.empty((DEPTHS, DEPTHS))
-            if kernel.decode(outputs, np.array([height]), _FROM_OUTPUTS, places, depths, whitening):
-                return places, depths, whitening, rotation
-        found, whitening = interpreted(outputs)
+        found, whitening = interpreted(self(inputs))
         targets = height * found.astype(float)
         places = np.concatenate((targets, -targets[:1]))  # left_hip is the first target
         return places, targets[:, 2].copy(), whitening.astype(float) / height, rotation

@@ -18,12 +18,10 @@ import numpy as np
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.increment import Increment
-from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.observation import ORIGIN, is_longer
 
 DEPTH_RATIO = 1.9
-"""Ratio of the time constants in depth and in the image. One camera observes depth worse by about this factor. Several
-cameras observe it like the rest. MPJPE before two cameras: 21.5 mm with this ratio, 21.3 without."""
+"""Ratio of the time constants in depth, which one camera observes worse, and in the image."""
 TYPICAL_SPEED = 0.5
 """m/s: mean speed of the keypoints at which the time constant is the configured one."""
 REST_SPEED = 0.05
@@ -33,8 +31,8 @@ LONGEST_STEP = 0.2
 SHORTEST_TIME = 1e-3
 """s: lower limit of the time constant. Below it the smoothing is not visible, and covariances lose digits."""
 LARGEST_DEPTH_OFFSET = 0.25
-"""Largest difference in depth between the published and the solved body, as a share of the distance to the camera.
-Beyond it the filter restarts; otherwise a solved state that jumps in depth could move it through the camera."""
+"""Largest difference in depth between the published and the solved body, as a share of the distance to the camera;
+beyond it the filter restarts."""
 
 Covariance = tuple[float, float, float]
 """(variance of the value, covariance, variance of the velocity), in units of the variance of a solved value."""
@@ -137,11 +135,6 @@ class OutputFilter:
         ray: (3,) unit vector of the body's viewing ray; rays: in each joint's frame and, last, in the camera frame.
         gains: step, s, and the gains of offset and velocity in the image, and in depth.
         """
-        if kernel.active:
-            found = np.empty((4, *self._shape))
-            given = self._offset, self._velocity, increment.omega, increment.x, pose.orientations, ray, np.array(gains)
-            if kernel.smooth(*given, *found):
-                return found[0], found[1], found[2], found[3]
         step, gain, velocity_gain, depth_gain, depth_velocity_gain = gains
         predicted = self._offset + step * self._velocity
         predicted[:-1] -= increment.omega.reshape(-1, 3)

@@ -29,16 +29,14 @@ from lassokin_ros.core.body.roles import body_joints, sided
 from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.estimate import Estimate
-from lassokin_ros.core.evidence.foot_contact import FootContact
+from lassokin_ros.core.evidence.feet import FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.image_points import ImagePoints
 from lassokin_ros.core.evidence.learned_depth import WEIGHT, LearnedDepth
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.image.robust_loss import squared_norm
+from lassokin_ros.core.image.projection import squared_norm
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
-from lassokin_ros.core.learned.model_error import LEAST_ERROR
-from lassokin_ros.core.output.failure_probability import failure_probability
-from lassokin_ros.core.output.observed import ObservedJoints
+from lassokin_ros.core.learned.errors import LEAST_ERROR
 from lassokin_ros.core.record import record
 from lassokin_ros.core.scipy_functions import lapack
 
@@ -47,8 +45,7 @@ FACTOR = 1.6
 FACTOR_WITH_DEPTH = 0.8
 """The same, if half of the landmarks or more have a measured depth. Fitted in validation."""
 FACTOR_OF_SEVERAL = 1.0
-"""The same, for several cameras, which observe the lengths: their deviation does not count. Errors within one and two
-deviations: 65 and 96 % with two cameras at 30 degrees, 79 and 99 % at 90 degrees."""
+"""The same, for several cameras, which observe the lengths: their deviation does not count."""
 HAND_FACTOR = 1.0
 """The same, for a hand alone and for fingers relative to their wrist."""
 FACTOR_BELOW_LAST_KEYPOINT = 1.5
@@ -62,26 +59,17 @@ POWER = 0.25
 LENGTHS_FACTOR, HAND_LENGTH_FACTOR = 3.0, 1.0
 """Factors on the standard deviation of the log-lengths: of a body, and of a hand's one length."""
 SMALLEST_BIAS = 0.01
-"""As a fraction of the height: smallest constant error of a keypoint, in each direction. The constant error of real
-detectors is 11 to 17 mm. The pose follows the keypoints, so the residuals do not contain all of this error."""
+"""Smallest constant error of a keypoint / height, in each direction; the pose follows it, so residuals lack it."""
 LARGEST_DEVIATION = 0.6
-"""m: s becomes s / sqrt(1 + (s / LARGEST_DEVIATION)^2). A limb moves on a sphere, so its error is bounded, contrary to
-the linear model."""
+"""m: s becomes s / sqrt(1 + (s / LARGEST_DEVIATION)^2), because a limb moves on a sphere."""
 HIDDEN_LEG = 0.25
-"""As a fraction of the height: least standard deviation of the joints of a leg without any visible point from the knee
-down. The prior was learned from people who stand and walk: without it, 44 instead of 70 % of the hidden knees and
-ankles of people who sit are within one deviation."""
+"""Least deviation / height of a leg without visible points from the knee down: the prior knows few people who sit."""
 SCALE_DEVIATION = 0.045
-"""Standard deviation of the body's size if its height is given, as a fraction of it: height, shoes, proportions. One
-camera without measured depth does not observe the scale, so such an error moves the whole body along its line of sight
-by the same fraction."""
+"""Deviation of the size of a body of given height, as a fraction; it moves the body along its line of sight."""
 PLACE_DEVIATION = 0.02
-"""m, per axis: standard deviation of the position of the landmarks in the body, and of a detector's lasting errors.
-Both constants were fitted to recorded motions with only the height given: the error of the pelvis is 193 mm along the
-line of sight and 31 mm across (root mean square, at 4.4 m)."""
+"""m, per axis: standard deviation of the landmarks' places in the body, and of a detector's lasting errors."""
 ROTATION_FACTOR = 2.0
-"""Factor on the posterior's standard deviation of a joint's rotation. It contains that the rest pose of a person's
-joints is not the skeleton's."""
+"""Factor on the deviation of a joint's rotation: a person's rest pose is not the skeleton's."""
 LARGEST_ROTATION = math.sqrt(math.pi**2 / 3 + 2)
 """rad: root mean square angle of a random rotation, the limit of a rotation's deviation, as `LARGEST_DEVIATION`."""
 STILL = ("wrist", "hand", "foot")
@@ -304,3 +292,58 @@ def position_jacobian(pose: BodyPose, columns: np.ndarray, moved: np.ndarray) ->
     jacobian += twist[3:]
     jacobian *= moved
     return jacobian
+
+
+class ObservedJoints:
+    """Determines which joints are observed: those with a visible keypoint, or between two neighbours with one.
+
+    An elbow between a visible shoulder and a visible wrist is observed; a hand beyond the last visible keypoint is not.
+    """
+
+    def __init__(self, skeleton: Skeleton, landmark_joints: np.ndarray) -> None:
+        """landmark_joints: (l,) index of the joint to which each landmark is attached."""
+        count = skeleton.joint_count
+        # Numbers of keypoints and joints are floats: products of integers take twice as long.
+        self._below = skeleton.ancestors.T.astype(float)
+        self._attached = np.zeros((count, len(landmark_joints)))
+        self._attached[landmark_joints, np.arange(len(landmark_joints))] = 1
+        turned = skeleton.ancestors.T & ~np.eye(count, dtype=bool)
+        turned |= np.diag(~turned.any(axis=1))  # an end: its own keypoints
+        #: (n, l) number of keypoints, 0 or 1, that show how each joint is turned.
+        self._shows = turned @ self._attached
+        self._neighbours = np.zeros((count, count))
+        child = np.flatnonzero(skeleton.parents >= 0)
+        parent = skeleton.parents[child]
+        self._neighbours[child, parent] = self._neighbours[parent, child] = 1
+
+    def from_visible(self, visible: np.ndarray) -> np.ndarray:
+        """Return (n,) bool. visible: (l,) bool, the keypoints of the frame that have a weight, `Estimate.visible`."""
+        own = self._attached.dot(visible) > 0
+        return np.asarray(own | (self._neighbours.dot(own) >= 2))
+
+    def below_last_keypoint(self, visible: np.ndarray) -> np.ndarray:
+        """Return (n,) bool: no visible keypoint is attached to the joint or to a joint below it."""
+        return np.asarray(self._below.dot(self._attached.dot(visible)) == 0)
+
+    def beyond_last_keypoint(self, visible: np.ndarray) -> np.ndarray:
+        """Return (n,) bool: no visible keypoint is attached below the joint, so that none shows how it is turned.
+
+        A joint without children counts if no visible keypoint is attached to itself.
+        """
+        return np.asarray(self._shows.dot(visible) == 0)
+
+
+WRONG = 0.1
+"""m: mean joint error, relative to the pelvis, from which a pose is called wrong."""
+OFFSET, SLOPES = -5.6, (4.4, 2.0, 1.7)
+"""Coefficients of the curve, in the order of the arguments; with other factors of `uncertainty` the offset changes."""
+
+
+def failure_probability(deviation: float, keypoint_error_ratio: float, cost: float) -> float:
+    """Probability from 0 to 1 that a pose is wrong; NaN for NaN.
+
+    deviation: m, mean over the joints. keypoint_error_ratio: the keypoints' model error as a multiple of its lower
+    limit. cost: per measurement.
+    """
+    figures = zip(SLOPES, (deviation / WRONG, keypoint_error_ratio, cost))
+    return 1 / (1 + math.exp(-OFFSET - sum(slope * math.log(max(value, 1e-6)) for slope, value in figures)))

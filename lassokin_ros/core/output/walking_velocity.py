@@ -13,16 +13,14 @@ import math
 import numpy as np
 
 ACROSS_M, ALONG_M = 0.03, 0.2
-"""m: standard deviations of the place of a frame across and along the line of sight. The error along it lasts for some
-frames, so that it is less than this."""
+"""m: deviations of a frame's place across and along the line of sight; the error along it lasts for some frames."""
 ACCELERATION = 1.0
 """m^2/s^3: spectral density of the white acceleration."""
 AXES = np.eye(3)
 FIRST_SPEED = 1.0
 """m/s: standard deviation of the velocity in each axis before it is known."""
 STEADY = 0.4
-"""Factor of the covariance in the output: people walk more steadily than by white acceleration. With it, 95 % of the
-errors of the people on whom the constants were chosen are within twice the deviation."""
+"""Factor of the covariance in the output: people walk more steadily than by white acceleration."""
 FACING_S = 0.2
 """s: averaging time of the direction in which the pelvis faces, which turns with each step."""
 WALKING, SIDEWAYS = 0.5, 0.15

@@ -14,7 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
-from lassokin_ros.core.learned.size_check import SizeCheck
+from lassokin_ros.core.learned.height import SizeCheck
 from lassokin_ros.pipeline.camera.rig_check import CHECK
 from lassokin_ros.pipeline.people.cross_view import compared, triangulated
 from lassokin_ros.pipeline.seen import Sight

@@ -11,10 +11,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lassokin_ros.core.image.frame_data import View
+from lassokin_ros.core.image.frame_data import View, triangulate
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.triangulation import triangulate
-from lassokin_ros.core.learned.size_check import SizeCheck
+from lassokin_ros.core.learned.height import SizeCheck
 from lassokin_ros.pipeline.seen import Sight
 
 SAME_PERSON = 0.2

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.image.robust_loss import norm
+from lassokin_ros.core.image.projection import norm
 from lassokin_ros.core.scipy_functions import compiled_module
 from lassokin_ros.pipeline.seen import Seen
 

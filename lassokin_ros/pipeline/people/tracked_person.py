@@ -17,7 +17,7 @@ from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import HERE, CameraPose, Observation, Status
 from lassokin_ros.core.output.fixed_lag import Backward
-from lassokin_ros.core.output.observed import ObservedJoints
+from lassokin_ros.core.output.uncertainty import ObservedJoints
 from lassokin_ros.core.output.walking_velocity import WalkingVelocity
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.doubt.live import LiveDoubts
@@ -25,7 +25,7 @@ from lassokin_ros.doubt.signs import NO_TURN, Signs, signs_of
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.repeats import Repeats
 from lassokin_ros.pipeline.outputs.status.rejection_text import frozen_text, rejection_text
-from lassokin_ros.pipeline.people.joint_states import SHORTEST_NS, Angles, JointStates, Moment
+from lassokin_ros.pipeline.people.joint_angles import SHORTEST_NS, Angles, JointStates, Moment
 from lassokin_ros.pipeline.seen import Sight
 
 FROZEN = "frozen"

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.body.surface import HEAD
+from lassokin_ros.core.image.gating import HEAD
 from lassokin_ros.replay.capsules import capsules
 from lassokin_ros.replay.exports.bvh import WORLD_FROM_LEVEL
 from lassokin_ros.replay.exports.sampling import uniform

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.body.surface import HEAD
+from lassokin_ros.core.image.gating import HEAD
 from lassokin_ros.pipeline.concerns.rejections import reason_text
 from lassokin_ros.replay.capsules import capsules
 from lassokin_ros.replay.report.facts import Facts, floor_of, landmark_errors

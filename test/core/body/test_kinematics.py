@@ -9,8 +9,7 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, logarithm, to_quaternion
 from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
-from lassokin_ros.core.image.projection import project, projection_jacobian
-from lassokin_ros.core.image.stacked_model import stacked_matrices
+from lassokin_ros.core.image.projection import project, projection_jacobian, stacked_matrices
 
 
 def bodies():

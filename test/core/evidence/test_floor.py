@@ -10,11 +10,10 @@ from sequences import CONFIG, FOCAL, RATE, aligned_error
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.roles import ANKLES
-from lassokin_ros.core.evidence.floor import ANKLE_HEIGHT, DEVIATION, SCALE, Floor
+from lassokin_ros.core.evidence.feet import ANKLE_HEIGHT, FLOOR_DEVIATION, Floor
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.robust_loss import huber_weights
+from lassokin_ros.core.image.projection import huber_weights, project
 from lassokin_ros.core.learned.vertical import level_from_camera, vertical_of
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
@@ -45,14 +44,17 @@ def test_the_rows_are_the_derivative_of_the_ankles_height(scene):
     model, state, frame = scene
     found = model.linearise(model.evaluate(state), frame, huber_weights)
     which = found.rows[Floor.name]
-    errors = model.floor._errors
+
+    def errors(states, frame):
+        return model.floor._errors(states, frame)[0][..., 0]
+
     steps = 1e-6 * np.eye(len(found.columns))
     jacobian = [
         (errors(moved(model, state, -step), frame) - errors(moved(model, state, step), frame)) / 2e-6 for step in steps
     ]
     weight = found.z[which] / errors(model.evaluate(state), frame)
     assert np.allclose(found.columns[:, which], weight * np.array(jacobian), atol=1e-5)
-    assert np.allclose(found.columns[-3:, which], weight / DEVIATION * frame.floor[:3, None])
+    assert np.allclose(found.columns[-3:, which], weight / FLOOR_DEVIATION * frame.floor[:3, None])
 
 
 def test_the_pull_of_the_rows_is_the_gradient_of_the_cost(scene):
@@ -90,7 +92,7 @@ def test_a_foot_far_from_the_floor_has_hardly_any_influence(scene):
         far = replace(frame, floor=frame.floor + (0, 0, 0, off))
         rows = model.linearise(about, far, huber_weights)
         assert np.abs(rows.z[rows.rows[Floor.name]]).max() < 0.3
-        assert float(model.floor.cost(about, far)) < len(ANKLES) * 0.5 * SCALE**2
+        assert float(model.floor.cost(about, far)) < len(ANKLES) * 0.5 * Floor.scale**2
 
 
 def test_several_states_at_once_give_the_same_as_each_alone(scene):

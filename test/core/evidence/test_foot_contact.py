@@ -6,10 +6,10 @@ from cases import body, one_view, random_body, random_state
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.roles import ANKLES
-from lassokin_ros.core.evidence.foot_contact import SCALE, FootContact
+from lassokin_ros.core.evidence.feet import FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.image.robust_loss import huber_weights
+from lassokin_ros.core.image.projection import huber_weights
 
 DEVIATION = 0.02
 
@@ -50,7 +50,7 @@ def test_a_foot_without_an_anchor_has_no_rows_and_no_cost(scene):
     right = slice(rows.rows[FootContact.name].start + 3, rows.rows[FootContact.name].stop)
     assert not rows.columns[:, right].any() and not rows.z[right].any()
     square = (0.01**2 + 0.02**2) / DEVIATION**2
-    assert model.foot_contact.cost(about, frame) == pytest.approx(0.5 * square / (1 + square / SCALE**2))
+    assert model.foot_contact.cost(about, frame) == pytest.approx(0.5 * square / (1 + square / FootContact.scale**2))
     free = one_view(frame.views[0].points, frame.views[0].weights)
     assert FootContact.name not in model.linearise(about, free, huber_weights).rows
 
@@ -60,7 +60,7 @@ def test_a_wrong_anchor_has_hardly_any_influence(scene):
     frame.anchors[0] += (0.5, 0.0, 0.0)
     rows = model.linearise(model.evaluate(state), frame, huber_weights)
     assert np.abs(rows.z[rows.rows[FootContact.name]]).max() < 0.6
-    assert float(model.foot_contact.cost(model.evaluate(state), frame)) < 0.5 * SCALE**2
+    assert float(model.foot_contact.cost(model.evaluate(state), frame)) < 0.5 * FootContact.scale**2
 
 
 def test_several_states_at_once_give_the_same_as_each_alone(scene):

@@ -11,8 +11,7 @@ from lassokin_ros.core.body.rotations import right_jacobian
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.evidence.upright import upright_rows
-from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.robust_loss import capped_weights, huber_weights
+from lassokin_ros.core.image.projection import capped_weights, huber_weights, project
 
 STATES = 3
 UP = np.array([0.1, -0.9, 0.2]) / np.linalg.norm([0.1, -0.9, 0.2])

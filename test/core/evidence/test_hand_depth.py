@@ -11,8 +11,7 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.learned_depth import TAIL
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import HandDepths
-from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.robust_loss import huber_weights
+from lassokin_ros.core.image.projection import huber_weights, project
 from lassokin_ros.core.network.hand_network import DEPTHS
 
 

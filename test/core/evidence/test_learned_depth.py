@@ -15,8 +15,7 @@ from lassokin_ros.core.evidence.learned_depth import TAIL, WEIGHT_WITH_DEPTH
 from lassokin_ros.core.evidence.pose_prior import WEIGHT_WITH_DEPTH as PRIOR_WEIGHT_WITH_DEPTH
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import JointDepths
-from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.robust_loss import huber_weights
+from lassokin_ros.core.image.projection import huber_weights, project
 from lassokin_ros.core.network.depth_network import DEPTHS, LENGTHS, Network
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker

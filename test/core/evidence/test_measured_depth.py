@@ -12,9 +12,8 @@ from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.measured_depth import LARGEST_COST
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.image.depth_gating import gate_depth
-from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.robust_loss import huber_weights
+from lassokin_ros.core.image.gating import gate_depth
+from lassokin_ros.core.image.projection import huber_weights, project
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion

@@ -7,8 +7,8 @@ import pytest
 from sequences import CONFIG, aligned_error, observations
 
 from lassokin_ros.core.body.landmarks import Layout, built_in_layouts, skeleton_of
+from lassokin_ros.core.body.proportions import limb_groups, other_side
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.body.symmetry import limb_groups, other_side
 from lassokin_ros.core.image.keypoint_filter import KeypointFilter
 from lassokin_ros.core.image.side_swaps import MAX_DURATION, MAX_SHARE, SideSwaps
 from lassokin_ros.core.tracker import Tracker

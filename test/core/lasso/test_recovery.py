@@ -5,8 +5,8 @@ import pytest
 from cases import body, image_rows, random_state
 
 from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.lasso.certificate import theorem1_literal, theorem1_projected
 from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
-from lassokin_ros.core.lasso.recovery import theorem1_literal, theorem1_projected
 from lassokin_ros.core.lasso.solver import LassoSolver
 
 FIRST = np.array([0])

@@ -18,10 +18,9 @@ from cases import (
 )
 
 from lassokin_ros.core.body.kinematics import BodyState
-from lassokin_ros.core.body.proportions import Proportions
+from lassokin_ros.core.body.proportions import LARGEST_ASYMMETRY, Proportions, asymmetry, symmetrised
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.body.symmetry import LARGEST_ASYMMETRY, asymmetry, symmetrised
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lassokin_ros.core.image.measurement import Measurement
-from lassokin_ros.core.learned.depth_noise import AGED_SPEED, INITIAL_WEIGHT, LONGEST_STEP, DepthNoise
+from lassokin_ros.core.learned.errors import AGED_SPEED, INITIAL_WEIGHT, LONGEST_STEP, DepthNoise
 
 EXPECTED = 0.03
 WEIGHTS = np.full(17, 1 / EXPECTED)

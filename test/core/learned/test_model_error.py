@@ -10,7 +10,7 @@ from sequences import CONFIG, observations
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
-from lassokin_ros.core.learned.model_error import INITIAL, LARGEST_ERROR, LEAST_ERROR, ModelError, _free_shares
+from lassokin_ros.core.learned.errors import INITIAL, LARGEST_ERROR, LEAST_ERROR, ModelError, _free_shares
 from lassokin_ros.core.tracker import Tracker
 
 HEIGHT, DEPTH, LANDMARKS, UNKNOWNS, PRIOR = 1.75, 3.5, 40, 30, 12

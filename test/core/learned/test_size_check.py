@@ -8,7 +8,7 @@ from cases import body
 from sequences import CONFIG, observations
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.learned.size_check import FEWEST, SizeCheck
+from lassokin_ros.core.learned.height import FEWEST_FRAMES, SizeCheck
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 
@@ -32,7 +32,7 @@ def test_a_wrong_height_is_found_and_the_right_one_is_not_doubted(given, true, w
 
 def test_there_is_no_result_before_enough_frames_or_after_a_reset():
     tracker = tracked(1.9, 1.6, 1.0)
-    assert len(tracker.learned.size_check._ratios) < FEWEST
+    assert len(tracker.learned.size_check._ratios) < FEWEST_FRAMES
     assert tracker.learned.size_check.ratio == 1.0 and not tracker.learned.size_check.wrong
     tracker = tracked(1.9, 1.6)
     tracker.reset()
@@ -57,7 +57,7 @@ def test_depths_on_occluders_cause_no_doubt(visible):
         confidence = np.zeros(17)
         confidence[visible] = 1.0
         tracker.track(replace(observation, depth=depth, confidence=confidence))
-    assert len(tracker.learned.size_check._ratios) >= FEWEST and not tracker.learned.size_check.wrong
+    assert len(tracker.learned.size_check._ratios) >= FEWEST_FRAMES and not tracker.learned.size_check.wrong
 
 
 def test_lengths_are_those_of_limbs_and_trunk_without_implausible_ones():

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
+from lassokin_ros.core.body.proportions import other_side
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.body.symmetry import other_side
 from lassokin_ros.core.network.depth_network import (
     DEPTHS,
     LEAST_SEEN,

@@ -7,8 +7,8 @@ import pytest
 from sequences import CONFIG, observations
 
 from lassokin_ros.core.body.roles import STANDING_HEIGHT
+from lassokin_ros.core.network.depth_estimator import ImageRoll
 from lassokin_ros.core.network.depth_network import NAMES
-from lassokin_ros.core.network.image_roll import ImageRoll
 from lassokin_ros.core.tracker import Tracker
 
 LEARNED = replace(CONFIG, depth_prior=True)

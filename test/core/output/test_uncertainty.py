@@ -10,16 +10,15 @@ from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import exponential, logarithm
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
-from lassokin_ros.core.evidence.foot_contact import FootContact
+from lassokin_ros.core.evidence.feet import FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.learned_depth import WEIGHT
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
-from lassokin_ros.core.learned.model_error import LEAST_ERROR
+from lassokin_ros.core.learned.errors import LEAST_ERROR
 from lassokin_ros.core.observation import Observation, Status
 from lassokin_ros.core.output import uncertainty
-from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.uncertainty import (
     FACTOR,
     FACTOR_BELOW_LAST_KEYPOINT,
@@ -32,6 +31,7 @@ from lassokin_ros.core.output.uncertainty import (
     SCALE_DEVIATION,
     SMALLEST_BIAS,
     STILL_DEVIATION,
+    ObservedJoints,
     UncertaintyModel,
     moved_joints,
     position_jacobian,

@@ -93,7 +93,7 @@ def test_two_cameras_place_the_person_in_the_map():
     assert {one.frame.frame_id for one in play.results} == {MAP}
     assert play.error() < 20  # one camera: more than 60
     assert play.results[-1].frame.estimate.cameras == 2
-    (other,) = play.results[-1].frame.others
+    (_, other) = play.results[-1].frame.images
     assert (play.results[-1].frame.camera.name, other.camera.name) == ("left", "right")
     assert not any(one.frame.doubt.likely_wrong for one in play.results)
     assert np.median([one.error.mean() for one in Play([LEFT], NodeSettings(fixed_frame=MAP)).run().results]) > 0.04
@@ -375,6 +375,8 @@ def test_a_camera_that_was_moved_is_noticed_and_with_learn_corrected(extrinsics)
     angle, shift = play.session.tracker.learned.extrinsics.moved("right")
     assert np.degrees(angle) == pytest.approx(3.0, abs=0.7) and shift < 0.1
     assert (play.error(5.0) < 40) if extrinsics == "learn" else (play.error(5.0) > 100)
+    stated = np.sqrt(play.results[-1].frame.uncertainty.absolute.pelvis[:3, :3].trace())
+    assert (stated < 0.1) if extrinsics == "learn" else (2 * stated > np.linalg.norm(play.results[-1].root))
 
 
 def test_a_camera_at_its_place_is_not_corrected(extrinsics="learn"):

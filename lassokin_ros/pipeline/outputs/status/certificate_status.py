@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lassokin_ros.core.lasso.recovery import theorem1_literal, theorem1_projected
+from lassokin_ros.core.lasso.certificate import theorem1_literal, theorem1_projected
 from lassokin_ros.core.lasso.solver import KKT_TOLERANCE
 from lassokin_ros.pipeline.frame_result import FrameResult
 from msg_adapters.output_messages.builders import OK, WARN, StatusLine

@@ -1,25 +1,31 @@
-"""The model error: constant offsets between a detector's keypoints and the landmarks, estimated from residuals.
+"""The errors of keypoints and depths, learned while a person is tracked.
 
-The detector's definition of a hip differs from the skeleton's, clothes hide the body, and the lengths are not exact.
-With the standard deviations s_i of the noise that is left on landmark i's track and lambda of its constant error, a
-keypoint has the variance v_i = lambda^2 + s_i^2. The residuals r_i of the solved frame, in units of sqrt(v_i),
-determine lambda:
+The model error: constant offsets between a detector's keypoints and the landmarks. The detector's definition of a hip
+differs from the skeleton's, clothes hide the body, and the lengths are not exact. With the standard deviations s_i of
+the noise that is left on landmark i's track and lambda of its constant error, a keypoint has the variance
+v_i = lambda^2 + s_i^2. The residuals r_i of the solved frame, in units of sqrt(v_i), determine lambda:
 
     E sum_i |r_i|^2 / 2 = sum_i f_i,    f_i = 1 - a_i^T H^-1 a_i,
 
 with a row a_i of [A B] and H = [A B]^T [A B] with the prior's rows (MacKay, Bayesian interpolation, 1992, sec. 4).
 The l1 term is not in H: it acts on the frame's motion only, and the state has already followed a constant error.
+
+The noise of measured depth: for successive depths d of one landmark with independent errors of standard deviation s,
+the second difference d_1 - 2 d_2 + d_3 has the standard deviation sqrt(6) s; a body's acceleration adds little at the
+rate of a camera. The median over the landmarks ignores occluders that come and go.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
-from lassokin_ros.core.image.robust_loss import squared_norm
+from lassokin_ros.core.image.measurement import Measurement
+from lassokin_ros.core.image.projection import MEDIAN_OF_NORMAL, squared_norm
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
-from lassokin_ros.core.observation import has_passed
+from lassokin_ros.core.observation import has_passed, is_longer
 from lassokin_ros.core.scipy_functions import lapack
 
 INITIAL = 0.004
@@ -35,8 +41,7 @@ SHORTEST_INTERVAL = 0.1
 SHARE = 0.1
 """Time between two measurements as a share of the present weight."""
 CAP = 3.0
-"""Upper limit of a landmark's squared residual, in units of its expectation. A larger one belongs to an outlier or to a
-limb on the wrong side in depth."""
+"""Upper limit of a landmark's squared residual, in units of its expectation; larger ones are outliers."""
 
 
 class ModelError:
@@ -118,3 +123,65 @@ def _free_shares(problem: Lasso, image: slice | np.ndarray, count: int) -> np.nd
     translation = np.einsum("ij,ji->i", problem.B[image], reduced.Y[:, image])
     free = 1 - translation - squared_norm(taken.T)
     return np.maximum(free.reshape(-1, 2).mean(-1), 0.0)
+
+
+LONGEST_STEP = 0.12
+"""s between frames; after a longer step the acceleration is larger than the noise."""
+FEWEST = 4
+"""Least number of landmarks with three successive depths."""
+LARGEST_DEPTH_WEIGHT_S = 2.0
+"""The same of the noise of depths."""
+MOTION = 1.3
+"""Factor by which motion and occluders enlarge the median."""
+LARGEST_FACTOR = 4.0
+"""Upper limit of the factor; the lower one is 1, because the differences do not contain constant errors."""
+AGED_SPEED = 0.5
+"""m/s: typical speed of a body point along the optical axis, by which an older depth becomes less certain."""
+
+
+class DepthNoise:
+    """A factor, 1 or more, on the standard deviations of one person's depths."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the factor 1."""
+        self._log = 0.0  # logarithm of the factor before the lower limit
+        self._known = INITIAL_WEIGHT
+        self._stamp = -math.inf
+        self._past: list[np.ndarray] = []
+
+    @property
+    def factor(self) -> float:
+        """The factor on the standard deviations."""
+        return max(1.0, math.exp(self._log))
+
+    def update(self, measurement: Measurement, age: float) -> Measurement:
+        """Learn from a frame's depths if the keypoints are new; return it with their weights as learned.
+
+        age: s by which the depths are older than the keypoints.
+        """
+        depth, weights = measurement.depth, measurement.depth_weights
+        if depth is None or weights is None:
+            return measurement
+        if not measurement.repeated:
+            self._learn(measurement.stamp, depth, weights)
+        weights = weights / self.factor
+        return replace(measurement, depth_weights=weights / np.sqrt(1 + (AGED_SPEED * age * weights) ** 2))
+
+    def _learn(self, stamp: float, depth: np.ndarray, weights: np.ndarray) -> None:
+        step, self._stamp = stamp - self._stamp, stamp
+        if is_longer(step, LONGEST_STEP):
+            self._past = []
+        self._past = [*self._past[-2:], np.where(weights > 0, depth, np.nan)]
+        if len(self._past) < 3:
+            return
+        first, second, third = self._past
+        change = np.abs(first - 2 * second + third) * weights
+        change = change[np.isfinite(change)]
+        if len(change) >= FEWEST:
+            size = float(np.median(change)) / (MOTION * MEDIAN_OF_NORMAL * math.sqrt(6))
+            share = step / (self._known + step)
+            self._known = min(self._known + step, LARGEST_DEPTH_WEIGHT_S)
+            self._log += share * (math.log(min(max(size, 1 / LARGEST_FACTOR), LARGEST_FACTOR)) - self._log)
