@@ -12,10 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
@@ -33,14 +30,12 @@ from lassokin_ros.pipeline.camera_images import UNREADABLE, UNREADABLE_WORDS, Ca
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.image_sets import LONGEST_LATE_NS, stamp_of_set
 from lassokin_ros.pipeline.inputs import Inputs
-from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.people_tracker import PeopleTracker
-from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.people.roster import people_to_track
 from lassokin_ros.pipeline.scene import Scene
 from lassokin_ros.pipeline.seen import Image, identified
 from lassokin_ros.pipeline.settings import LASTING, NodeSettings
-from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 from msg_adapters.errors import AdapterError
 
 
@@ -64,17 +59,7 @@ class Session:
         """
         self.config = node_config.checked()
         self.config.check_with(tracker_config)
-        skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
-        check_names(skeleton)
-        up = np.array([0.0, 0.0, 1.0]) if self.config.fixed_frame else None
-        listed = self.config.topic_per_body
-        with naming_help(tracker_config.skeleton):
-            own = [
-                TrackedPerson(replace(tracker_config, height=float(body.height)), body, evidence, up, number)
-                for number, body in (bodies or {}).items()
-            ]
-            others = range(self.config.max_people - len(own))
-            self._trackable = [*own, *(TrackedPerson(tracker_config, skeleton, evidence, up) for _ in others)]
+        self._trackable = people_to_track(tracker_config, self.config, evidence, bodies or {})
         self.tracker = self._trackable[0].tracker
         self.enabled = True
         """If False, keypoints are counted and not processed."""
@@ -83,6 +68,7 @@ class Session:
         messages with keypoints outside the image."""
         self.identities: Mapping[tuple[str, bytes], int] | None = None
         """The numbers of the people in images that were seen before, by camera and `key_of`: nobody else is there."""
+        listed = self.config.topic_per_body
         follow, lock, lasting = self.config.follow, self.config.lock and not listed, self.config.person_ids == LASTING
         several = self.config.several_cameras
         self.results = Results(self.counts, several)

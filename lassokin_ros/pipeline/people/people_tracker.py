@@ -280,12 +280,10 @@ class PeopleTracker:
 
     def _of_body(self, image: Image, frame_id: str) -> list[FrameResult]:
         """The results of an image of one person of the detector's list. A refused one gives one with the reason."""
-        person = next((person for person in self._roster.people if person.id == image.body), None)
-        if person is None:
-            return []
         self._roster.newest_ns = image.stamp_ns
-        seen = image.people[0] if image.people else self._nothing
-        return person.body.track([Sight(image.stamp_ns, seen, image.lens, image.camera)], frame_id, person.id)
+        sight = Sight(image.stamp_ns, [*image.people, self._nothing][0], image.lens, image.camera)
+        people = [person for person in self._roster.people if person.id == image.body]
+        return people[0].body.track([sight], frame_id, image.body) if people else []
 
     def _track(
         self, images: Sequence[Image], frame_id: str, sights: Mapping[Person, list[Sight]], forget_after: float

@@ -6,15 +6,23 @@ Trackers are created at the start and reused. An id is not used again for anothe
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
+import numpy as np
+
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.choice import NEAREST, preferred
 from lassokin_ros.pipeline.people.image_tracks import ImageTrack
 from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.seen import Image, Seen
+from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 
 GONE = "gone"
 """In place of the id of a locked person who was forgotten. No detection is assigned until unlock."""
@@ -168,3 +176,19 @@ class Roster:
     def is_trackable(self, one: Seen) -> bool:
         """Return True for a detection with enough confident keypoints."""
         return is_trackable(one, self.config_of.config)
+
+
+def people_to_track(
+    config: TrackerConfig, node: NodeSettings, evidence: Sequence[Evidence], bodies: Mapping[int | None, Skeleton]
+) -> list[TrackedPerson]:
+    """Return the people of `bodies`, and others up to max_people; see `Session`. Raises a LassokinError."""
+    skeleton = load_skeleton(config.checked().skeleton, config.assumed_height)
+    check_names(skeleton)
+    up = np.array([0.0, 0.0, 1.0]) if node.fixed_frame else None
+    with naming_help(config.skeleton):
+        own = [
+            TrackedPerson(replace(config, height=float(body.height)), body, evidence, up, number)
+            for number, body in bodies.items()
+        ]
+        others = range(node.max_people - len(own))
+        return [*own, *(TrackedPerson(config, skeleton, evidence, up) for _ in others)]

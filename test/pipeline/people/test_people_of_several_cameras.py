@@ -70,7 +70,7 @@ def test_the_points_of_a_bystander_are_not_published_as_the_persons():
         me = {42: (rig.pixels("right", index), np.full(17, 0.9))}
         frames = rig.send("left", index, bystander) + rig.send("right", index, me)
     (frame,) = frames
-    assert (frame.camera.name, frame.detector_id, frame.others) == ("right", 42, ())
+    assert (frame.camera.name, frame.detector_id, len(frame.images)) == ("right", 42, 1)
 
 
 def test_an_image_with_the_stamp_of_an_earlier_result_does_not_spoil_the_velocity():
