@@ -17,7 +17,7 @@ from lassokin_ros.core.output.uncertainty import JointUncertainty
 from lassokin_ros.core.record import record
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.doubt.doubt import Doubt
-from lassokin_ros.doubt.live import Judgement, Pending
+from lassokin_ros.doubt.monitor import Judgement, Pending
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.people.joint_angles import Angles
 

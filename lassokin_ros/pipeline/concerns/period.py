@@ -6,7 +6,7 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from functools import cached_property
 
-from lassokin_ros.doubt.live import Pending
+from lassokin_ros.doubt.monitor import Pending
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.session import Session
 
