@@ -39,8 +39,7 @@ from lassokin_ros.core.observation import Observation  # noqa: E402
 from lassokin_ros.core.recording import WHOLE_FILE, track_recording  # noqa: E402
 from lassokin_ros.measure.gait import DEVIATIONS, MOST_STEPS, SEEN, SURE, Gait, gait_of, measure_gait  # noqa: E402
 from lassokin_ros.measure.gait_events import SIDES, Walk, walk_of  # noqa: E402
-from lassokin_ros.measure.poses import MeasureError, Poses  # noqa: E402
-from lassokin_ros.measure.source import UNSMOOTHED  # noqa: E402
+from lassokin_ros.measure.poses import UNSMOOTHED, MeasureError, Poses  # noqa: E402
 
 WALKS = {
     "mocap/02_01": None,
