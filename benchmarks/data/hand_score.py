@@ -73,7 +73,7 @@ def between(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def palm(points: np.ndarray) -> np.ndarray:
-    """(3, 3) axes of the palm: to the middle knuckle, out of the palm, and across."""
+    """(3, 3) axes of the palm, by knuckles that are far apart: to the middle one, out of the palm, and across."""
     x = points[9] - points[0]
     y = np.cross(x, points[5] - points[17])
     x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
