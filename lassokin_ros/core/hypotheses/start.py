@@ -114,7 +114,6 @@ class Starts:
             propose = self.network_pose.propose
         elif with_hands and HandPose.fits(kinematics):
             self._hand_pose = HandPose(kinematics, self.initialiser.mean_pose)
-            propose = self._hand_pose.propose
         self._other_pose = OtherPose(self.initialiser, frame_model, propose)
         self.reinitialisation = Reinitialisation()
         self.reset()
