@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from msg_adapters.backends import Backend
-from msg_adapters.output_messages.builders import set_header
-from msg_adapters.output_messages.clouds import CloudBuilder
+from msg_adapters.output_messages.builders import CloudBuilder, set_header
 
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("confidence", "<f4"), ("id", "<i4")])
 POINT_OF_PERSON = np.dtype([*POINT.descr, ("person", "<i4")])

@@ -8,8 +8,7 @@ import numpy as np
 
 from msg_adapters.backends import Backend
 from msg_adapters.errors import AdapterError
-from msg_adapters.output_messages.builders import FieldsBuilder, pose_parts
-from msg_adapters.output_messages.clouds import Cloud
+from msg_adapters.output_messages.builders import Cloud, FieldsBuilder, pose_parts
 from msg_adapters.output_messages.markers import SPHERE, lifetime, paint
 
 COVARIANCE = ("xx", "xy", "xz", "yy", "yz", "zz")

@@ -15,8 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from msg_adapters.backends import Backend
-from msg_adapters.output_messages.builders import set_header
-from msg_adapters.output_messages.clouds import CloudBuilder
+from msg_adapters.output_messages.builders import CloudBuilder, set_header
 from msg_adapters.output_messages.joint_uncertainty import COVARIANCE, UPPER
 from msg_adapters.output_messages.serialised_messages import SerialisedMessage
 from msg_adapters.output_messages.skeleton_cloud import MOTION

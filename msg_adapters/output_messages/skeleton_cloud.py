@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from msg_adapters.backends import Backend
-from msg_adapters.output_messages.clouds import Cloud, CloudBuilder
+from msg_adapters.output_messages.builders import Cloud, CloudBuilder
 from msg_adapters.output_messages.joint_uncertainty import COVARIANCE, UPPER
 from msg_adapters.output_messages.serialised_messages import SerialisedMessage
 
