@@ -38,8 +38,7 @@ from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.out_of_view import Absent, OutOfView
 from lassokin_ros.pipeline.people.people_tracker import PERSON_ABSENT, PeopleTracker
-from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.people.tracked_person import Presence, TrackedPerson
 from lassokin_ros.pipeline.scene import Scene
 from lassokin_ros.pipeline.seen import Image, key_of
 from lassokin_ros.pipeline.settings import LASTING, NodeSettings

@@ -24,9 +24,8 @@ from lassokin_ros.pipeline.people.choice import (
 )
 from lassokin_ros.pipeline.people.image_tracks import SAME_BODY
 from lassokin_ros.pipeline.people.matching import distances
-from lassokin_ros.pipeline.people.presence import Presence, best, reported_status
 from lassokin_ros.pipeline.people.roster import Person, Roster
-from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.people.tracked_person import Presence, TrackedPerson, best, reported_status
 from lassokin_ros.pipeline.people.who_is_who import View, WhoIsWho
 from lassokin_ros.pipeline.seen import Image, Seen, Sight
 

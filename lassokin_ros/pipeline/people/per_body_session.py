@@ -22,7 +22,7 @@ from lassokin_ros.pipeline.camera.placement import JUMPS
 from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.choice import NoPersonError
-from lassokin_ros.pipeline.people.presence import Presence, best
+from lassokin_ros.pipeline.people.tracked_person import Presence, best
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 

@@ -1,10 +1,11 @@
-"""One tracked person: the tracker, continuous joint angles, and the prediction of the next position."""
+"""One tracked person: the tracker, continuous joint angles, the prediction of the next position, and who is present."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -283,3 +284,30 @@ class TrackedPerson:
         shift = shift if camera.is_identity else camera.rotation @ shift
         shift[2] = 0.0  # depth from one camera is too noisy to extrapolate
         return project(camera.into_camera(self._landmarks) + shift)
+
+
+@dataclass(frozen=True)
+class Presence:
+    """Tracking status and the ids of the people present.
+
+    With several people, `status` is the best status among them. `ids` is None if one person is followed.
+    """
+
+    status: Status
+    ids: list[str] | None = None
+
+
+def reported_status(person: TrackedPerson, stamp_ns: int, stale_after: float) -> Status:
+    """Return the status of a person for the outputs: LOST `stale_after` s after the last accepted frame.
+
+    The tracker itself keeps the person until `lost_after`.
+    """
+    status = person.status_at(stamp_ns)
+    stale = status is Status.TRACKING and person.unseen_s(stamp_ns) > stale_after
+    return Status.LOST if stale else status
+
+
+def best(statuses: Iterable[Status]) -> Status:
+    """Return the best of several statuses: TRACKING, then LOST, then SEARCHING."""
+    present = set(statuses)
+    return next((status for status in (Status.TRACKING, Status.LOST) if status in present), Status.SEARCHING)

@@ -10,7 +10,7 @@ from messages import rosbags_backend
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.people.per_body_session import PerBodySession
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.tracked_person import Presence
 from lassokin_ros.pipeline.settings import NodeSettings
 
 CONFIG = NodeSettings(rep155=True, max_people=2, keypoints_type="hri_msgs/msg/Skeleton2D")

@@ -21,7 +21,7 @@ from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.outputs.people_messages import id_of  # noqa: E402
 from lassokin_ros.pipeline.people.people_tracker import MOST_REINITIALISED  # noqa: E402
-from lassokin_ros.pipeline.people.presence import Presence  # noqa: E402
+from lassokin_ros.pipeline.people.tracked_person import Presence  # noqa: E402
 from lassokin_ros.pipeline.seen import MOST_PEOPLE  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402

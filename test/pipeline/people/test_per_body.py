@@ -24,7 +24,7 @@ from lassokin_ros.pipeline.outputs.people_messages import id_of
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.per_body_session import PerBodySession
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.tracked_person import Presence
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend, RosbagsBackend
 from msg_adapters.output_messages.builders import WARN, set_header

@@ -12,8 +12,8 @@ from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.people_tracker import MOST_REINITIALISED, PeopleTracker
-from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.roster import GONE
+from lassokin_ros.pipeline.people.tracked_person import Presence
 from lassokin_ros.pipeline.seen import Image, people_in
 from msg_adapters.keypoints import Keypoints
 

@@ -17,8 +17,7 @@ from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.outputs.status import presence_state
 from lassokin_ros.pipeline.outputs.status.camera_status import CameraStatus
 from lassokin_ros.pipeline.outputs.status.figures import figures
-from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.people.tracked_person import FROZEN
+from lassokin_ros.pipeline.people.tracked_person import FROZEN, Presence
 from lassokin_ros.pipeline.session import Session
 from msg_adapters.output_messages.builders import ERROR, OK, WARN, StatusLine
 

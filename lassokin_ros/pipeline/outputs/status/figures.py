@@ -17,7 +17,7 @@ from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures, height_figures
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.tracked_person import Presence
 
 ALWAYS = "received", "accepted", "duplicated", "unstamped", "ignored while disabled", OVERTAKEN, LOST
 """Counts that are always shown."""

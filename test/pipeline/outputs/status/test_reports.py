@@ -19,7 +19,7 @@ from lassokin_ros.pipeline.outputs.frame_messages import principal_axes
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, confidence, person_report
 from lassokin_ros.pipeline.outputs.status.certificate_status import certificate_status
 from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.tracked_person import Presence
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.builders import OK, WARN
 

@@ -18,8 +18,8 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
-from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.roster import GONE
+from lassokin_ros.pipeline.people.tracked_person import Presence
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.builders import ERROR, OK, WARN
 
