@@ -139,17 +139,10 @@ class TrackedPerson:
         estimate = self.tracker.track(observations)
         self.status = estimate.status
         if estimate.rejection is not None:
-            if self.seen_ns is None:
-                self._origin_ns = None  # time starts at the first accepted frame
-            reason, detail = estimate.rejection.value, rejection_text(estimate, observations[0], self.tracker.config)
-            frozen_s = min(frozen)
-            if frozen_s:
-                self.status = Status.SEARCHING if self.seen_ns is None else Status.LOST
-                reason, detail = FROZEN, frozen_text(frozen_s, self.tracker.config)
+            reason, detail = self._refused(estimate, observations[0], min(frozen))
             due = self._due(self.tracker.published, stamp_ns)
             return [*due, frame(estimate=estimate, rejection=reason, detail=detail)]
-        sight = None if others else camera
-        self._update_motion(stamp_ns, estimate, height, sight)
+        self._update_motion(stamp_ns, estimate, height, None if others else camera)
         self.seen_by = {sight.camera.name: sight.stamp_ns for sight in sights}
         tracker, walk = self.tracker, self._walk
         motion = {"velocity": walk.velocity, "velocity_covariance": walk.velocity_covariance}
@@ -166,6 +159,16 @@ class TrackedPerson:
         )
         self._waiting.append((stamp_ns, estimate.stamp, partial(self._watched, made, signs)))
         return self._due(self.tracker.published, stamp_ns)
+
+    def _refused(self, estimate: Estimate, observation: Observation, frozen_s: float) -> tuple[str, str]:
+        """Return the reason of a rejection, and its words. frozen_s: see `_frozen_s`, the least of all cameras."""
+        assert estimate.rejection is not None
+        if self.seen_ns is None:
+            self._origin_ns = None  # time starts at the first accepted frame
+        if not frozen_s:
+            return estimate.rejection.value, rejection_text(estimate, observation, self.tracker.config)
+        self.status = Status.SEARCHING if self.seen_ns is None else Status.LOST
+        return FROZEN, frozen_text(frozen_s, self.tracker.config)
 
     def _watched(
         self, made: Callable[..., FrameResult], signs: Callable[..., Signs], estimate: Estimate, **others: Any
