@@ -7,7 +7,8 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.replay.bags import BagReader, BagWriter, typestore
+from lassokin_ros.replay.bag_writer import BagWriter
+from lassokin_ros.replay.bags import BagReader, typestore
 from lassokin_ros.replay.keypoint_recording import write_keypoint_recording
 from msg_adapters.backends import RosbagsBackend
 from msg_adapters.inputs import camera_info
@@ -40,6 +41,19 @@ def write_messages(path, messages, storage="mcap", types=None):
         for topic, message_type, time_ns, message in messages:
             write = writer.write_raw if isinstance(message, bytes) else writer.write
             write(topic, message_type, time_ns, message)
+    return path
+
+
+def beginning_of(video, path, frames):
+    """The first images of a video, as a file."""
+    import cv2
+
+    images = cv2.VideoCapture(str(video))
+    size = tuple(int(images.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), images.get(cv2.CAP_PROP_FPS), size)
+    for _ in range(frames):
+        writer.write(images.read()[1])
+    writer.release()
     return path
 
 
