@@ -13,9 +13,8 @@ from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.hand_pose import HandPose
 from lassokin_ros.core.hypotheses.initialisation import Fit, Initialiser
-from lassokin_ros.core.hypotheses.network_pose import NetworkPose
+from lassokin_ros.core.hypotheses.network_pose import HandPose, NetworkPose
 from lassokin_ros.core.hypotheses.other_pose import MirroredLimbs, OtherPose
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.measurement import Measurement
@@ -115,7 +114,6 @@ class Starts:
             propose = self.network_pose.propose
         elif with_hands and HandPose.fits(kinematics):
             self._hand_pose = HandPose(kinematics, self.initialiser.mean_pose)
-            propose = self._hand_pose.propose
         self._other_pose = OtherPose(self.initialiser, frame_model, propose)
         self.reinitialisation = Reinitialisation()
         self.reset()

@@ -21,7 +21,7 @@ from lassokin_ros.pipeline.outputs.rep155 import LINKS
 from lassokin_ros.pipeline.outputs.skeletons_message import SkeletonsMessage
 from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.people.tracked_person import Presence
+from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.playback import register_types

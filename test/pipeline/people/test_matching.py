@@ -8,7 +8,7 @@ from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.people.image_tracks import ImageTracks
 from lassokin_ros.pipeline.people.matching import assign, distance, distances, is_trackable, match_radius
-from lassokin_ros.pipeline.people.tracked_person import best
+from lassokin_ros.pipeline.people.presence import best
 from lassokin_ros.pipeline.seen import MOST_PEOPLE, Seen, people_in
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints

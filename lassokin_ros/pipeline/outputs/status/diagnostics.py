@@ -17,7 +17,8 @@ from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.outputs.status import presence_state
 from lassokin_ros.pipeline.outputs.status.camera_status import CameraStatus
 from lassokin_ros.pipeline.outputs.status.figures import figures
-from lassokin_ros.pipeline.people.tracked_person import FROZEN, Presence
+from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.tracked_person import FROZEN
 from lassokin_ros.pipeline.session import Session
 from msg_adapters.output_messages.builders import ERROR, OK, WARN, StatusLine
 
@@ -122,7 +123,7 @@ class Diagnostics:
         yield from no_usable_image(session, self._cameras.sending)
         if not session.inputs.has_camera:
             yield say("no_camera_info")
-        elif not (session.config.silent_when_empty and session.detector_connected):
+        elif not (session.config.silent_when_empty and session.scene.detector_connected):
             if period.keypoints_at is None:
                 yield say("no_keypoints")
             elif now - period.keypoints_at > SILENCE_S:

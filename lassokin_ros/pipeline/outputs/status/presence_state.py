@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lassokin_ros.core.observation import Status
-from lassokin_ros.pipeline.people.tracked_person import Presence
+from lassokin_ros.pipeline.people.presence import Presence
 
 TRACKING, LOST, NOBODY = "tracking", "lost", "nobody"
 
