@@ -2,9 +2,9 @@
 
 The state is the place and the velocity of the pelvis, which changes by white acceleration. The place along the line of
 sight of one camera is much less certain than across it: each of the two directions has a covariance of its own, as if
-the line of sight did not turn while the filter remembers. A person who walks goes where the pelvis faces: the velocity to
-the side is conditioned to be near 0 in the output, not in the state, so that a person who walks sideways or backward,
-or who is pushed, is followed as without it.
+the line of sight did not turn while the filter remembers. A person who walks goes where the pelvis faces: the velocity
+to the side is conditioned to be near 0 in the output, not in the state, so that a person who walks sideways or
+backward, or who is pushed, is followed as without it.
 """
 
 from __future__ import annotations
