@@ -63,16 +63,16 @@ class UsersEvidence(Evidence):
 
     def length_rows(
         self, columns: np.ndarray, states: EvaluatedState, frame: FrameData, motion: LengthMotion
-    ) -> np.ndarray | float:
+    ) -> np.ndarray:
         """See Evidence.length_rows."""
 
-        def computed() -> np.ndarray | float:
+        def computed() -> np.ndarray:
             rows = np.asarray(self._evidence.length_rows(columns, states, frame, motion), float)
             if not np.isfinite(rows).all():
                 raise ValueError("length_rows left rows that are not finite")
             return np.broadcast_to(rows, (self.count, motion.joints.shape[-1]))
 
-        return self._tried(computed, 0.0)
+        return self._tried(computed, np.zeros((self.count, motion.joints.shape[-1])))
 
     def _tried(self, answer: Callable[[], Answer], otherwise: Answer) -> Answer:
         """The answer of the user's code; after a fault, and if it raises, the one given in its place."""
