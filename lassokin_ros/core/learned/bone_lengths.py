@@ -21,10 +21,10 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import huber_weights
+from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import WEAKEST
 from lassokin_ros.core.learned.length_prior import LengthPosterior, initial_deviation, length_models, posterior
 from lassokin_ros.core.observation import has_passed
-from lassokin_ros.core.scipy_functions import lapack
 
 STATURE_DEVIATION, OBSERVED_STATURE_DEVIATION = 0.005, 0.02
 """Standard deviation of the logarithm of the stature at rest: with one camera, which does not observe size; and with
