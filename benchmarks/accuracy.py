@@ -120,7 +120,7 @@ def measure(options: argparse.Namespace) -> list[Record]:
         return in_parallel(run_detections, recordings, options.jobs)
     o = options
     condition = Condition(
-        o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.duplicates, o.camera_roll, o.camera_pitch, o.lying,
+        o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.camera_roll, o.camera_pitch, o.lying,
         o.wander_px, o.offset_px, depth_sensor(o), tuple(o.hidden), o.landmark_mm,
         o.peoples_proportions, o.swapped, o.swap_s,
     )  # fmt: skip

@@ -77,12 +77,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line's options."""
-    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result = option_types.command_line(__doc__)
     result.add_argument("revision", metavar="REV", help="commit, branch or tag to compare with")
     result.add_argument("--rounds", type=option_types.count, default=12, help="(12)")
     chosen = option_types.some_of(tuple(COUNTS))
     result.add_argument("--figures", type=chosen, default=list(COUNTS), help="comma-separated (all)")
-    result.add_argument("--json", type=option_types.output_file, metavar="FILE", help="write the records, a JSON list")
     return result
 
 

@@ -18,7 +18,6 @@ tracker publishes; if it is given, that of the lengths as they are learned.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from dataclasses import dataclass, replace
 from functools import partial
@@ -27,14 +26,14 @@ from typing import Any, Callable, Sequence
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
 from scipy.signal import butter, filtfilt, lfilter
 
 from benchmarks.accuracy import in_parallel
 from benchmarks.accuracy_run.metrics import pa_mpjpe
 from benchmarks.accuracy_run.options import setting
-from benchmarks.accuracy_run.people import person_of, test_clips, validation_clips
+from benchmarks.accuracy_run.people import chosen_clips, person_of
 from benchmarks.accuracy_run.table import mean_of
 from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
@@ -80,7 +79,7 @@ class Job:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     options = parser().parse_args(arguments)
-    files = (validation_clips if options.validation_people else test_clips)(options.data or data_folder())
+    files = chosen_clips(options)
     if options.clips:
         files = [file for file in files if file.stem in options.clips]
     groups = in_parallel(run, [Job(file, options) for file in files], options.jobs)
@@ -97,9 +96,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line's options."""
-    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result = option_types.command_line(__doc__, "data", "validation-people", "seed", "jobs")
     add = result.add_argument
-    add("--data", type=Path, help="the shared data's folder (default: LASSOKIN_DATA)")
     add("--cameras", type=option_types.count, default=2, help="number of cameras (2)")
     add("--angle", type=float, default=90.0, help="between neighbouring cameras, degrees (90)")
     add("--fps", type=option_types.positive, default=30.0, help="rate of each camera, Hz (30)")
@@ -120,11 +118,7 @@ def parser() -> argparse.ArgumentParser:
     add("--unknown-height", action="store_true", help="give not even the height: height 0")
     add("--scaled", type=_pair, metavar="LOW,HIGH", help="scale people by factors in this range, such as 0.7,1.15")
     add("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help="a setting of the tracker")
-    add("--validation-people", action="store_true", help="the people with whom the design was chosen, not the test's")
     add("--clips", type=option_types.names, help="comma-separated names (default: all of the test people)")
-    add("--seed", type=option_types.seed, default=0)
-    add("--jobs", type=option_types.count, default=os.cpu_count(), help="processes (one per core)")
-    add("--json", type=option_types.output_file, metavar="FILE", help="write the records as a JSON list")
     return result
 
 

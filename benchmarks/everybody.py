@@ -9,7 +9,6 @@ in which all detections have one id; the share of the detections of true people 
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections import Counter, defaultdict
 from pathlib import Path
@@ -38,14 +37,11 @@ MOST_PEOPLE, FORGET_AFTER_S = 8, 3.0
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
-    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result = option_types.command_line(__doc__)
     result.add_argument(
         "files", type=Path, nargs="+", metavar="FILE", help="detections of everybody, with person_index"
     )
     result.add_argument("--cameras", metavar="A,B", help="cameras that are used (default: all)")
-    result.add_argument(
-        "--json", type=option_types.output_file, metavar="FILE", help="write the records as a JSON list"
-    )
     options = result.parse_args(arguments)
     records = [run(file, options.cameras) for file in options.files]
     print(table(records, COLUMNS))

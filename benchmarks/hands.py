@@ -221,13 +221,12 @@ PARTS = {"recording": recording, "alone": alone, "body": body}
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = option_types.command_line(__doc__)
     add = parser.add_argument
     add("--data", type=Path, default=data_folder(), metavar="DIR", help="folder with hands/, detections/ and mocap/")
     add("--parts", type=option_types.some_of(PARTS), default=list(PARTS), help="some of recording, alone, body")
     add("--people", type=int, default=4, help="simulated people (4)")
     add("--seconds", type=float, default=8.0, help="s of each simulated motion (8)")
-    add("--json", type=option_types.output_file, metavar="FILE", help="write the records as a JSON list")
     options = parser.parse_args(arguments)
     records = [record for part in options.parts for record in PARTS[part](options.data, options)]
     print(table(records, COLUMNS))

@@ -71,14 +71,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line's options."""
-    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result = option_types.command_line(__doc__)
     result.add_argument(
         "--data", type=Path, help="folder of clips (default: mocap/ in LASSOKIN_DATA or ../shared/data)"
     )
     result.add_argument("--frames", type=option_types.frames, default=2000, help="(2000)")
     parts = option_types.some_of(PARTS)
     result.add_argument("--parts", type=parts, default=list(PARTS), help=f"comma-separated, of {','.join(PARTS)} (all)")
-    result.add_argument("--json", type=option_types.output_file, metavar="FILE", help="write the records, a JSON list")
     return result
 
 

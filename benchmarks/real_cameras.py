@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line's options."""
-    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result = option_types.command_line(__doc__)
     add = result.add_argument
     add("files", type=Path, nargs="+", metavar="FILE", help="detections with R and t of their cameras")
     add("--together", type=_numbers, metavar="A,B", help="cameras that are used (default: every pair)")
@@ -76,7 +76,6 @@ def parser() -> argparse.ArgumentParser:
     add("--unknown-height", action="store_true", help="give not even the height: height 0")
     add("--measured-bones", action="store_true", help="give the reference's bone lengths")
     add("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help="a setting of the tracker")
-    add("--json", type=option_types.output_file, metavar="FILE", help="write the records as a JSON list")
     return result
 
 

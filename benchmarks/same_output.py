@@ -39,6 +39,8 @@ COMMANDS = ("cli/replay.py", "replay/command.py", "replay.py")
 """Where revisions have the command `replay`, newest first."""
 COLUMNS = {"people": "d", "topic": "<", "this": "d", "other": "d", "result": "<"}
 
+PERSON_POINT = np.dtype([*POINT.descr, ("person", "<i4")])
+
 Messages = list[tuple[int, bytes]]
 """(time of recording in ns, serialised message)"""
 
@@ -67,13 +69,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The options of the command line."""
-    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result = option_types.command_line(__doc__)
     result.add_argument("revision", metavar="REV", help="commit, branch or tag to compare with")
     result.add_argument(
         "--people", type=option_types.some_of(tuple("123456789")), default=["1", "3"], help="recordings (1,3)"
     )
     result.add_argument("--seconds", type=option_types.positive, default=10.0, help="length of each recording (10)")
-    result.add_argument("--json", type=option_types.output_file, metavar="FILE", help="write the records, a JSON list")
     return result
 
 
@@ -81,7 +82,7 @@ def write_recording(path: Path, people: int, seconds: float) -> None:
     """Write a recording of the demo's motion with `people` people in each message."""
     seen = view(0, max(round(seconds * FPS), 1), FPS, people)
     backend = RosbagsBackend(typestore())
-    cloud = CloudBuilder(backend, np.dtype([*POINT.descr, ("person", "<i4")]))
+    cloud = CloudBuilder(backend, PERSON_POINT)
     stamps = START_NS + np.round(np.arange(len(seen.pixels)) * 1e9 / FPS).astype(np.int64)
     with BagWriter(path, "mcap", typestore()) as writer:
         for stamp, pixels, confidence in zip(stamps.tolist(), seen.pixels, seen.confidence):
@@ -94,7 +95,7 @@ def write_recording(path: Path, people: int, seconds: float) -> None:
 def keypoints(pixels: np.ndarray, confidence: np.ndarray) -> np.ndarray:
     """One message's points from pixels (people, l, 2) and confidence (people, l); those of confidence 0 are omitted."""
     person, landmark = np.nonzero(confidence > 0)
-    points = np.zeros(len(person), [*POINT.descr, ("person", "<i4")])
+    points = np.zeros(len(person), PERSON_POINT)
     points["x"], points["y"] = pixels[person, landmark].T
     points["confidence"], points["id"], points["person"] = confidence[person, landmark], landmark, person
     return points

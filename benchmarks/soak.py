@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.common.report import Record, table, write_json  # isort: skip  (one thread, before numpy comes)
 import numpy as np
 
-from benchmarks.common.option_types import count, output_file
+from benchmarks.common.option_types import command_line, count
 from benchmarks.data.people_in_view import HEIGHT, LANDMARKS, view
 from benchmarks.timing.load_table import latency_rows, row, usage_rows
 from benchmarks.timing.processes import Limits, Usage
@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """Its options."""
-    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result = command_line(__doc__)
     result.add_argument("--hours", type=float, default=1.0, help="of motion through the core")
     result.add_argument("--live", action="store_true", help="the real node on real DDS instead")
     result.add_argument("--minutes", type=float, default=10.0, help="of the live run")
@@ -71,7 +71,6 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--depth", action="store_true", help="a depth image with each keypoint message (--people 1)")
     result.add_argument("--address-space", type=count, default=0, metavar="MB", help="limit of it (RLIMIT_AS)")
     result.add_argument("--descriptors", type=count, default=0, help="limit of open files (RLIMIT_NOFILE)")
-    result.add_argument("--json", type=output_file)
     return result
 
 

@@ -90,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line's options."""
-    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result = option_types.command_line(__doc__, "seed")
     result.add_argument(
         "--data", type=Path, help="folder of clips (default: mocap/ in LASSOKIN_DATA or ../shared/data)"
     )
@@ -103,8 +103,6 @@ def parser() -> argparse.ArgumentParser:
         "--tolerance", type=option_types.positive, default=1e-10, help="asked of the peers (1e-10: most are certified)"
     )
     result.add_argument("--landmarks", default="coco17")
-    result.add_argument("--seed", type=option_types.seed, default=0)
-    result.add_argument("--json", type=option_types.output_file, metavar="FILE", help="write the records, a JSON list")
     return result
 
 

@@ -9,7 +9,6 @@ tracker alone. Both are scored against the 3D of four cameras, as `accuracy.py -
 
 from __future__ import annotations
 
-import argparse
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any, Sequence
 import numpy as np
 
 from benchmarks.accuracy_run.runs import Track, held
-from benchmarks.common.option_types import output_file
+from benchmarks.common.option_types import command_line
 from benchmarks.common.refusals import exit_code
 from benchmarks.common.report import Record, data_folder, table, write_json
 from benchmarks.data.detections import DetectionJob, Recording, prepared, run_detections, score
@@ -66,12 +65,11 @@ class Chain:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the chain on every pair and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = command_line(__doc__)
     parser.add_argument("--detector", default="mediapipe", help="mediapipe (default), or the ONNX file of MoveNet")
     parser.add_argument(
         "--pairs", nargs="+", choices=PAIRS, default=list(PAIRS), metavar="VIDEO", help="of: %(choices)s"
     )
-    parser.add_argument("--json", type=output_file, metavar="FILE", help="write the records as a JSON list")
     options = parser.parse_args(arguments)
     make_detector(options.detector).close()  # an unusable detector is reported before the work
     records: list[Record] = []

@@ -20,7 +20,7 @@ from typing import Any, Sequence
 
 import numpy as np
 
-from benchmarks.common.option_types import count, output_file, positive
+from benchmarks.common.option_types import command_line, count, positive
 from benchmarks.common.refusals import exit_code
 from benchmarks.common.report import Record, table, write_json
 
@@ -65,14 +65,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    result = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    result = command_line(__doc__)
     result.add_argument("video")
     result.add_argument("--rate", type=positive, default=30.0, help="images per second (30)")
     result.add_argument("--images", type=count, default=600, help="number of images (600)")
     result.add_argument("--side", type=count, default=640, help="longer side of the published images, px (640)")
     result.add_argument("--height", type=positive, default=1.75, help="of the person, m (1.75)")
     result.add_argument("--detector", default="mediapipe", help="mediapipe (default), or an ONNX file")
-    result.add_argument("--json", type=output_file, metavar="FILE", help="write the records as a JSON list")
     return result
 
 

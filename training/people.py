@@ -1,18 +1,16 @@
 """How people's bodies differ from the built-in proportions: a proposal for the built-in body and the lengths' prior.
 
     python -m training.people --data DIR --output FILE     # writes the proposal (YAML)
-    python -m training.people --data DIR --check FILE      # compares it with the recordings that may only be measured
     python -m training.people --data DIR --body FILE       # gives these lengths to a skeleton file, the built-in one
     python -m training.people --data DIR --prior FILE      # writes the prior of the lengths about that skeleton
 
 DIR holds `mocap`, `corpus` and `detections`. Seven lengths are compared, as log-lengths about the published proportions
-(`PUBLISHED`), at the size at which legs and trunk together are as long. They come from three sources:
+(`PUBLISHED`), at the size at which legs and trunk together are as long. They come from two sources:
 
 - Recordings whose licence permits it: the detectors' own points, triangulated by several cameras. These are the points
   that the tracker sees. People are few, so they give the mean, and the captures help with the hips' width.
 - Captures whose skeletons are the people's own (UI-PRMD, CMU). Their ankles, shoulders, elbows and wrists are other
   points of the body than a detector's, so they give how people differ from each other, about their collection's mean.
-- Published surveys: what differs between women and men, and between children and adults.
 """
 
 from __future__ import annotations
@@ -26,9 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
 
-from benchmarks.common.report import table
 from benchmarks.data.body_lengths import LENGTHS, landmark_lengths, log_ratios, seven_lengths, skeleton_lengths
 from benchmarks.data.detections import load_recording
 from benchmarks.data.mocap import Clip, load_clip
@@ -53,32 +49,12 @@ SPLIT = 0.03
 """Standard deviation with which the parts of `WHOLE` differ from each other."""
 SHRINKAGE, FLOOR = 0.3, 0.02
 """Share of the covariance's diagonal that is mixed in, and smallest standard deviation: the people are few."""
-LIMITS_AT = 1.7
-"""m: height for which the limits are given."""
-LIMIT = 2.5
-"""Standard deviations within which a person's length is believed."""
 PERMITTED = ("man who balances", "woman who talks", "wildflower, person 0", "wildflower, person 2")
 """Recorded people with legs in view. Pose2Sim's demo (BSD-3), Wildflower Schools (MIT)."""
-MEASURED_ONLY = ("woman A", "woman D", "man E", "shelf, person 0", "shelf, person 3")
-"""People of recordings with unknown terms: they check the proposal, and nothing of them goes into it."""
 CAPTURED = {"up": "UI-PRMD", "cy": "CMU", "mx": "CMU", "mu": "CMU"}
 """Collections in which each person has the own bone lengths."""
 ODD_BODIES = ("prmd_05", "12")
 """People whose captured hips are 306 mm apart, or whose shoulders 456 mm: solved from few markers."""
-
-SURVEY = {
-    "stature": (1628.5, 1756.2), "trochanterion": (845.4, 900.9), "knee": (449.0, 488.4), "acromion": (1335.1, 1440.7),
-    "hip width": (353.8, 345.7), "shoulder width": (365.3, 415.7), "upper arm": (334.3, 363.7),
-    "forearm": (241.3, 267.9),
-}  # fmt: skip
-"""Means of women and men, mm: ANSUR II, C. C. Gordon et al., 2012 Anthropometric Survey of U.S. Army Personnel,
-NATICK/TR-15/007, 2014 (public domain): stature; heights of trochanterion, middle of the kneecap and acromion; hip and
-biacromial breadth; shoulder-elbow and radiale-stylion length. 1986 women, 4082 men."""
-ANKLE = 0.039
-"""Height of the ankle, fraction of the stature (Winter 2009)."""
-SITTING = {1.2: 0.555, 1.7: 0.53}
-"""Sitting height / stature by stature, m: children of 6 to 8.5 years, 55 to 56 %, and grown-ups, 52 to 54 %. R. Bundak
-et al., Sitting height and sitting height/height ratio references for Turkish children, Eur. J. Pediatrics 173, 2014."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,11 +80,11 @@ def captured_lengths(clip: Clip) -> np.ndarray:
 
 
 def recorded_people(folder: Path) -> list[Person]:
-    """`PERMITTED` and `MEASURED_ONLY`, each the mean over the own recordings."""
+    """`PERMITTED`, each the mean over the own recordings. People of recordings with unknown terms are not used."""
     found = defaultdict(list)
     for file in recording_files([folder]):
         name = recorded_person(file.stem)
-        if name in (*PERMITTED, *MEASURED_ONLY):
+        if name in PERMITTED:
             recording = load_recording(file, 0)
             layout = Layout.load(recording.layout, Skeleton.load("anthropometric", 1.75))
             found[name].append(about_published(landmark_lengths(recording.reference, layout)))
@@ -167,38 +143,15 @@ def for_the_model(mean: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray,
     return result, spread
 
 
-def sexes() -> tuple[np.ndarray, np.ndarray]:
-    """(7,) each: what is added to the mean log-lengths for a woman and for a man, after the survey."""
-
-    def lengths(sex: int) -> np.ndarray:
-        of = {name: values[sex] / SURVEY["stature"][sex] for name, values in SURVEY.items()}
-        direct = [of[name] for name in LENGTHS[3:]]
-        legs = [of["trochanterion"] - of["knee"], of["knee"] - ANKLE, of["acromion"] - of["trochanterion"]]
-        return about_published(np.array([*legs, *direct]))
-
-    half = 0.5 * (lengths(0) - lengths(1))
-    return half, -half
-
-
-def children(stature: float) -> np.ndarray:
-    """(7,) what is added to the mean log-lengths at a stature, m: children's legs are shorter, and the rest longer."""
-    (small, high), (tall, low) = SITTING.items()
-    sitting = float(np.interp(stature, [small, tall], [high, low]))
-    legs, rest = np.log((1 - sitting) / (1 - low)), np.log(sitting / low)
-    return np.array([legs if name in ("thigh", "shank") else rest if name == "trunk" else 0.0 for name in LENGTHS])
-
-
 HEADER = """\
-# A proposal: log-lengths of people about the published proportions (0 = Winter, Bell, de Leva) at the same size, the
-# covariance (lower triangle by rows), what women, men and children add to the mean, and the lengths' limits in mm for a
-# person of 1.7 m (2.5 standard deviations). Written by training/people.py; do not edit.
+# A proposal: log-lengths of people about the published proportions (0 = Winter, Bell, de Leva) at the same size, and
+# their covariance (lower triangle by rows). Written by training/people.py; do not edit.
 """
 PROVENANCE = """\
 # Recordings: {recorded}.
 # Captures: {captured}.
 # The data used in this project was obtained from mocap.cs.cmu.edu. The database was created with funding from NSF
 # EIA-0196217. UI-PRMD is in the public domain (PDDL 1.0), Pose2Sim's demo is BSD-3, Wildflower Schools' recording MIT.
-# Surveys: ANSUR II (public domain); R. Bundak et al., Eur. J. Pediatrics 173, 2014.
 """
 
 
@@ -217,19 +170,7 @@ def write(file: Path, recorded: Sequence[Person], captured: Sequence[Person]) ->
     names = model_names()
     text = HEADER + provenance(recorded, captured)
     text += f"names: [{', '.join(names)}]\nmean: {row(mean)}\n"
-    none = np.zeros((len(LENGTHS), len(LENGTHS)))
-    for name, added in zip(("women", "men"), sexes()):
-        text += f"{name}: {row(for_the_model(added, none)[0])}\n"
-    text += "children:\n" + "".join(
-        f"  {stature}: {row(for_the_model(children(stature), none)[0])}\n" for stature in (1.2, 1.45, 1.7)
-    )
     text += "covariance:\n" + "".join(f"  - {row(line[: i + 1], '.5f')}\n" for i, line in enumerate(covariance))
-    text += "limits_mm:\n"
-    body = with_lengths(Skeleton.load("anthropometric", LIMITS_AT), mean_person(recorded, captured))
-    typical = part_lengths(body)
-    for name, variance in zip(names, np.diag(covariance)):
-        low, high = (1000 * typical[name] * np.exp(sign * LIMIT * variance**0.5) for sign in (-1, 1))
-        text += f"  {name}: [{low:.0f}, {high:.0f}]\n"
     file.write_text(text, encoding="utf-8")
 
 
@@ -290,33 +231,6 @@ def write_body(file: Path, mean: np.ndarray) -> None:
     file.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def check(file: Path, people: Sequence[Person]) -> str:
-    """A table of recorded people: how far their lengths are from the published ones and from the proposal."""
-    data = yaml.safe_load(file.read_text(encoding="utf-8"))
-    mean = np.array([data["mean"][data["names"].index(name)] for name in LENGTHS])
-    rows = []
-    for person in sorted(people, key=lambda p: p.name in MEASURED_ONLY):
-        own, proposed = (np.array(PUBLISHED) * np.exp(logs) for logs in (person.logs, mean))
-        rows.append({
-            "person": person.name,
-            "use": "measured only" if person.name in MEASURED_ONLY else "part of it",
-            "rms_published": float(np.sqrt(np.mean(person.logs**2))),
-            "rms_proposal": float(np.sqrt(np.mean((person.logs - mean) ** 2))),
-            "leg_trunk": (own[0] + own[1]) / own[2],
-            "of_proposal": (proposed[0] + proposed[1]) / proposed[2],
-            "hips_per_m": 1000 * own[3],
-            "hips_proposed": 1000 * proposed[3],
-        })  # fmt: skip
-    for use in ("part of it", "measured only"):
-        group = [row for row in rows if row["use"] == use]
-        figures = [key for key in rows[0] if key not in ("person", "use")]
-        rows.append(
-            {"person": f"mean, {use}", "use": "", **{k: float(np.mean([r[k] for r in group])) for k in figures}}
-        )
-    form = {"rms_published": ".3f", "rms_proposal": ".3f", "leg_trunk": ".2f", "of_proposal": ".2f"}
-    return table(rows, {"person": "<", "use": "<", **form, "hips_per_m": ".0f", "hips_proposed": ".0f"})
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -325,14 +239,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     action.add_argument("--output", type=Path, metavar="FILE", help="YAML file to write")
     action.add_argument("--body", type=Path, metavar="FILE", help="YAML file of a skeleton to change")
     action.add_argument("--prior", type=Path, metavar="FILE", help="YAML file of the lengths' prior to write")
-    action.add_argument("--check", type=Path, metavar="FILE", help="YAML file to compare with the recordings")
     options = parser.parse_args(arguments)
-    people = recorded_people(options.data / "detections")
-    if options.check:
-        print(check(options.check, people))
-        return 0
-    recorded = [person for person in people if person.name in PERMITTED]
-    captured = captured_people(options.data)
+    recorded, captured = recorded_people(options.data / "detections"), captured_people(options.data)
     if options.output:
         write(options.output, recorded, captured)
     elif options.prior:

@@ -128,22 +128,10 @@ def run(job: Job) -> Record:
 def described(job: Job, scene: Scene) -> Record:
     """The fields of the record that describe the run."""
     return {
+        **asdict(job.condition),
         "clip": scene.clip.name,
         "view": job.view,
         "fps": scene.view.fps,
-        "noise_px": job.condition.noise_px,
-        "missing": job.condition.missing,
-        "outliers": job.condition.outliers,
-        "swaps": job.condition.swaps,
-        "swapped": job.condition.swapped,
-        "swap_s": job.condition.swap_s,
-        "hidden": list(job.condition.hidden),
-        "duplicates": job.condition.duplicates,
-        "wander_px": job.condition.wander_px,
-        "offset_px": job.condition.offset_px,
-        "landmark_mm": job.condition.landmark_mm,
-        "proportions": "people's" if job.condition.proportions else "the capture's",
-        "depth_sensor": None if job.condition.depth is None else asdict(job.condition.depth),
         "landmarks": job.landmarks,
         "method": job.method,
         "seed": job.seed,

@@ -49,7 +49,6 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--swapped", choices=tuple(SWAPPED), default="limb", help="with --swaps: what is swapped (a limb per burst)")
     add("--swap-s", type=size, default=0.0, metavar="S", help="with --swaps: duration of a burst, s (1 to 12 frames)")
     add("--hidden", type=names, default=[], help="comma-separated landmarks that are never detected")
-    add("--duplicates", type=count, default=1, metavar="K", help="each detection is sent K times (1)")
     add("--camera-roll", type=finite, default=0.0, metavar="RAD", help="true roll of the mount (0)")
     add("--camera-pitch", type=finite, default=0.0, metavar="RAD", help="true pitch of the mount (0)")
     add("--mount", choices=("tilt", "floor"), help="tell the tracker the true tilt; or this and the camera's height")
@@ -113,8 +112,8 @@ def depth_sensor(options: argparse.Namespace) -> DepthSensor | DepthCamera | Non
     o = options
     if o.depth_images:
         return DepthCamera(covered=o.depth_covered or 0.0)
-    given = o.depth_noise, o.depth_bias, o.depth_occluded, o.depth_noise_z2
-    return None if given == (None,) * 4 else DepthSensor(*(value or 0.0 for value in given))
+    errors = o.depth_noise, o.depth_bias, o.depth_occluded, o.depth_noise_z2
+    return None if errors == (None,) * 4 else DepthSensor(*(value or 0.0 for value in errors))
 
 
 def told(options: argparse.Namespace) -> Told | None:
@@ -124,11 +123,15 @@ def told(options: argparse.Namespace) -> Told | None:
     return Told(options.mount == "floor", math.radians(options.tilt_off), options.floor_off)
 
 
+def given(options: argparse.Namespace) -> dict[str, Any]:
+    """The options that differ from their defaults, by name, such as "--noise-px"."""
+    defaults = vars(parser().parse_args([]))
+    return {f"--{n.replace('_', '-')}": value for n, value in vars(options).items() if value != defaults[n]}
+
+
 def unheeded(options: argparse.Namespace) -> list[str]:
     """The given options that have no effect together with --detections."""
-    defaults = vars(parser().parse_args([]))
-    given = [name for name, value in vars(options).items() if value != defaults[name] and name not in OF_DETECTIONS]
-    return [f"--{name.replace('_', '-')}" for name in given]
+    return [name for name in given(options) if name.removeprefix("--").replace("-", "_") not in OF_DETECTIONS]
 
 
 def setting(text: str) -> tuple[str, Any]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 
+from benchmarks.common.report import data_folder
 from lassokin_ros.core.network.depth_network import load_weights
 from training.motion import LEFT_OUT_CLIPS, LEFT_OUT_KINDS, TEST, VALIDATION, sources
 from training.pose_prior import SEEN
@@ -45,6 +47,11 @@ def validation_clips(folder: Path) -> list[Path]:
     The network was trained without these people. Takes that the pose prior was learned from are left out.
     """
     return [file for file in _clips_of(folder, VALIDATION) if file.stem not in SEEN]
+
+
+def chosen_clips(options: argparse.Namespace) -> list[Path]:
+    """The clips of the test people, with --validation-people of those; --data: folder of the shared data."""
+    return (validation_clips if options.validation_people else test_clips)(options.data or data_folder())
 
 
 def _clips_of(folder: Path, people: Collection[str]) -> list[Path]:

@@ -8,11 +8,9 @@ from typing import Any, Mapping, Sequence
 import numpy as np
 
 from benchmarks.accuracy_run import anatomy
-from benchmarks.accuracy_run.options import depth_sensor
+from benchmarks.accuracy_run.options import given
 from benchmarks.common.report import Record, summarise, table
-from benchmarks.data.depth_images import SIZE, DepthCamera
 from benchmarks.data.recordings import counts_apart, recording_files, recording_group
-from benchmarks.data.simulated_camera import WANDERS
 from training.pose_prior import SEEN, TRAINING
 
 COLUMNS = {
@@ -143,65 +141,25 @@ def joint_table(records: Sequence[Record]) -> str:
     return table(rows, {"method": "<", "joint": "<", "error_mm": ".0f", "depth_mm": ".0f"})
 
 
-def _swaps(options: argparse.Namespace) -> str:
-    """What is swapped, and for how long."""
-    each = f" for {options.swap_s:g} s each" if options.swap_s else ""
-    return f" ({options.swapped}{each})" if options.swaps else ""
-
-
 def head(options: argparse.Namespace) -> str:
-    """The run on clips, in words."""
-    given = "the height alone" if options.generic_skeleton else "bone lengths and trunk at rest"
+    """The run on clips, in words, and the options that differ from their defaults (see --help)."""
+    skeleton = "the height alone" if options.generic_skeleton else "bone lengths and trunk at rest"
     if options.unknown_height:
-        given = "nothing (height 0)"
-    if options.bone_error:
-        kind = "the same left and right" if options.symmetric else "each by itself"
-        given += f" wrong by {options.bone_error:.1%} at random ({kind})"
+        skeleton = "nothing (height 0)"
     noise = options.tracker_noise_px or max(1.0, options.noise_px)
-    lines = [
-        f"{options.fps:g} Hz, noise {options.noise_px:g} px, {options.missing:.0%} missing, {options.outliers:.0%} "
-        f"outliers, {options.swaps:.0%} swapped{_swaps(options)}, {options.landmarks}; {options.views} views per clip, "
-        f"{_seeds(options)}.",
-        f"Given of each clip: {given}; noise {noise:g} px. Settings {dict(options.set) or 'default'}. "
-        "Automatic initialisation.",
-        PRIOR_SHIPPED,
-        f"Times with {options.jobs} processes at once, one thread each.",
-    ]
-    if options.camera_roll or options.camera_pitch:
-        lines.append(f"Camera rolled by {options.camera_roll:g} rad and looking down by {options.camera_pitch:g} rad.")
-    if options.mount:
-        height = f", and its height, off by {options.floor_off:g} m" if options.mount == "floor" else ""
-        lines.append(f"Told of each camera: its tilt, off by {options.tilt_off:g} degrees{height}.")
-    if options.wander_px or options.offset_px:
-        lines.append(
-            f"Beside the noise keypoints are off by {options.wander_px:g} px for {WANDERS:g} s on end, and by "
-            f"{options.offset_px:g} px all the time (standard deviations)."
-        )
-    if options.landmark_mm:
-        lines.append(f"Hips and shoulders lie {options.landmark_mm:g} mm elsewhere on each body, others in proportion.")
-    if options.peoples_proportions:
-        lines.append("Bodies have people's proportions, as recorded, in place of the capture's.")
-    sensor = depth_sensor(options)
-    if isinstance(sensor, DepthCamera):
-        lines.append(
-            f"Depth is sampled from rendered images of a body of capsules, {SIZE[0]} x {SIZE[1]} px: noise of a pixel "
-            f"{sensor.noise:g} m and {sensor.noise_z2:g}/m times the depth squared, scale off by {sensor.bias:.1%}, "
-            f"{sensor.holes:.0%} holes; furniture covers {sensor.covered:.0%} of the person."
-        )
-    elif sensor is not None:
-        lines.append(
-            f"Depth of each keypoint is measured: noise {sensor.noise:g} m and {sensor.noise_z2:g}/m times the depth "
-            f"squared, {sensor.bias:g} m constant, {sensor.occluded:.0%} on an occluder. The noise is no input."
-        )
-    if options.hidden:
-        lines.append(f"Never detected: {', '.join(options.hidden)}.")
-    if options.lying:
-        lines.append("The people are laid down.")
-    if options.duplicates > 1:
-        lines.append(f"Each detection comes {options.duplicates} times; every frame counts against its own truth.")
-    if options.score_from:
-        lines.append(f"Scored from {options.score_from:g} s on; clips that end before are left out.")
-    return "\n".join(lines) + "\n"
+    chosen = " ".join(_typed(name, value) for name, value in given(options).items())
+    return (
+        f"{options.fps:g} Hz, noise {options.noise_px:g} px, {options.landmarks}; {options.views} views per clip, "
+        f"{_seeds(options)}. Options: {chosen or 'default'}.\n"
+        f"Given of each clip: {skeleton}; noise {noise:g} px. Automatic initialisation.\n{PRIOR_SHIPPED}\n"
+        f"Times with {options.jobs} processes at once, one thread each.\n"
+    )
+
+
+def _typed(name: str, value: Any) -> str:
+    """An option as it is typed."""
+    listed = ",".join(map(str, value)) if isinstance(value, (list, tuple)) else value
+    return name if value is True else f"{name} {listed}"
 
 
 def _seeds(options: argparse.Namespace) -> str:
@@ -212,10 +170,10 @@ def _seeds(options: argparse.Namespace) -> str:
 def detections_head(options: argparse.Namespace) -> str:
     """The run on real detections, in words."""
     height = "the height at which the built-in proportions give the reference's limbs and trunk their length"
-    given = height + (", and the reference's bones" if options.measured_bones else " alone")
+    known = height + (", and the reference's bones" if options.measured_bones else " alone")
     return (
         f"Real detections: {', '.join(f.name for f in recording_files(options.detections))}; one camera at a time.\n"
-        f"Given: {given}. Settings {given_settings(options) or 'default'}. Automatic initialisation.\n"
+        f"Given: {known}. Settings {given_settings(options) or 'default'}. Automatic initialisation.\n"
         "Limb joints against the multi-camera 3D reference, aligned at the middle of the hips (no hips in view: of the "
         "shoulders).\nThe reference is the detector's own points triangulated; 2-4 cm of bias are its own.\n"
     )

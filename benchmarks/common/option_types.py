@@ -1,4 +1,4 @@
-"""Types of command line options. A wrong value gives one line with the expected form."""
+"""Command lines: the options that benchmarks share, and types of options whose refusal names the expected form."""
 
 from __future__ import annotations
 
@@ -52,6 +52,14 @@ def output_file(text: str) -> Path:
     return path
 
 
+def command_line(description: str | None, *shared: str) -> argparse.ArgumentParser:
+    """The parser of a script with this docstring, with the options of `SHARED` that are named."""
+    result = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name in (*shared, "json"):
+        result.add_argument(f"--{name}", **SHARED[name])
+    return result
+
+
 count = number(int, lambda n: n >= 1, "1 or more")
 seed = number(int, lambda n: n >= 0, "a whole number, 0 or more")
 finite = number(float, lambda x: True, "a finite number")
@@ -59,3 +67,11 @@ positive = number(float, lambda x: x > 0, "a number above 0")
 size = number(float, lambda x: x >= 0, "a number, 0 or more")
 share = number(float, lambda x: 0 <= x <= 1, "a share, 0 to 1")
 frames = number(int, lambda n: n >= 10, "10 or more")
+
+SHARED: dict[str, dict[str, Any]] = {
+    "data": {"type": Path, "metavar": "DIR", "help": "the shared data (default: LASSOKIN_DATA or ../shared/data)"},
+    "validation-people": {"action": "store_true", "help": "the people with whom the design was chosen, not the test's"},
+    "seed": {"type": seed, "default": 0, "help": "(0)"},
+    "jobs": {"type": count, "default": os.cpu_count(), "help": "processes (one per core)"},
+    "json": {"type": output_file, "metavar": "FILE", "help": "write the records as a JSON list"},
+}

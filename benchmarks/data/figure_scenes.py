@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -40,12 +39,11 @@ class Scene:
 class Run:
     """The tracker's results for a scene, NaN where it published nothing.
 
-    joints: (f, 24, 3) m; moving: (f,) degrees of freedom that move; seconds: (f,); lost: (f,) bool; error_mm: (f,).
+    joints: (f, 24, 3) m; moving: (f,) degrees of freedom that move; lost: (f,) bool; error_mm: (f,).
     """
 
     joints: np.ndarray
     moving: np.ndarray
-    seconds: np.ndarray
     lost: np.ndarray
     error_mm: np.ndarray
 
@@ -64,12 +62,10 @@ def run(seen: Scene, **settings: Any) -> Run:
     tracker = Tracker(TrackerConfig(**{"height": HEIGHT, **settings}))
     lens, frames = WEBCAM.lens, len(seen.times)
     joints, moving = np.full(seen.joints.shape, np.nan), np.full(frames, np.nan)
-    seconds, lost = np.zeros(frames), np.zeros(frames, dtype=bool)
+    lost = np.zeros(frames, dtype=bool)
     for row, (stamp, pixels, confidence) in enumerate(zip(seen.times, seen.pixels, seen.confidence)):
         points = np.where(confidence[:, None] > 0, lens.normalise(pixels), np.nan)
-        started = time.perf_counter()
         estimate = tracker.track(Observation(stamp, points, confidence, lens.focal))
-        seconds[row] = time.perf_counter() - started
         lost[row] = estimate.status is Status.LOST
         if estimate.accepted:
             joints[row] = estimate.pose.positions
@@ -77,7 +73,7 @@ def run(seen: Scene, **settings: Any) -> Run:
     error = np.full(frames, np.nan)
     out = np.isfinite(moving)
     error[out] = mpjpe(joints[out], seen.joints[out], joints[out, 0], seen.joints[out, 0])
-    return Run(joints, moving, seconds, lost, error)
+    return Run(joints, moving, lost, error)
 
 
 def with_poor_points(clean: Scene, seed: int = 3) -> Scene:
@@ -166,11 +162,6 @@ def error(tracked: Run, _: Scene) -> float:
 def support(tracked: Run, _: Scene) -> float:
     """Mean number of degrees of freedom that move in a frame."""
     return float(np.nanmean(tracked.moving))
-
-
-def milliseconds(tracked: Run, _: Scene) -> float:
-    """Median time of one frame, ms."""
-    return 1e3 * float(np.median(tracked.seconds))
 
 
 def given(tracked: Run, _: Scene) -> float:

@@ -55,8 +55,7 @@ class Condition:
     `WANDERS` s, and of constant errors, one per landmark and view, px. missing: share of missing points, in bursts.
     outliers: share of wrong points. swaps: share of the frames in which left and right are exchanged, in bursts;
     swapped: a limb drawn for each burst, or always the same (see `SWAPPED`); swap_s: duration of a burst, s, 0 for 1 to
-    12 frames. duplicates: number of frames, with stamps of their own, that each detection is used for: a detector
-    slower than the camera. fps: frame rate, Hz. camera_roll, camera_pitch: rad, the camera's mount, as the tracker's
+    12 frames. fps: frame rate, Hz. camera_roll, camera_pitch: rad, the camera's mount, as the tracker's
     settings. lying: the person lies on a side drawn by the seed, and moves as if standing. depth: sensor that measures
     the depth of each landmark, camera whose depth images are sampled at the keypoints, or None. hidden: landmarks that
     are never detected. landmark_mm: standard deviation over people of the places of hips and shoulders on the body, mm,
@@ -69,7 +68,6 @@ class Condition:
     outliers: float = 0.0
     fps: float = 60.0
     swaps: float = 0.0
-    duplicates: int = 1
     camera_roll: float = 0.0
     camera_pitch: float = 0.0
     lying: bool = False
@@ -165,12 +163,10 @@ def view_of(
         length = round(condition.swap_s * clip.fps / step)
         swap_sides(pixels, confidence, layout.names, condition.swaps, random, condition.swapped, length)
     confidence[:, [layout.index(name) for name in condition.hidden]] = 0
-    detected = np.arange(len(pixels)) // condition.duplicates * condition.duplicates
-    pixels, confidence = pixels[detected], confidence[detected]
     depth = None
     sensor = np.random.default_rng([seed, view, 9, *clip.name.encode()])
     if isinstance(condition.depth, DepthSensor):
-        depth = condition.depth.measured(points[..., 2], sensor)[detected]
+        depth = condition.depth.measured(points[..., 2], sensor)
     elif condition.depth is not None:
         joints = {name: to_camera(clip.position(name)[frames]) for name in clip.names}
         size = (2 * int(centre_px[0]), 2 * int(centre_px[1]))

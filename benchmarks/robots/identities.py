@@ -3,7 +3,7 @@
     python benchmarks/robots/identities.py [--data DIR] [--only restart,ring,away,ahead] [--seeds 4]
 
 restart: the detector is silent for some seconds and then gives other numbers; a person is locked. Of two people who
-stand 2 m apart the other one is a stranger; with `swap` they change places in the silence.
+stand 2 m apart the other one is a stranger; with `swap` they change places in the silence, with `close` from 0.7 m.
 ring: four cameras with blind gaps of 20 degrees; a person walks around the robot once.
 away: the robot turns away from a person at 2 m, and back after 15 s or never; with `left` the person has gone.
 ahead: the place 0.4 s later of walking people (none of those on whom the filter's constants were chosen); `standing`
@@ -12,7 +12,6 @@ predicts no motion, `true` uses the true velocity: the rest is the error of the 
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -22,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
 
+from benchmarks.common import option_types
 from benchmarks.robots.scene import FIXED, START_NS, Camera, Scene, Walker
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -29,8 +29,8 @@ from lassokin_ros.pipeline.outputs.status.presence_state import NOBODY, Presence
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
-RESTARTED_S, SWAP_S = 5.0, 2.0
-"""s: when the detector stops; the shortest silence in which two people can change places."""
+RESTARTED_S, SWAP_S, CLOSE_M = 5.0, 2.0, 0.7
+"""s: when the detector stops; the shortest silence in which two people can change places. m: between close ones."""
 STANDING, OTHER, WALKING = "02_05", "14_20", "07_05"
 WALKS = "02_01", "02_02", "07_05", "12_01", "exp_walking_1", "03_01"
 WAYS = (4.0, -1.8, np.pi / 2), (5.5, 0.3, np.pi), (4.5, 1.6, -2.4)
@@ -68,9 +68,10 @@ def distance(frame: FrameResult, place: np.ndarray) -> float:
 
 def restart(data: Path, seeds: int) -> Iterator[Record]:
     """A silence of the detector, after which all numbers are new."""
-    for silence_s in (0.4, 1.0, 2.0, 4.0):
-        for people in ("one", "two", "swap"):
-            for max_people in (1, 3) if people != "swap" or silence_s >= SWAP_S else ():
+    for silence_s in (0.4, 0.6, 1.0, 2.0, 4.0):
+        for people in ("one", "two", "swap", "close"):
+            possible = {"swap": silence_s >= SWAP_S, "close": silence_s < 1.0}.get(people, True)
+            for max_people in (1, 3) if possible else ():
                 totals: dict[str, list[float]] = {}
                 for seed in range(seeds):
                     for key, value in _restarted(data, silence_s, people, max_people, seed).items():
@@ -87,7 +88,8 @@ def _restarted(data: Path, silence_s: float, people: str, max_people: int, seed:
     sides = 1 - 2 * (seed % 2)
 
     def place(side: float) -> Callable[[float], tuple[float, float, float]]:
-        return lambda t: (3.0, side * (-1 if people == "swap" and t > RESTARTED_S + 0.2 else 1), np.pi)
+        side *= CLOSE_M / 2 if people == "close" else 1.0
+        return lambda t: (3.0, side * (-1 if people in ("swap", "close") and t > RESTARTED_S + 0.2 else 1), np.pi)
 
     walkers = [Walker(data / f"{STANDING}.npz", place(sides)), Walker(data / f"{OTHER}.npz", place(-sides))]
     walkers = walkers[: 1 if people == "one" else 2]
@@ -212,17 +214,16 @@ KINDS: dict[str, Callable[[Path, int], Iterator[Record]]] = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, default=data_folder(), help="folder with mocap/")
-    parser.add_argument("--only", default=",".join(KINDS), help="which tables, separated by commas")
-    parser.add_argument("--seeds", type=int, default=4, help="runs of each kind")
-    parser.add_argument("--json", type=Path, help="also write the records to this file")
+    parser = option_types.command_line(__doc__, "data")
+    parser.add_argument("--only", type=option_types.some_of(KINDS), default=list(KINDS), help="tables (all)")
+    parser.add_argument("--seeds", type=option_types.count, default=4, help="runs of each kind (4)")
     options = parser.parse_args(arguments)
-    if not (options.data / "mocap").is_dir():
-        parser.error(f"no folder {options.data / 'mocap'}; expected the motion capture of LASSOKIN_DATA")
+    clips = (options.data or data_folder()) / "mocap"
+    if not clips.is_dir():
+        parser.error(f"no folder {clips}; expected the motion capture of LASSOKIN_DATA")
     records: list[Record] = []
-    for kind in options.only.split(","):
-        rows = list(KINDS[kind](options.data / "mocap", options.seeds))
+    for kind in options.only:
+        rows = list(KINDS[kind](clips, options.seeds))
         print(f"\n{kind}\n{table(rows, COLUMNS[kind])}", flush=True)
         records += [{"kind": kind, **row} for row in rows]
     write_json(options.json, records)

@@ -42,8 +42,8 @@ FPS, RATE = 30.0, 100.0
 CONDITION = Condition(noise_px=1.5, wander_px=2.5, offset_px=2.5, fps=FPS)
 URDFS = {"g1": "g1_29dof.urdf", "h1": "h1.urdf", "h1_2": "h1_2_handless.urdf", "talos": "talos.urdf"}
 CLIPS = "02_01,02_05,49_18,131_03,13_29,exp_traffic_1,gs_charleston1"
-"""Walk, boxing, balance on one leg, start and stop, exercises, a policeman, a fast dance. No constant was chosen on
-them, but on mx_05_10, mx_14_08, pa_60_05, cy_02_08, 14_20 and mx_49_12."""
+"""Walk, boxing, balance on one leg, start and stop, exercises, a policeman, a fast dance. No constant but
+clearance.LEAST was chosen on them, but on mx_05_10, mx_14_08, pa_60_05, cy_02_08, 14_20 and mx_49_12."""
 BLOCK = 15
 """Images of a turn."""
 SCORED_FROM_S = 2.5

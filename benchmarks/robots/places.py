@@ -1,6 +1,6 @@
 """A robot beside people: distances without a height, TF that is late, and a camera that was moved.
 
-    python benchmarks/robots/places.py [--rows height,late,moved] [--seeds 2] [--validation-people] [--json FILE]
+    python benchmarks/robots/places.py [--rows height,late,moved,right] [--seeds 2] [--validation-people] [--json FILE]
 
 Motion capture of people of the test set, seen by cameras with a detector's errors; whole messages are processed, with
 TF. Errors are those of the pelvis in the fixed frame, m: along the line of sight from the robot (depth), across it
@@ -9,7 +9,8 @@ TF. Errors are those of the pelvis in the fixed frame, m: along the line of sigh
 height: people scaled to a height before the robot's camera, 1.2 m high; the height is not given. floor: it is known
 that the frame's height 0 is the floor. late: a person who stands, the robot turns at up to 2 rad/s, TF 180 ms late.
 moved: two cameras at 90 degrees, or three; one is turned and shifted at 6 s; from then on. doubt_s, named_s, camera_s:
-s until the person is doubtful, until a warning names cameras, and until it names the one that was moved.
+s until the person is doubtful, until a warning names cameras, and until it names the one that was moved. right: nobody
+moves the cameras, but the given pose of one is off. moved_percent: frames that are doubtful as if one was moved.
 """
 
 from __future__ import annotations
@@ -19,23 +20,24 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from benchmarks.accuracy_run.people import person_of, test_clips, validation_clips
+from benchmarks.accuracy_run.people import chosen_clips, person_of
 from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
 from benchmarks.data.mocap import Clip, clip_height, clip_skeleton, floor_height, landmark_positions, load_clip
 from benchmarks.data.rig import Z_UP
 from benchmarks.data.strangers import with_peoples_proportions
+from benchmarks.robots.scene import transform
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.learned.learned import MOVED_CAMERA
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.answers import Answer
 from lassokin_ros.pipeline.camera.camera_places import LEVEL
@@ -63,18 +65,19 @@ SHORTEST_S, FARTHEST, LOWEST, STANDS = 2.0, 1.5, 0.48, 0.08
 """s, m from the middle, heights of the pelvis above the floor: limits of the clips that are used. A toe is at most
 STANDS heights above the floor in nine of ten frames, so that nobody hangs on a bar."""
 COLUMNS = {"row": "<", "runs": "d", "error_m": ".3f", "depth_m": ".3f", "bias_m": "+.3f", "lateral_p95_m": ".3f",
-           "speed_p95_m_s": ".2f", "stated_m": ".3f", "within2_percent": ".0f", "doubt_s": ".2f", "named_s": ".2f",
-           "camera_s": ".2f"}  # fmt: skip
+           "speed_p95_m_s": ".2f", "stated_m": ".3f", "within2_percent": ".0f", "moved_percent": ".1f",
+           "doubt_s": ".2f", "named_s": ".2f", "camera_s": ".2f"}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Eye:
-    """A camera. turning: rad/s, of the robot that carries it; moved: its pose from MOVED_AT on, unknown to TF."""
+    """A camera. turning: rad/s, of the robot that carries it; moved: its pose since a time, s, unknown to TF."""
 
     name: str
     pose: CameraPose
     turning: float = 0.0
     moved: CameraPose | None = None
+    since: float = MOVED_AT
 
     def told(self, seconds: float) -> CameraPose:
         """The pose by TF at a time, s."""
@@ -85,7 +88,7 @@ class Eye:
 
     def true(self, seconds: float) -> CameraPose:
         """Where the camera is."""
-        return self.told(seconds) if self.moved is None or seconds < MOVED_AT else self.moved
+        return self.told(seconds) if self.moved is None or seconds < self.since else self.moved
 
 
 @dataclass(frozen=True)
@@ -177,44 +180,44 @@ class World:
             yield seconds, Keypoints(stamp_ns, eye.name, ids, pixels[ids], np.full(len(ids), 0.9))
 
 
-def message(eye: Eye, seconds: float) -> SimpleNamespace:
-    """The message of TF at a time, s."""
-    pose = eye.told(seconds)
-    x, y, z, w = Rotation.from_matrix(pose.rotation.T).as_quat()
-    place, stamp_ns = pose.centre, START_NS + round(1e9 * seconds)
-    stamp = SimpleNamespace(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
-    return SimpleNamespace(transforms=[SimpleNamespace(
-        header=SimpleNamespace(stamp=stamp, frame_id="odom"), child_frame_id=eye.name,
-        transform=SimpleNamespace(rotation=SimpleNamespace(x=x, y=y, z=z, w=w),
-                                  translation=SimpleNamespace(x=place[0], y=place[1], z=place[2])))])  # fmt: skip
-
-
 def play(run: Run) -> Record:
     """Process all messages of a run in the order of their arrival; return its figures."""
     session, world = Session(TrackerConfig(**run.tracker), run.node), World(run)
+    answers: list[tuple[float, Answer]] = []
+    said = Said(run.eyes)
+    for at, found in played(run, world, session):
+        answers += [(at, one) for one in found]
+        if len(run.eyes) > 1:
+            said.note(at, session)
+    return {**figures(run, world, answers), **said.record()}
+
+
+def played(run: Run, world: World, session: Session, offset_s: float = 0.0) -> Iterator[tuple[float, list[Answer]]]:
+    """Send all messages of a run in the order of their arrival. Yields the time, s, and the answers after each.
+
+    offset_s: s by which the stamps of images are too late.
+    """
     K = np.array([[FOCAL, 0, SIZE[0] / 2], [0, FOCAL, SIZE[1] / 2], [0, 0, 1.0]])
     several, events = len(run.eyes) > 1, []
     for number, eye in enumerate(run.eyes):
         intrinsics = Intrinsics(K, np.zeros(0), "", np.eye(3), np.hstack([K, np.zeros((3, 1))]), *SIZE, eye.name)
         session.set_camera(intrinsics, eye.name if several else "")
         if not eye.turning:
-            session.push_transforms(message(eye, 0.0), static=True)
+            session.push_transforms(transform(START_NS, eye.told(0.0), eye.name), static=True)
         times = np.arange(0, run.seconds, 1 / TF_RATE) if eye.turning else ()
-        events += [(t + run.tf_late, 0, eye, message(eye, t)) for t in times]
+        events += [
+            (t + run.tf_late, 0, eye, transform(START_NS + round(1e9 * t), eye.told(t), eye.name)) for t in times
+        ]
         events += [(t + run.detector_late, 1, eye, seen) for t, seen in world.seen(eye, number * 0.4 / RATE)]
-    answers: list[tuple[float, Answer]] = []
-    said = Said(run.eyes)
     for at, kind, eye, content in sorted(events, key=lambda event: event[:2]):
         now_ns = START_NS + round(1e9 * at)
         while (due_ns := session.due_at_ns) is not None and due_ns <= now_ns:
-            answers += [((due_ns - START_NS) * 1e-9, one) for one in session.due(due_ns)]
+            yield (due_ns - START_NS) * 1e-9, session.due(due_ns)
         if kind == 0:
             session.push_transforms(content)
         else:
-            answers += [(at, one) for one in session.push(content, now_ns, eye.name if several else "")]
-            if several:
-                said.note(at, session)
-    return {**figures(run, world, answers), **said.record()}
+            content = replace(content, stamp_ns=content.stamp_ns + round(1e9 * offset_s))
+            yield at, session.push(content, now_ns, eye.name if several else "")
 
 
 class Said:
@@ -257,17 +260,17 @@ def figures(run: Run, world: World, answers: Sequence[tuple[float, Answer]]) -> 
             assert frame.velocity is not None
             true = (world.pelvis(seconds + 0.05) - world.pelvis(seconds - 0.05)) / 0.1
             rows.append([np.linalg.norm(error), error @ sight, abs(error @ across), stated,
-                         np.linalg.norm(frame.velocity - true), seconds])  # fmt: skip
+                         np.linalg.norm(frame.velocity - true), MOVED_CAMERA in frame.doubts])  # fmt: skip
             if frame.doubtful and run.eyes[-1].moved is not None:
                 doubt = np.fmin(doubt, seconds - MOVED_AT)
-    errors, depths, lateral, stated_m, speeds, _ = np.array(rows).T
+    errors, depths, lateral, stated_m, speeds, as_moved = np.array(rows, dtype=float).T
     return {
         "row": run.row, "clip": run.person.name, "error_m": float(errors.mean()),
         "depth_m": float(np.abs(depths).mean()),
         "bias_m": float(depths.mean()),
         "lateral_p95_m": float(np.percentile(lateral, 95)), "speed_p95_m_s": float(np.percentile(speeds, 95)),
         "stated_m": float(stated_m.mean()), "within2_percent": float(100 * np.mean(errors <= 2 * stated_m)),
-        "doubt_s": float(doubt),
+        "moved_percent": float(100 * as_moved.mean()), "doubt_s": float(doubt),
     }  # fmt: skip
 
 
@@ -298,33 +301,44 @@ def moved(clips: Sequence[Clip], seed: int) -> Iterator[Run]:
     """Cameras in a room, the last of which is moved."""
     for count in (2, 3):
         for degrees, shift in ((0, 0.0), (3, 0.05), (6, 0.14), (15, 0.0)):
-            eyes = []
-            for number in range(count):
-                angle = np.pi + np.radians(90.0) * number
-                place = (3.0 + 3.4 * np.cos(angle), 3.4 * np.sin(angle), 1.5)
-                eyes.append(Eye(f"eye{number}", looking(f"eye{number}", place, (3.0, 0.0, 0.9))))
-            random = np.random.default_rng([seed, 7])
-            turn = Rotation.from_euler("y", np.radians(degrees) * random.choice((-1, 1))).as_matrix()
-            off = random.normal(size=3) * [1, 0.2, 1]
-            pose, off = eyes[-1].pose, shift * off / np.linalg.norm(off)
-            if degrees:
-                eyes[-1] = replace(
-                    eyes[-1], moved=CameraPose(pose.name, turn @ pose.rotation, turn @ pose.translation + off)
-                )
-            node = NodeSettings(cameras=tuple(eye.name for eye in eyes), fixed_frame="odom")
             row = f"{count} cameras, one moved by {degrees} degrees, {shift:g} m" if degrees else f"{count} cameras"
-            for clip in clips:
-                own = {"height": clip_height(clip)}
-                yield Run(
-                    row, clip, tuple(eyes), node, own, 14.0, seed, scored_from=MOVED_AT if degrees else SCORED_FROM
-                )
+            yield from _in_room(row, clips, seed, count, degrees, shift, MOVED_AT)
+
+
+def right(clips: Sequence[Clip], seed: int) -> Iterator[Run]:
+    """Cameras in a room that nobody moves, and the last of which is given as exactly as a real rig's."""
+    for count in (2, 3):
+        for degrees, shift in ((0, 0.0), (2, 0.03)):
+            row = f"{count} cameras, one off by {degrees} degrees, {shift:g} m"
+            yield from _in_room(row, clips, seed, count, degrees, shift, 0.0)
+
+
+def _in_room(
+    row: str, clips: Sequence[Clip], seed: int, count: int, degrees: float, shift: float, since: float
+) -> Iterator[Run]:
+    eyes = []
+    for number in range(count):
+        angle = np.pi + np.radians(90.0) * number
+        place = (3.0 + 3.4 * np.cos(angle), 3.4 * np.sin(angle), 1.5)
+        eyes.append(Eye(f"eye{number}", looking(f"eye{number}", place, (3.0, 0.0, 0.9))))
+    random = np.random.default_rng([seed, 7])
+    turn = Rotation.from_euler("y", np.radians(degrees) * random.choice((-1, 1))).as_matrix()
+    off = random.normal(size=3) * [1, 0.2, 1]
+    pose, off = eyes[-1].pose, shift * off / np.linalg.norm(off)
+    if degrees:
+        other = CameraPose(pose.name, turn @ pose.rotation, turn @ pose.translation + off)
+        eyes[-1] = replace(eyes[-1], moved=other, since=since)
+    node = NodeSettings(cameras=tuple(eye.name for eye in eyes), fixed_frame="odom")
+    for clip in clips:
+        own = {"height": clip_height(clip)}
+        yield Run(row, clip, tuple(eyes), node, own, 14.0, seed, scored_from=max(SCORED_FROM, degrees and since))
 
 
 def _scaled(clip: Clip, factor: float) -> Clip:
     return replace(clip, standard=factor * clip.standard, rest=factor * clip.rest)
 
 
-ROWS = {"height": heights, "late": late, "moved": moved}
+ROWS = {"height": heights, "late": late, "moved": moved, "right": right}
 
 
 def people(files: Sequence[Path], count: int, seed: int) -> list[Clip]:
@@ -346,8 +360,7 @@ def people(files: Sequence[Path], count: int, seed: int) -> list[Clip]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     options = parser().parse_args(arguments)
-    files = (validation_clips if options.validation_people else test_clips)(options.data or data_folder())
-    records = []
+    files, records = chosen_clips(options), []
     for seed in range(options.seeds):
         clips = people(files, options.clips, seed)
         for row in options.rows:
@@ -370,15 +383,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line's options."""
-    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result = option_types.command_line(__doc__, "data", "validation-people")
     add = result.add_argument
-    add("--data", type=Path, help="folder of the data (default: LASSOKIN_DATA)")
-    add("--rows", type=option_types.names, default=tuple(ROWS), help="comma-separated: height, late, moved (all)")
+    add(
+        "--rows", type=option_types.names, default=tuple(ROWS), help="comma-separated: height, late, moved, right (all)"
+    )
     add("--only", default="", metavar="TEXT", help="only the rows whose name contains this")
     add("--clips", type=option_types.count, default=2, help="clips of each person (2)")
     add("--seeds", type=option_types.count, default=1, help="number of seeds, each with its own errors (1)")
-    add("--validation-people", action="store_true", help="the people with whom the design was chosen, not the test's")
-    add("--json", type=option_types.output_file, metavar="FILE", help="write the records as a JSON list")
     return result
 
 

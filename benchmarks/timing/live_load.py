@@ -17,6 +17,7 @@ import numpy as np
 
 from benchmarks.common.report import Record
 from benchmarks.data.people_in_view import HEIGHT, LANDMARKS, depth_images, view
+from benchmarks.same_output import PERSON_POINT, keypoints
 from benchmarks.timing.load_table import latency_rows, row, usage_rows
 from benchmarks.timing.processes import Limits, Usage
 from lassokin_ros.common.progress import Progress
@@ -28,6 +29,7 @@ from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.seen import Seen, Sight
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.inputs import camera_info
+from msg_adapters.output_messages.clouds import CloudBuilder
 
 NAMESPACE, FRAME_ID = "/soak", "camera_optical_frame"
 CYCLE_S, WARM_UP_S, DEADLINE_S = 24.0, 5.0, 30.0
@@ -102,24 +104,12 @@ def _core_share(people: int, hz: float) -> float:
 def _messages(people: int, hz: float) -> list[bytes]:
     """A cycle of serialised keypoint messages; the stamps are written when they are sent."""
     from rclpy.serialization import serialize_message
-    from sensor_msgs.msg import PointCloud2, PointField
-    from std_msgs.msg import Header
 
-    kinds = {"x": PointField.FLOAT32, "y": PointField.FLOAT32, "confidence": PointField.FLOAT32,
-             "id": PointField.INT32, "person": PointField.INT32}  # fmt: skip
-    dtype = np.dtype([(name, "<f4" if kind == PointField.FLOAT32 else "<i4") for name, kind in kinds.items()])
-    fields = [PointField(name=n, offset=4 * i, datatype=k, count=1) for i, (n, k) in enumerate(kinds.items())]
-    result, seen = [], view(0, round(CYCLE_S * hz), hz, people)
-    for pixels, confidence in zip(seen.pixels, seen.confidence):
-        points = np.zeros(confidence.shape, dtype)
-        points["x"], points["y"], points["confidence"] = pixels[..., 0], pixels[..., 1], confidence
-        points["id"], points["person"] = np.arange(confidence.shape[1]), np.arange(people)[:, None]
-        data = points[confidence > 0].tobytes()
-        width = len(data) // dtype.itemsize
-        result.append(serialize_message(PointCloud2(
-            header=Header(frame_id=FRAME_ID), height=1, width=width, fields=fields, point_step=dtype.itemsize,
-            row_step=len(data), data=data, is_dense=True)))  # fmt: skip
-    return result
+    cloud, seen = CloudBuilder(RclpyBackend(), PERSON_POINT), view(0, round(CYCLE_S * hz), hz, people)
+    return [
+        serialize_message(cloud.fill(0, FRAME_ID, keypoints(pixels, confidence)))
+        for pixels, confidence in zip(seen.pixels, seen.confidence)
+    ]
 
 
 def _depth_messages(hz: float) -> list[bytearray]:

@@ -32,8 +32,8 @@ LEAST_PEAK = 0.5
 """m/s: least peak speed of a swing; the walking speed if that is larger."""
 PEAK_DELAY_S, SLOW_DELAY_S, OFF_DELAY_S = 0.038, 0.043, -0.050
 """s from each sign to the event: the ankle in front, its speed falls; the toe's speed rises."""
-SAME_S, AGREE_S = 0.15, 0.05
-"""s: largest time between the two signs of one strike, and that up to which they agree."""
+SAME_S = 0.15
+"""s: largest time between the two signs of one strike."""
 SHORTEST_S = 0.6
 
 

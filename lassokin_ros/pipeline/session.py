@@ -430,6 +430,8 @@ class Session:
         self.scene.use(images, placed, arrival_ns, self.people, self.reported_lost_after)
         if self.placement.places is not None:
             self._out_of_view.update(frames, placed, self.config.forget_after, self.placement.jumps.newest)
+        if self.placement.tf_offset is not None:
+            self.placement.tf_offset.update(frames)
         if self.config.several_cameras:
             frames = self._without_absences(frames, stamp_ns)
             self._note_residuals(frames)

@@ -1,8 +1,9 @@
 """Soft rows that keep a robot's limbs apart: capsules between its places, with the radii of its file.
 
-A pair that is nearer than MARGIN is pushed apart along the line between its closest points (C. Ericson, Real-Time
-Collision Detection, 2005, section 5.1.9). The rows are costs, not constraints: they make no tick infeasible, and a
-person whose arms are folded is imitated as near as the weight allows.
+A pair that is nearer than MARGIN, or would be nearer than LEAST in AHEAD_S at the present speed, is pushed apart along
+the line between its closest points (C. Ericson, Real-Time Collision Detection, 2005, section 5.1.9). The rows are
+costs, not constraints: they make no tick infeasible, and a person whose arms are folded is imitated as near as the
+weight allows.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from lassokin_ros.robot.robot_file import PLACES, SIDES
 
 MARGIN = 0.03
 """m, between two surfaces, from which they are pushed apart."""
+LEAST, AHEAD_S = 0.01, 0.03
+"""m, s: a limb of 6 rad/s needs 0.06 s to brake; a hold begins at any moment."""
 WEIGHT = 30.0
 """1/m; those of the places are 2 to 4."""
 _FORE, _THIGH, _SHIN = "forearm", "thigh", "shin"
@@ -42,21 +45,32 @@ class Clearance:
             for end, places in enumerate((*one[1:], *other[1:])):
                 self._ends[row, end, [PLACES.index(place) for place in places]] = 1 / len(places)
         self._thickness = np.array([radii[one[0]] + radii[other[0]] for one, other in pairs])
+        self.start()
 
     def gaps(self, configuration: Configuration) -> np.ndarray:
         """Return (p,) m, the distance between the surfaces of each pair; negative if they overlap."""
         return self._closest(configuration)[0]
 
-    def rows(self, configuration: Configuration) -> tuple[np.ndarray, np.ndarray]:
-        """Return the weighted Jacobian (r, nv) and error (r,) of the pairs that are too near, as a task of pink."""
+    def start(self) -> None:
+        """Forget the last tick: the robot was placed anew."""
+        self._last: np.ndarray | None = None
+
+    def rows(self, configuration: Configuration, period: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the weighted Jacobian (r, nv) and error (r,) of the pairs that are too near, as a task of pink.
+
+        period: s since the last call.
+        """
         gaps, directions, weights = self._closest(configuration)
-        near = gaps < MARGIN
+        change = np.zeros_like(gaps) if self._last is None else np.minimum(gaps - self._last, 0.0)
+        self._last = gaps
+        error = np.minimum(gaps - MARGIN, gaps + AHEAD_S / period * change - LEAST)
+        near = error < 0
         if not near.any():
             return np.zeros((0, configuration.model.nv)), np.zeros(0)
         model, data, axes = configuration.model, configuration.data, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         jacobians = np.stack([pin.getFrameJacobian(model, data, frame, axes)[:3] for frame in self._frames])
         moved = np.tensordot(weights[near], jacobians, 1)
-        return WEIGHT * (directions[near][:, None] @ moved)[:, 0], WEIGHT * (gaps[near] - MARGIN)
+        return WEIGHT * (directions[near][:, None] @ moved)[:, 0], WEIGHT * error[near]
 
     def _closest(self, configuration: Configuration) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return gaps (p,) m, unit vectors (p, 3) from the second to the first, and weights (p, 14) of the places.

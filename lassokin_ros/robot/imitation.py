@@ -139,10 +139,8 @@ class Imitation:
             change = self.model.acceleration * self.period
             self._move(self.speed - np.clip(self.speed, -change, change))
             return self.configuration.q
-        places = self._course.advance(self.period)
-        self._targets.aim(
-            self.configuration, posture(places, self._person.up), self._person, self._heading, self.period
-        )
+        shown, person = posture(self._course.advance(self.period), self._person.up), self._person
+        self._targets.aim(self.configuration, shown, person, self._heading, self.period)
         self.engaged += self.period
         low, high = self.box(self.share)
         problem = build_ik(self.configuration, [self._targets], self.period, DAMPING, limits=[])

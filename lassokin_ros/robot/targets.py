@@ -27,7 +27,9 @@ FOOT, FOOT_TURN, LEG_STANDS = 40.0, 4.0, 1.0
 """Of a foot that stands: 1/m and 1/rad of its place and rotation, 1/m of its place relative to the base."""
 FOOT_LEVEL = 1.0
 """1/rad, of the rotation of a foot that does not stand: level."""
-FOOT_RAMP_S = 0.12
+FOOT_GAIN = 0.4
+"""Share of the way to its anchor that a step of a foot that stands aims at."""
+FOOT_RAMP_S = 0.2
 """s, in which a foot that touches the floor is held, and one that leaves it is freed."""
 ON_FLOOR = 0.005
 """m: at the start a foot whose sole is not higher stands."""
@@ -50,7 +52,7 @@ class Targets(Task):  # type: ignore[misc]
         self._starts = np.stack([model.offsets[bone.first] for bone in self._bones])
         self._used = [joints.INDEX[bone.far] for bone in self._bones]
         self._feet = [model.frames[f"{side}_ankle"] for side in SIDES]
-        self._clearance = Clearance(model)
+        self._clearance, self._period = Clearance(model), np.inf
         self._heavy = model.free and sum(inertia.mass for inertia in model.model.inertias) > 0
         self.start(configuration)
 
@@ -61,6 +63,7 @@ class Targets(Task):  # type: ignore[misc]
 
     def start(self, configuration: Configuration) -> None:
         """Aim at the present configuration."""
+        self._clearance.start()
         at, frames = configuration.data.oMf, self._model.frames
         owned = [(at[frames[bone.owner]], at[frames[bone.far]]) for bone in self._bones]
         self._places = np.stack([owner.actInv(place).translation for owner, place in owned])
@@ -74,7 +77,7 @@ class Targets(Task):  # type: ignore[misc]
         self, configuration: Configuration, shown: Posture, person: Person, heading: np.ndarray, period: float
     ) -> None:
         """Aim at a posture. heading: (3, 3), from the frame of the person to the world of the robot. period: s."""
-        axes = self._model.axes
+        axes, self._period = self._model.axes, period
         steps = self._lengths * shown.bones[: len(self._bones)]
         ends = self._starts + steps
         ends[1::2] += steps[::2]  # the second bone begins at the end of the first one
@@ -167,12 +170,12 @@ class Targets(Task):  # type: ignore[misc]
                 errors.append(-turn * pin.log3(anchor.rotation @ foot.rotation.T))
                 if weight:
                     rows.append(weight * own[:3])
-                    errors.append(weight * (foot.translation - anchor.translation))
+                    errors.append(weight * FOOT_GAIN * (foot.translation - anchor.translation))
             if self._heavy and max(self._held) > 0:
                 row, error = self._balance(configuration)
                 rows.append(row)
                 errors.append(error)
-        apart, too_near = self._clearance.rows(configuration)
+        apart, too_near = self._clearance.rows(configuration, self._period)
         return np.concatenate([*rows, apart]), np.concatenate([*errors, too_near])
 
     def _balance(self, configuration: Configuration) -> tuple[np.ndarray, np.ndarray]:

@@ -61,17 +61,15 @@ def _run(options: argparse.Namespace) -> Tracked:
     """Track, print the summary and return the end of the run. Raises a LassokinError."""
     from lassokin_ros.common.summary_output import print_summary
     from lassokin_ros.video.output_paths import check_output_paths
-    from lassokin_ros.video.several_videos import track_videos
     from lassokin_ros.video.track import track
 
-    options.source = options.sources[0]
     several = len(options.sources) > 1 or options.cameras is not None
     if options.save_cameras is not None and not several:
         raise CameraError("--save-cameras is for several videos; expected two or more")
     if options.offsets is not None and len(options.sources) < 2:
         raise CameraError("--offsets is for several videos; expected two or more")
     check_output_paths(options)
-    tracked = track_videos(options) if several else track(options)
+    tracked = track(options)
     print_summary(tracked.summary)
     return tracked
 

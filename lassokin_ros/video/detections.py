@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 from lassokin_ros.common.progress import Progress
@@ -123,3 +125,21 @@ class Detections:
                 f"{PROGRAM}: {source.name} announces {source.count} images, {read} could be read; it may be damaged, "
                 "or its images begin later than its sound"
             )
+
+
+@contextmanager
+def stop_flag() -> Iterator[list[int]]:
+    """Yield a list that is not empty after SIGINT or SIGTERM. A second signal acts as usual."""
+    received: list[int] = []
+
+    def stop(number: int, _: object) -> None:
+        received.append(number)
+        for signal_number, handler in previous.items():
+            signal.signal(signal_number, handler)
+
+    previous = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield received
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)

@@ -23,6 +23,7 @@ HEIGHT, HEIGHT_OF_SEVERAL = 720, 480
 """px, at most: height of one camera's image, and of the images of several."""
 KEYPOINT, TEXT, WRONG = (60, 220, 60), (235, 235, 235), (0, 159, 230)
 """Colours, BGR."""
+NOBODY = "nobody tracked"
 BAR = 0.05
 """Height of the line of text, as a share of the image's height."""
 
@@ -90,9 +91,7 @@ class OutputVideo:
         self._person = self._person if shown is None else shown.person
         doubts = [frame.doubt for frame in accepted]
         doubt = next((doubt for doubt in doubts if doubt.likely_wrong), None)
-        state = (
-            "nobody tracked" if shown is None else "tracked" if len(doubts) == 1 else f"{len(doubts)} people tracked"
-        )
+        state = NOBODY if shown is None else "tracked" if len(doubts) == 1 else f"{len(doubts)} people tracked"
         target = round(seconds * self._fps) + 1
         picture = self._picture(seconds, images, frames, shown)
         self._waiting.append(_Waiting(seconds, target, picture, state, doubt))
@@ -107,7 +106,7 @@ class OutputVideo:
                 self._wrong_until = waiting.seconds + AROUND_S
             wrong = waiting.doubt is not None or waiting.seconds <= self._wrong_until
             wrong = wrong or any(one.doubt is not None and one.doubt.has_sign for one in near)
-            self._label(waiting, wrong)
+            self._label(waiting, wrong and waiting.state != NOBODY)
             held = waiting.picture if self._held is None else self._held
             while self._written < waiting.target:
                 self._write(waiting.picture if self._written == waiting.target - 1 else held)

@@ -102,6 +102,38 @@ def choose(who: str, people: Sequence[Seen], most: int) -> list[int]:
     return [index]
 
 
+def largest_in(images: Sequence[Found], camera: str, width: int) -> tuple[list[Found], str]:
+    """Return the images with the largest person alone, and who else is there, in words; empty for one person.
+
+    Others who are never in view together with those who are kept are the same person, who was out of view for a while.
+    camera: its name. width: of its images, px.
+    """
+    people = people_in(images)
+    if len(people) < 2:
+        return list(images), ""
+    present: dict[float, Detected] = {}
+    kept = []
+    for number, person in enumerate(people, 1):
+        if present.keys().isdisjoint(person.seconds.tolist()):
+            present.update(zip(person.seconds.tolist(), person.detected))
+            kept.append(str(number))
+    found: list[Found] = [(seconds, [present[seconds]] if seconds in present else []) for seconds, _ in images]
+    who, listed = "the first, largest one is tracked", "; ".join(person.words(width) for person in people)
+    if len(kept) > 1:
+        who = f"{', '.join(kept)} are never in view together and are tracked as one person"
+    return found, f"{len(people)} people in the images of {camera}, {who}: {listed}."
+
+
+def who_in_words(people: Sequence[Seen], chosen: Sequence[int], width: int) -> str:
+    """Return who is in the images and who is tracked; empty for one person. width: of the images, px."""
+    if len(people) < 2:
+        return ""
+    numbers = " and ".join(str(i + 1) for i in chosen)
+    listed = "; ".join(f"{number}: {person.words(width)}" for number, person in enumerate(people, 1))
+    tracked = f"number {numbers} is tracked" if len(chosen) == 1 else f"numbers {numbers} are tracked"
+    return f"{len(people)} people in the images, {tracked} (`--person`). {listed}."
+
+
 def number_of(who: str) -> int:
     """Return the number that `who` is. Raises PersonError if it is none of 1, 2, ..."""
     if not who.isascii() or not who.isdecimal() or int(who) < 1:

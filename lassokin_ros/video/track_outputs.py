@@ -21,12 +21,20 @@ from lassokin_ros.replay.playback import Playback
 from lassokin_ros.replay.report.images import ReportImages
 from lassokin_ros.replay.report.report import Report, check_report
 from lassokin_ros.video import PROGRAM
-from lassokin_ros.video.camera import DEFAULT_FOV, Calibration
+from lassokin_ros.video.camera import DEFAULT_FOV, assumed_fov_warning
+from lassokin_ros.video.cameras.filmed import Filmed
 from lassokin_ros.video.detections import FIRST_STAMP_NS, stamp_of
 from lassokin_ros.video.live_view import LiveView
 from lassokin_ros.video.output_video import OutputVideo
-from lassokin_ros.video.sources import Image, Source
+from lassokin_ros.video.sources import Image
 
+ASSUMED_HEIGHT = 1.75
+"""m: height of the person in a video that does not show the size, if none is given. It is not measured, so that the
+lengths can be learned, and the video can be tracked backward."""
+HEIGHT_ASSUMED = (
+    f"The person is taken to be {ASSUMED_HEIGHT:g} m tall. The images do not show the size: with another "
+    "height, all lengths and the distance change by the same factor; set `--height`."
+)
 WITHOUT_H264 = (
     "the video is MPEG-4 part 2, since there is no encoder for H.264: players show it, browsers do not; "
     "install one with: pip install av"
@@ -37,25 +45,23 @@ class TrackOutputs:
     """Everything that a run writes or shows. Images wait in a queue until the tracker has returned their frames."""
 
     def __init__(
-        self,
-        options: argparse.Namespace,
-        source: Source,
-        camera: Calibration,
-        tracker: Playback,
-        stack: ExitStack,
-        several: Mapping[str, tuple[Calibration, tuple[int, int]]] | None = None,
+        self, options: argparse.Namespace, cameras: Sequence[Filmed], tracker: Playback, stack: ExitStack
     ) -> None:
         """Open the outputs before anything is tracked. tracker: of the first pass. stack: removes what is not finished.
 
-        several: lens and (width, height) px of the images of several cameras, by name. Raises a LassokinError for a
-        path that cannot be written.
+        Raises a LassokinError for a path that cannot be written.
         """
-        cameras = several or {"": (camera, source.size)}
+        source, views = cameras[0].source, {one.name: (one.calibration, one.source.size) for one in cameras}
         self._options, self._source = options, source
-        self.remarks: list[str] = []
+        lens = ASSUMED if options.fov is None and options.camera_info is None and options.cameras is None else GIVEN
+        height = GIVEN if options.cameras is not None or height_given(options) else ASSUMED
+        self.remarks = [HEIGHT_ASSUMED] * (height == ASSUMED)
         """Sentences for the report, to be added before `write`."""
+        if lens == ASSUMED:
+            remedy = assumed_fov_warning("`--fov` or `--camera-info`")
+            self.remarks.append(remedy[0].upper() + remedy[1:])
         self._waiting: deque[tuple[int, Mapping[str, Image]]] = deque()
-        self._apart_ns = 0 if several is None else SAME_INSTANT_NS
+        self._apart_ns = SAME_INSTANT_NS if cameras[0].name else 0
         self._given: Skeleton = tracker.session.tracker.skeleton
         self._report: Report | None = None
         session = tracker.session
@@ -66,23 +72,21 @@ class TrackOutputs:
         self._level = session.placement.level
         names = session.tracker.layout.names
         config, topics = session.tracker.config, session.config.camera_names
-        lens = ASSUMED if options.fov is None and options.camera_info is None and options.cameras is None else GIVEN
-        sources = lens, GIVEN if several or height_given(options) else ASSUMED
-        self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, topics, *sources)
+        self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, topics, lens, height)
         people = session.config.several_people
         self._exports = None
         if options.export:
             self._exports = Exports(options.export, self._motion, self._given, people, options.force)
         self._video = self._view = None
         if options.video is not None:
-            sizes = {name: size for name, (_, size) in cameras.items()}
+            sizes = {name: size for name, (_, size) in views.items()}
             self._video = OutputVideo(options.video, sizes, source.fps, options.force, self._level)
             stack.callback(self._video.discard)
             if not self._video.browsers_play:
                 print_note(f"{PROGRAM}: {WITHOUT_H264}")
         if options.view is not None:
             path = options.view if options.view.name else None
-            self._view = LiveView(path, source.name, cameras, options.force, bool(session.config.fixed_frame))
+            self._view = LiveView(path, source.name, views, options.force, bool(session.config.fixed_frame))
             stack.callback(self._view.discard)
 
     @property
@@ -115,12 +119,8 @@ class TrackOutputs:
         if self._view is not None:
             tracker.listeners.append(self._show)
 
-    def add_image(self, image: Image) -> None:
-        """Add an image before its keypoints are tracked."""
-        self.add_images({"": image})
-
     def add_images(self, images: Mapping[str, Image]) -> None:
-        """Add the images of several cameras at one instant, before their keypoints are tracked."""
+        """Add the images of all cameras at one instant, before their keypoints are tracked."""
         if self._video is not None:
             self._waiting.append((stamp_of(next(iter(images.values())).seconds), images))
         if self._view is not None:

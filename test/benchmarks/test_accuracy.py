@@ -183,7 +183,7 @@ def test_training_clips_are_not_in_the_bins(tmp_path, capsys, figure="--failure-
     "--noise-px=-1 --noise-px=nan --missing=2 --missing=nan --outliers=-1 --swaps=2 --fps=0 --fps=-5 --fps=nan "
     "--views=0 --seed=-1 --gap=-1 --gap=0 --gap=nan --per-clip=-3 --jobs=0 --score-from=nan --score-from=-1 "
     "--wander-px=-1 --offset-px=nan --bone-error=-1 --camera-pitch=nan "
-    "--duplicates=1.5 --set=sparsity=abc --set=sparsity --set=hold_feet=maybe "
+    "--set=sparsity=abc --set=sparsity --set=hold_feet=maybe "
     "--set=height=2 --set=landmarks=body25 --set=skeleton=x --set=speed=1".split(),
 )
 def test_an_invalid_option_is_refused_by_name(option, capsys):

@@ -14,8 +14,8 @@ from lassokin_ros.detector.backend import Detected, DetectorError, make_detector
 from lassokin_ros.detector.mediapipe_hands import POINTS, REACH, hand_regions
 from lassokin_ros.detector.pose_models import LAYOUTS
 from lassokin_ros.video.command import parser
+from lassokin_ros.video.run_settings import settings_of
 from lassokin_ros.video.sources import open_source
-from lassokin_ros.video.track import _settings
 
 SAMPLE = Path(__file__).parents[2] / "examples" / "balancing.mp4"
 LAYOUT = Layout.load("mediapipe75", Skeleton.load("body_hands", 1.75))
@@ -117,7 +117,7 @@ def test_track_takes_the_skeleton_of_the_detectors_layout(tmp_path):
     """Unless a parameter names another one."""
     mine = tmp_path / "mine.yaml"
     mine.write_text("tracker:\n  ros__parameters:\n    skeleton: left_hand\n")
-    source = SimpleNamespace(live=False, size=(640, 480))
+    camera = SimpleNamespace(name="", source=SimpleNamespace(live=False))
     cases = {
         (): ("mediapipe", "mediapipe33", "anthropometric"),
         ("--hands",): ("mediapipe_hands", "mediapipe75", "body_hands"),
@@ -127,5 +127,5 @@ def test_track_takes_the_skeleton_of_the_detectors_layout(tmp_path):
     for words, (name, layout, skeleton) in cases.items():
         options = parser().parse_args(["walk.mp4", "--height", "1.7", *words])
         assert options.detector == name
-        config, _ = _settings(options, source, SimpleNamespace(landmarks=layout, several=False))
+        config, _ = settings_of(options, [camera], layout, several=False)
         assert (config.landmarks, config.skeleton) == (layout, skeleton)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lassokin_ros.detector.backend import Detected
-from lassokin_ros.video import several_videos, track
+from lassokin_ros.video import track
 from lassokin_ros.video.command import main
 
 cv2 = pytest.importorskip("cv2")
@@ -58,8 +58,7 @@ def test_a_track_command_runs_and_writes_its_files(words, tmp_path, monkeypatch,
     if "--view" in words:
         pytest.importorskip("rerun", reason="--view needs rerun-sdk")
     monkeypatch.chdir(tmp_path)
-    for module in (track, several_videos):
-        monkeypatch.setattr(module, "make_detector", Standing)
+    monkeypatch.setattr(track, "make_detector", Standing)
     writer = cv2.VideoWriter("source.mp4", cv2.VideoWriter_fourcc(*"mp4v"), 30.0, SIZE)
     for number in range(FRAMES):
         writer.write(np.full((*SIZE[::-1], 3), 20 * number, np.uint8))

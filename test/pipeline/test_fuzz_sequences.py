@@ -24,12 +24,14 @@ from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 TRUTH, PIXELS = people("coco17")[0]
 BEFORE, AFTER = 6, 6
+SIZE = np.array([WIDTH, HEIGHT])
 UNITS = {
     "nanosec in us": lambda t: t // 10**9 * 10**9 + t % 10**9 // 1000,
     "nanosec in ms": lambda t: t // 10**9 * 10**9 + t % 10**9 // 10**6,
     "us": lambda t: t // 1000,
     "ms": lambda t: t // 10**6,
     "100 ns": lambda t: t // 100,
+    "number of the frame": lambda t: (t - START_NS) // STEP_NS,
 }
 
 
@@ -71,11 +73,11 @@ class Sequence:
         return cloud(BACKEND, stamp_ns, xy)
 
     def units(self, number, stamp_ns):
-        """Positions as fractions of the image, none at all in every other image, or all at one place."""
-        xy, kind = PIXELS[index_at(number)], self.coordinate % 3
+        """Positions as fractions or percent of the image, none in every other image, or all at one place."""
+        xy, kind = PIXELS[index_at(number)], self.coordinate % 4
         if kind == 1 and number % 2:
             return cloud(BACKEND, stamp_ns, xy[:0])
-        return cloud(BACKEND, stamp_ns, (xy / [WIDTH, HEIGHT], xy, np.full_like(xy, 87.0))[kind])
+        return cloud(BACKEND, stamp_ns, (xy / SIZE, xy, np.full_like(xy, 87.0), 100 * xy / SIZE)[kind])
 
     def depths(self, number, stamp_ns):
         return with_depths(BACKEND, good(number, stamp_ns), self.depth)

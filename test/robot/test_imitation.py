@@ -147,7 +147,7 @@ def test_feet_that_stand_stay_and_soles_are_never_below_the_floor():
     path = np.array(feet)
     assert path[..., 2].min() > FREE.robot.sole - 1e-9 and lifted > FREE.robot.sole + 0.15
     slide = np.linalg.norm(np.diff(path[:, 0, :2], axis=0), axis=1).sum()
-    assert slide < 0.01  # m, of the left foot, which stands all the time
+    assert slide < 0.015  # m, of the left foot, which stands all the time
     assert robot.unsolved == 0
 
 

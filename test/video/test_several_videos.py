@@ -6,7 +6,6 @@ import re
 import signal
 from itertools import count
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,10 +19,11 @@ from lassokin_ros.core.learned import camera_finder
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
 from lassokin_ros.pipeline.session import Session
-from lassokin_ros.video import several_videos
-from lassokin_ros.video.cameras.found_cameras import calibration_toml
+from lassokin_ros.video import track as track_module
+from lassokin_ros.video.cameras.filmed import calibration_toml
 from lassokin_ros.video.command import main
 from lassokin_ros.video.output_video import HEIGHT_OF_SEVERAL
+from lassokin_ros.video.people import largest_in
 from lassokin_ros.video.rerun_scene import LONGEST_SIDE
 from lassokin_ros.video.sources import open_source
 
@@ -73,7 +73,7 @@ def rig(tmp_path, monkeypatch):
         made.append(Knowing(EYES[len(made)]))
         return made[-1]
 
-    monkeypatch.setattr(several_videos, "make_detector", make)
+    monkeypatch.setattr(track_module, "make_detector", make)
     monkeypatch.chdir(tmp_path)
     return made
 
@@ -240,14 +240,10 @@ def test_a_person_who_was_out_of_view_for_a_while_is_tracked_again(bystander):
         near = Detected(pixels(EYES[0], 0.0, TRUTH.landmarks[index], random), np.full(17, 0.9))
         far = Detected(0.3 * near.pixels + [10.0, 10.0], near.confidence)
         found.append((index / 10, [near] * (not 30 <= index < 80) + [far] * bystander))
-    camera = several_videos.Filmed("left", SimpleNamespace(size=(WIDTH, HEIGHT)), None, None)
-    camera.detections = SimpleNamespace(found=found)
-    words = several_videos._keep_largest(camera)
+    kept, words = largest_in(found, "left", WIDTH)
     people = "1, 3" if bystander else "1, 2"
     assert f"{people} are never in view together and are tracked as one person" in words
-    assert [(at, seen[:1]) for at, seen in found if len(seen) > bystander] == [
-        (at, seen) for at, seen in camera.detections.found if seen
-    ]
+    assert [(at, seen[:1]) for at, seen in found if len(seen) > bystander] == [(at, seen) for at, seen in kept if seen]
 
 
 @pytest.mark.parametrize("at, placed, kept", [(SHORT + 30, True, 30), (30, True, 0), (SHORT + 30, False, 0)])
@@ -269,6 +265,18 @@ def test_after_an_interrupt_the_part_that_all_cameras_show_is_kept(short, capsys
         assert f"{2 * kept} in, " in said.out
         with np.load("walk.npz") as motion:
             assert np.isfinite(motion["detected_px_right"])[5:].any(axis=(1, 2)).all()
+
+
+def test_what_is_assumed_of_several_videos_is_on_the_page(short, monkeypatch):
+    """Not with --cameras, which has the lenses and shows the size."""
+    made, own = [], track_module.TrackOutputs
+    monkeypatch.setattr(track_module, "TrackOutputs", lambda *args: made.append(own(*args)) or 1 / 0)
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Knowing(EYES[0]))
+    for lenses in ([], ["--cameras", "calib.toml"]):
+        with pytest.raises(ZeroDivisionError):
+            main(["left", "right", *lenses])
+    (height, lens), nothing = (outputs.remarks for outputs in made)
+    assert not nothing and "is taken to be 1.75 m tall" in height and "a field of view of 60 degrees is assumed" in lens
 
 
 def test_saving_the_cameras_of_one_video_is_refused(rig, capsys):

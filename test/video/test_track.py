@@ -17,6 +17,7 @@ from lassokin_ros.detector.backend import Detected, DetectorError
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.video import track as track_module
 from lassokin_ros.video.camera import from_file, from_fov
+from lassokin_ros.video.cameras import filmed
 from lassokin_ros.video.command import main
 from lassokin_ros.video.output_video import OutputVideo
 from lassokin_ros.video.sources import Image, Source, open_source
@@ -323,7 +324,7 @@ def test_a_file_is_smoothed_with_later_frames_and_detected_once(long_video, tmp_
     "setting, passes",
     [
         ("max_people:=2", "lengths, backward, forward; smoothed (--causal"),
-        ("calibrate:=false", "forward; smoothed; those for the lengths and backward need calibrate and a height (--"),
+        ("calibrate:=false", "forward; smoothed; those for the lengths and backward need calibrate (--"),
     ],
 )
 def test_the_summary_names_the_passes_that_are_made(setting, passes, long_video, monkeypatch, capsys):
@@ -369,7 +370,7 @@ def test_a_long_gap_between_the_images_is_as_long_on_the_page(tmp_path, monkeypa
     rgb, page = np.zeros((240, 320, 3), np.uint8), tmp_path / "page.html"
     times = [begin + number / 30 for begin in (0, 20) for number in range(25)]
     source = Source("joined.mkv", (320, 240), (320, 240), 30.0, 50, iter([Image(at, rgb) for at in times]))
-    monkeypatch.setattr(track_module, "open_input", lambda _: (source, None))
+    monkeypatch.setattr(filmed, "open_input", lambda _: (source, None))
     monkeypatch.setattr(track_module, "make_detector", lambda name: Twice())
     assert main(["joined.mkv", "--fov", "60", "--height", "1.8", "--report", str(page)]) == 0
     text = page.read_text(encoding="utf-8")
@@ -508,7 +509,7 @@ def test_an_estimated_number_of_images_is_no_damage(monkeypatch, capsys):
     for last, begin, damaged in ((1.65, 0.0, False), (0.8, 0.0, True), (0.8, 0.8, False)):
         frames = [Image(float(seconds), rgb) for seconds in np.linspace(0, last, 30)]
         source = Source("phone.mkv", (320, 240), (320, 240), 30.0, 51, iter(frames), begin=begin)
-        monkeypatch.setattr(track_module, "open_input", lambda _, source=source: (source, None))
+        monkeypatch.setattr(filmed, "open_input", lambda _, source=source: (source, None))
         monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
         assert main(["phone.mkv", "--fov", "60"]) == 0
         assert ("may be damaged" in capsys.readouterr().err) == damaged

@@ -9,7 +9,6 @@ import pytest
 from test_track import Standing
 
 from lassokin_ros.detector.backend import make_detector
-from lassokin_ros.video import several_videos
 from lassokin_ros.video import track as track_module
 from lassokin_ros.video.command import main
 
@@ -38,8 +37,7 @@ def detected(tmp_path, monkeypatch):
             times.append(seconds)
             return super().detect(image, seconds)
 
-    for module in (track_module, several_videos):
-        monkeypatch.setattr(module, "make_detector", lambda name: Counting())
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Counting())
     return times
 
 

@@ -118,7 +118,7 @@ class Learned:
         found = []
         if self.height is None and self.size_check.wrong:
             found.append(WRONG_HEIGHT.format(self.lengths.proportions.given.height))
-        if self.extrinsics is not None and self.extrinsics.contradicting:
+        if self.extrinsics is not None and self.extrinsics.lately.contradicting:
             found.append(MOVED_CAMERA)
         return tuple(found)
 
@@ -230,7 +230,7 @@ class Learned:
         if answer.repeated or deep or not self.size_check.is_due(answer.stamp):
             return
         if answer.several:
-            if self.extrinsics is not None and self.extrinsics.contradicting:
+            if self.extrinsics is not None and self.extrinsics.lately.contradicting:
                 return
             places = self._triangulated(answer)
             self.size_check.add(answer.stamp, self.size_check.ratios(places, np.isfinite(places[:, 0])))

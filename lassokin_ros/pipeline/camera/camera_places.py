@@ -68,20 +68,24 @@ class CameraPlaces:
         reach_ns = self.transforms.reach_ns(frame_id, self.base)
         return reach_ns is not None and 0 < stamp_ns - reach_ns < STALE_NS
 
+    def moves(self, name: str) -> bool:
+        """Return True if TF moves a camera that has sent images."""
+        return self.transforms.reach_ns(self._frame_ids.get(name, ""), self.base) is not None
+
     def others(self, names: Collection[str], stamp_ns: int) -> list[CameraPose]:
         """Return where the cameras without an image are at a time, as far as TF tells it. They may be on a robot.
 
         names: of the cameras with an image; stamp_ns: ns.
         """
-        found = []
-        for name in self.newest:
-            if name in names:
-                continue
-            try:
-                found.append(self._pose(name, self._frame_ids[name], stamp_ns))
-            except TransformError:
-                continue  # its next image will tell
-        return found
+        found = (self.at(name, stamp_ns) for name in self.newest if name not in names)
+        return [pose for pose in found if pose is not None]  # the next image of the others will tell
+
+    def at(self, name: str, stamp_ns: int) -> CameraPose | None:
+        """Return where a camera that has sent images was at a time, ns; None if TF does not tell it."""
+        try:
+            return self._pose(name, self._frame_ids[name], stamp_ns)
+        except TransformError:
+            return None
 
     def _pose(self, name: str, frame_id: str, stamp_ns: int) -> CameraPose:
         """Return the pose of a camera at a time. Raises TransformError."""

@@ -19,6 +19,7 @@ from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces, Give
 from lassokin_ros.pipeline.camera.camera_selection import View
 from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.camera.rig_check import RigCheck
+from lassokin_ros.pipeline.camera.tf_offset import TfOffset
 from lassokin_ros.pipeline.camera.transforms import Transforms
 from lassokin_ros.pipeline.image_sets import stamp_of_set
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
@@ -52,6 +53,9 @@ class Placement:
         self.use_floor(config.floor)
         self.jumps = PoseJumps()
         """Jumps of all cameras in their fixed frame."""
+        follows_tf = self.places is not None and self._fixed and poses is None
+        self.tf_offset = TfOffset(self.places) if self.places is not None and follows_tf else None
+        """The offsets between the stamps of cameras and TF in a fixed frame; None if TF does not move them."""
         self.agreement = CameraAgreement()
         """Which of several cameras contradicts the others about the one person who is followed."""
         layout, skeleton = people[0].tracker.layout, people[0].tracker.skeleton
@@ -67,6 +71,8 @@ class Placement:
         self.agreement.reset()
         self.rig.reset()
         self.jumps.reset()
+        if self.tf_offset is not None:
+            self.tf_offset.reset()
 
     @property
     def transforms(self) -> Transforms | None:

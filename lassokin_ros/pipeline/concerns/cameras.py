@@ -23,7 +23,7 @@ def wrong_cameras(session: Session, learned: bool = True) -> Iterator[Raised]:
     words += [] if any(agreement.same_keypoints()) else session.placement.rig.set_up
     if learned and not words and extrinsics is not None:
         poses = [extrinsics.in_words(name) for name in session.cameras]
-        words += filter(None, [extrinsics.contradiction] if extrinsics.contradiction else poses)
+        words += filter(None, [extrinsics.lately.in_words] if extrinsics.lately.in_words else poses)
     return (say("camera_wrong", fault=fault) for fault in words)
 
 
@@ -33,6 +33,7 @@ def camera_concerns(session: Session, sending: Sequence[str], silent_s: Callable
         return
     for fault in session.placement.places.faults.values():
         yield say("camera_unplaced", fault=fault)
+    yield from _stamps_against_tf(session)
     if len(session.cameras) == 1:
         return
     if shared := session.placement.places.shared_frame:
@@ -47,6 +48,16 @@ def camera_concerns(session: Session, sending: Sequence[str], silent_s: Callable
     for fault in session.placement.rig.clocks:
         yield say("camera_clock", fault=fault)
     yield from wrong_cameras(session)
+
+
+def _stamps_against_tf(session: Session) -> Iterator[Raised]:
+    """Yield which cameras' stamps do not fit TF."""
+    offset = session.placement.tf_offset
+    for name in session.cameras:
+        if offset is not None and (found := offset.clear(name)):
+            seconds, deviation = found
+            camera, way = f" '{name}'" if name else "", "late" if seconds > 0 else "early"
+            yield say("tf_clock", camera=camera, ms=1e3 * abs(seconds), deviation=1e3 * deviation, way=way)
 
 
 def no_usable_image(session: Session, sending: Sequence[str]) -> Iterator[Raised]:

@@ -221,6 +221,13 @@ CONCERNS: dict[str, Concern] = {
     "image_size": Concern(PROBLEM, LOGGED, "{fault}"),
     "camera_wrong": Concern(PROBLEM, LIVE, "{fault}"),
     "camera_clock": Concern(PROBLEM, LIVE, "{fault}"),
+    "tf_clock": Concern(
+        PROBLEM,
+        LIVE,
+        "while the camera{camera} turns, people move as if the stamps of its keypoints were {ms:.0f} ms (+- "
+        "{deviation:.0f}) too {way} for TF; nothing is changed",
+        "let the driver stamp the exposure, by the clock of those who publish TF",
+    ),
     "camera_late": Concern(
         PROBLEM,
         LIVE,

@@ -120,8 +120,3 @@ def reason_text(reason: str) -> str:
 def advice_for(reason: str) -> str:
     """Return the advice for a reason; empty for an unknown reason."""
     return REASONS[reason].remedy if reason in REASONS else ""
-
-
-def rejected_things(reason: str, of_person: bool = False) -> str:
-    """Return what is rejected for a reason."""
-    return "per-person frames" if of_person else "camera_info messages" if reason.startswith("camera_") else "frames"

@@ -7,7 +7,7 @@ explains it nearly as well as the guarded person's does: that person is then abs
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -39,6 +39,8 @@ SIZE_WEIGHT = 0.5
 """Weight of the logarithm of the ratio of sizes, in the cost of a pair; the rest is the distance of `matching`."""
 SAME_BODY = 0.5 * NEAR
 """A detection this near to another one of the same image is a duplicate, not a second person."""
+RUNS_PER_S = 1.5
+"""1/s: a fast walk, of 2.5 m/s, in a person's sizes."""
 LONGEST_PREDICTION_S = 0.5
 """s: a track is continued with constant velocity for this long."""
 VELOCITY_MEMORY_S = 0.2
@@ -105,8 +107,20 @@ class ImageTracks:
         self.numbers = Numbers(sure)
         """What is known about the detector's numbers."""
 
-    def __contains__(self, track: object) -> bool:
-        return track in self._tracks
+    def __iter__(self) -> Iterator[ImageTrack]:
+        return iter(self._tracks)
+
+    def rivals(self, track: ImageTrack, away_s: float) -> list[ImageTrack]:
+        """Return the other tracks that may be the person whom a track shows again in the newest image.
+
+        Those who were not seen for as long, and whom a person reaches in this time, away_s, at RUNS_PER_S.
+        """
+        now_ns, reach = track.seen_ns, RUNS_PER_S * away_s
+        missing = [
+            one for one in self._tracks if one is not track and max(one.gap_s, one.unseen_s(now_ns)) > 0.5 * away_s
+        ]
+        new = [one for one in self._tracks if one is not track and one.run == 1 and one.seen_ns == now_ns]
+        return [one for one in {*missing, *new} if apart(one.points, track.points) < reach]
 
     def seen_at(self, stamp_ns: int) -> list[ImageTrack]:
         """Return the tracks with a detection in the image of this stamp."""
@@ -228,6 +242,15 @@ class ImageTracks:
             others = [track.detection for track in self.seen_at(stamp_ns)]
             if all(distance(other.points, detection, 0.0) > SAME_BODY for other in others):
                 self._tracks.append(ImageTrack(detection, detection.points.copy(), stamp_ns))
+
+
+def apart(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the distance of the centres of points (l, 2), over the size of the larger; 0 if it is not known."""
+    known = np.isfinite(one).all(axis=1) & np.isfinite(other).all(axis=1)
+    if not known.any():
+        return 0.0
+    size = max(float(np.linalg.norm(np.ptp(points[known], axis=0))) for points in (one, other))
+    return float(np.linalg.norm(one[known].mean(axis=0) - other[known].mean(axis=0))) / max(size, 1e-6)
 
 
 def _mean(vectors: np.ndarray) -> np.ndarray:

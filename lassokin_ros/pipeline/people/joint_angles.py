@@ -1,4 +1,4 @@
-"""Convert joint rotations to the angles of three revolute joints each, for JointState and the URDF.
+"""Convert joint rotations to the angles of three revolute joints each, for the URDF, and to joint states.
 
 The URDF represents a ball joint of order "yxz" by three revolute joints in series, R = Ry(a_y) Rx(a_x) Rz(a_z)
 (intrinsic Tait-Bryan angles). The angles are for output only; the state itself is on SO(3).
@@ -13,12 +13,17 @@ the skeleton's YAML file keep everyday postures away from gimbal lock.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+
+from lassokin_ros.core.body.kinematics import BodyState
 
 LOCK = 1e-9
 """Cosine of the middle angle below which the first angle is lost in rounding errors."""
 
+SHORTEST_NS = 1_000_000
+"""ns: velocities are differences over stamps. Over a shorter step, as stamps in another unit have, there are none."""
 _TURN = 2 * np.pi
 _OTHER_WAY = np.array([[1.0], [-1.0], [1.0]])  # same rotation: first + pi, pi - middle, last + pi
 
@@ -72,3 +77,45 @@ class JointAngleReader:
         distance = np.add.reduce(step * step, axis=1)
         second = (distance[1] < distance[0]) & ~locked
         return self._last + np.where(second, step[1], step[0])
+
+
+class Moment(NamedTuple):
+    """The published state of one frame. stamp_ns: ns; begins: the state was initialised in this frame."""
+
+    stamp_ns: int
+    state: BodyState
+    begins: bool
+
+
+class JointStates:
+    """Reads angles that are continuous from one requested frame to the next."""
+
+    def __init__(self, axes: Sequence[str]) -> None:
+        """axes: see JointAngleReader."""
+        self._reader = JointAngleReader(axes)
+        self._last: tuple[Moment | None, np.ndarray] = None, np.empty(0)
+
+    def read(self, moment: Moment, before: Moment | None) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions (3 + 3 n,) in m and rad, and velocities as differences over stamps.
+
+        before: the frame before, None for the first one. Velocities are 0 after initialisation, and over a step below
+        SHORTEST_NS.
+        """
+        if moment.begins or before is None:
+            positions = self._positions(moment)
+            return positions, np.zeros_like(positions)
+        if self._last[0] is not before:
+            self._positions(before)
+        earlier = self._last[1]
+        positions, step_ns = self._positions(moment), moment.stamp_ns - before.stamp_ns
+        if step_ns < SHORTEST_NS:
+            return positions, np.zeros_like(positions)
+        return positions, (positions - earlier) / (step_ns * 1e-9)
+
+    def _positions(self, moment: Moment) -> np.ndarray:
+        if moment.begins:
+            self._reader.reset()
+        angles = self._reader.read(moment.state.rotations)
+        positions = np.concatenate([moment.state.translation, angles.ravel()])
+        self._last = moment, positions
+        return positions

@@ -13,6 +13,8 @@ import numpy as np
 SILENCE_S = 0.5
 """s: after a longer silence of the detector, and one of SILENT_PERIODS, it may have restarted: its numbers are new."""
 SILENT_PERIODS = 3.0
+PAUSE_PERIODS, PAUSE_GROWTH = 1.75, 1.2
+"""Usual periods, from which on images have paused; and growth of the usual period by a pause."""
 JUMP_MEMORY_S = 60.0
 """s: numbers are not used for this long after one has jumped from one person to another."""
 
@@ -25,17 +27,24 @@ class Numbers:
         self.sure = self.proven = sure
         """proven: whether an image had numbers that are no index in it, from 0 or 1 on."""
         self._heard_ns: int | None = None
-        self._period_s = 0.0
+        self.gap_s = self.period_s = 0.0
+        """s between the two newest images; and usually: a pause hardly counts."""
         self._jump: tuple[int, int] | None = None  # stamp, ns, and number
 
     def hear(self, stamp_ns: int, numbers: Sequence[int]) -> bool:
         """Note the numbers of an image. Return True after a silence: nobody has a number from before."""
-        gap_s = 0.0 if self._heard_ns is None else (stamp_ns - self._heard_ns) * 1e-9
-        silent = gap_s > max(SILENCE_S, SILENT_PERIODS * self._period_s)
-        self._heard_ns, self._period_s = stamp_ns, self._period_s if silent else gap_s
+        self.gap_s = 0.0 if self._heard_ns is None else (stamp_ns - self._heard_ns) * 1e-9
+        silent = self.gap_s > max(SILENCE_S, SILENT_PERIODS * self.period_s)
+        self._heard_ns, usual_s = stamp_ns, self.period_s
+        if not silent and self.gap_s > 0:
+            self.period_s = min(self.gap_s, PAUSE_GROWTH * usual_s) if self.is_pause(self.gap_s) else self.gap_s
         if numbers and not (min(numbers) in (0, 1) and max(numbers) - min(numbers) == len(numbers) - 1):
             self.proven = True
         return silent and not self.sure
+
+    def is_pause(self, seconds: float) -> bool:
+        """Return whether a time between two images, s, is longer than usual."""
+        return self.period_s > 0 and seconds > PAUSE_PERIODS * self.period_s
 
     def believed(self, stamp_ns: int) -> bool:
         """Return False for a while after a number has jumped."""

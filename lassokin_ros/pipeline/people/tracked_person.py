@@ -25,7 +25,7 @@ from lassokin_ros.doubt.signs import NO_TURN, Signs, signs_of
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.repeats import Repeats
 from lassokin_ros.pipeline.outputs.status.rejection_text import frozen_text, rejection_text
-from lassokin_ros.pipeline.people.joint_states import SHORTEST_NS, JointStates, Moment
+from lassokin_ros.pipeline.people.joint_angles import SHORTEST_NS, JointStates, Moment
 from lassokin_ros.pipeline.seen import Sight
 
 FROZEN = "frozen"

@@ -19,7 +19,14 @@ import numpy as np
 
 from lassokin_ros.pipeline.people.choice import GUESS_AFTER_S, number_named
 from lassokin_ros.pipeline.people.cross_view import SAME_PERSON, cross_view_cost
-from lassokin_ros.pipeline.people.image_tracks import FARTHEST_GUARDED, RIVAL, SAME_BODY, ImageTrack, ImageTracks
+from lassokin_ros.pipeline.people.image_tracks import (
+    FARTHEST_GUARDED,
+    RIVAL,
+    RUNS_PER_S,
+    SAME_BODY,
+    ImageTrack,
+    ImageTracks,
+)
 from lassokin_ros.pipeline.people.matching import assign, distance, distances, match_radius
 from lassokin_ros.pipeline.people.roster import Person, Roster
 from lassokin_ros.pipeline.seen import Image, Seen, Sight
@@ -31,6 +38,8 @@ DOUBTFUL = 2.0
 below this times SAME_PERSON."""
 WALKED = (0.0, 0.5, 1.0)
 """Shares of the time out of sight: a person whom no camera sees, as in a gap between two, walks on for one of these."""
+LONGEST_STALL_S = 1.0
+"""s: after a longer silence of the detector, who is found by place is a guess in any case."""
 AT_ONCE_NS = 100_000_000
 """ns: images of several cameras within this time show the same people."""
 
@@ -89,8 +98,8 @@ class WhoIsWho:
         placed = [track for track, person in own.items() if self._elsewhere(person, image) is not None]
         view.tracks.update(stamp_ns, usable, image.lasting, patience, expected, guarded, placed)
         for track, person in own.items():
-            away_s = min(track.gap_s, person.body.unseen_s(stamp_ns))
-            person.guessed |= track.seen_ns == stamp_ns and track.by_place and away_s > GUESS_AFTER_S
+            if track.seen_ns == stamp_ns and track.by_place:
+                person.guessed |= self._may_be_another(view, person, track)
         self._link(view, patience)
         if self._roster.one:
             self._choose(view, patience)
@@ -101,6 +110,24 @@ class WhoIsWho:
             for p in self._roster.people
             if (t := p.tracks.get(name)) is not None and t.seen_ns == stamp_ns
         }
+
+    def _may_be_another(self, view: View, person: Person, track: ImageTrack) -> bool:
+        """Return whether a person who is found by place may be somebody else.
+
+        A locked person may not after a stall of the detector of up to LONGEST_STALL_S, if nobody else could have come
+        there meanwhile, and may after each pause of the detections in which somebody could.
+        """
+        numbers, image = view.tracks.numbers, view.image
+        away_s = min(track.gap_s, person.body.unseen_s(image.stamp_ns))
+        if person is not self._roster.locked or away_s > LONGEST_STALL_S:
+            return away_s > GUESS_AFTER_S
+        if not numbers.is_pause(away_s):
+            return False
+        rivals = view.tracks.rivals(track, away_s)
+        if away_s <= GUESS_AFTER_S or rivals:
+            return bool(rivals)
+        stalled = numbers.gap_s >= away_s - 1e-3 and track.detection.pixels is not None
+        return not stalled or _near_border(track.detection, image, RUNS_PER_S * away_s)
 
     def _identified(self, view: View, found: Collection[Person]) -> dict[Person, Seen]:
         """Return the people of an image whose numbers are their own. found: as in `_people_in`."""
@@ -263,6 +290,14 @@ class WhoIsWho:
             if cross_view_cost(elsewhere, stranger, person.body.tracker.learned.size_check) < DOUBTFUL * SAME_PERSON:
                 return True
         return False
+
+
+def _near_border(one: Seen, image: Image, reach: float) -> bool:
+    """Return whether somebody could have come from beyond the left or right border. reach: of the person's sizes."""
+    assert one.pixels is not None
+    points = one.pixels[np.isfinite(one.pixels).all(axis=1)]
+    far = reach * float(np.linalg.norm(np.ptp(points, axis=0)))
+    return bool(points[:, 0].min() < far or points[:, 0].max() > image.lens.extent[0] - far)
 
 
 def _has_points(one: Seen) -> bool:

@@ -164,15 +164,10 @@ class Background:
         return rotation, zoom, np.linalg.norm(y - _moved(x, rotation, zoom), axis=1) < tolerance
 
 
-def linked(first: np.ndarray, mask: np.ndarray, second: np.ndarray, focal: float, centre: np.ndarray) -> float:
-    """Return the share of the points of an image that another one shows, moved as by one rotation and zoom."""
-    points = points_of(first, mask)
-    if len(points) < FEWEST_POINTS:
-        return 0.0
-    followed, good = _followed(first, second, points)
-    own = Background(focal, centre)
-    fits = own._fitted((points[good] - centre) / focal, (followed[good] - centre) / focal, np.eye(3), 0.0, True)[2]
-    return float(fits.sum()) / len(points)
+def followed_share(first: np.ndarray, second: np.ndarray, least: int) -> float:
+    """Return the share of the points of an image, people included, that another one shows; 1 with less than `least`."""
+    points = points_of(first, np.full(first.shape, 255, np.uint8))
+    return float(_followed(first, second, points)[1].mean()) if len(points) >= least else 1.0
 
 
 def points_of(grey: np.ndarray, mask: np.ndarray) -> np.ndarray:

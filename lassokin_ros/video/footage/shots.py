@@ -12,12 +12,12 @@ from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import Calibration
 from lassokin_ros.video.detections import stamp_of
-from lassokin_ros.video.footage.background import Background, Turn, background, even_grey, linked, points_of, small
+from lassokin_ros.video.footage.background import Background, Turn, background, even_grey, followed_share, small
 from lassokin_ros.video.sources import Image
 
-UNLINKED, CHANGED, CHANGED_FEW, FEW = 0.1, 0.2, 0.5, 20
-"""A cut is suspected if less than this share of the points is followed, and the histogram of colours changes by more
-than the second; by more than the third with fewer points than the fourth."""
+CHANGED, UNLINKED, FEW = 0.08, 0.2, 20
+"""A cut is suspected if the histogram of colours changes by more than the first, and if less than the second share of
+the points of the image before is followed. With fewer points, the image before is blank, as a black one is."""
 CONFIRMED_AFTER, SAME_SHOT = 3, 0.25
 """Images after a suspected cut that are compared with the image before: a flash and a black image are no cut. Share of
 its points that they then show."""
@@ -25,8 +25,9 @@ LEAST_DEGREES, LEAST_POINTS, LEAST_IMAGES = 0.4, 25, 6
 """A camera moves if it turns by more than this. With fewer points or images it cannot be told."""
 LEAST_LIVE_DEGREES = 0.8
 """The same for images that come one by one, of which none is left out."""
-ZOOMED = 0.08
-"""Range of the log zoom that is said."""
+ZOOMED, DEGREES_OF_ZOOM = 0.08, 5.0
+"""Range of the log zoom that is said, and degrees by which a zoom of 1 seems to turn the camera: people who move and
+are not detected are in the background."""
 SURE = 0.3
 """Least confidence of a keypoint that counts for a person's box."""
 KEPT_BOXES = 15
@@ -51,6 +52,11 @@ class Shot:
         self.points.append(turn.points)
 
     @property
+    def words(self) -> str:
+        """When it is."""
+        return f"from {self.times[0]:.1f} to {self.times[-1]:.1f} s"
+
+    @property
     def degrees(self) -> float:
         """Range of the rotation, without the outermost images."""
         if len(self.rotations) < 2:
@@ -66,7 +72,12 @@ class Shot:
     @property
     def moves(self) -> bool:
         """Whether the camera turns."""
-        return self.is_known and self.degrees > LEAST_DEGREES
+        return self.is_known and self.degrees > LEAST_DEGREES + DEGREES_OF_ZOOM * self.zoom
+
+    @property
+    def zoom(self) -> float:
+        """Range of the log zoom, without the outermost images."""
+        return float(np.ptp(np.percentile(self.zooms, [3, 97]))) if self.zooms else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,22 +138,13 @@ class Footage:
     def _is_suspect(self, before: _Seen, seen: _Seen) -> bool:
         """Whether a new shot may begin with an image."""
         changed = 0.5 * float(np.abs(before.colours - seen.colours).sum())
-        if changed <= CHANGED:
-            return False
-        few = self.shots[-1].points[-1] < FEW
-        return changed > CHANGED_FEW if few else self._link(before, seen) < UNLINKED
-
-    def _link(self, before: _Seen, seen: _Seen) -> float:
-        focal = self._scale * float(np.sqrt(self._lens.K[0, 0] * self._lens.K[1, 1]))
-        return linked(before.grey, before.mask, seen.grey, focal, self._scale * self._lens.K[:2, 2])
+        return changed > CHANGED and followed_share(before.grey, seen.grey, FEW) < UNLINKED
 
     def _decide(self) -> None:
         """Decide whether the held images begin a new shot."""
         held, self._held, before = self._held, [], self._before
         assert before is not None
-        later = held[1::2] or held
-        nothing = max(self.shots[-1].points[-1], len(points_of(held[-1].grey, held[-1].mask))) < FEW
-        if not nothing and not any(self._link(before, seen) > SAME_SHOT for seen in later):
+        if not any(followed_share(before.grey, seen.grey, FEW) > SAME_SHOT for seen in held[1::2] or held):
             self.shots.append(Shot())
             self._background = self._new(self._scale)
             for seen in held:
@@ -192,13 +194,11 @@ class Footage:
         return seconds in self.cuts
 
     def unknown(self) -> list[str]:
-        """Return of which shots it cannot be told whether the camera moves, in sentences."""
-        return [
-            f"It cannot be told whether the camera moves from {shot.times[0]:.1f} to {shot.times[-1]:.1f} s: too "
-            "little background is seen."
-            for shot in self.shots
-            if not shot.is_known and len(shot.times) >= LEAST_IMAGES
-        ]
+        """Return of which shots it cannot be told whether the camera moves, in a sentence."""
+        shots = [shot for shot in self.shots if not shot.is_known and len(shot.times) >= LEAST_IMAGES]
+        when = ", ".join(shot.words for shot in shots)
+        words = f"It cannot be told whether the camera moves {when}: too little background is seen."
+        return [words] if shots else []
 
     def remarks(self) -> list[str]:
         """Return what the background shows, in sentences."""
@@ -208,19 +208,17 @@ class Footage:
             found.append(
                 f"A new shot begins at {listed}. Each is tracked as a take of its own, with the lengths learned in all."
             )
-        for shot in self.shots:
-            when = f"from {shot.times[0]:.1f} to {shot.times[-1]:.1f} s" if shot.times else ""
-            if shot.moves:
-                found.append(
-                    f"The camera turns by {shot.degrees:.1f} degrees {when}. Its rotation is taken out: positions are "
-                    "in the frame of the first image. A camera that is moved sideways looks alike, and is not told "
-                    "apart."
-                )
-            if shot.is_known and (zoom := float(np.ptp(np.percentile(shot.zooms, [3, 97])))) > ZOOMED:
-                found.append(
-                    f"The camera zooms, or comes nearer, {when} by a factor of {np.exp(zoom):.2f}. This is not taken "
-                    "out: the person seems to come nearer, too."
-                )
+        if turns := [f"by {shot.degrees:.1f} degrees {shot.words}" for shot in self.shots if shot.moves]:
+            found.append(
+                f"The camera turns {', '.join(turns)}. Its rotation is taken out: positions are in the frame of the "
+                "first image of each shot. A camera that is moved sideways looks alike, and is not told apart."
+            )
+        zoomed = [shot for shot in self.shots if shot.is_known and shot.zoom > ZOOMED]
+        if zooms := [f"{shot.words} by a factor of {np.exp(shot.zoom):.2f}" for shot in zoomed]:
+            found.append(
+                f"The camera zooms, or comes nearer, {', '.join(zooms)}. This is not taken out: the person seems to "
+                "come nearer, too."
+            )
         return found
 
 

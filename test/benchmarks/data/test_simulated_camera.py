@@ -56,18 +56,6 @@ def test_swaps_of_a_part_last_for_their_duration(part, points):
 
 
 @needs_clips
-def test_duplicates_repeat_keypoints_and_keep_each_frames_truth(capsys):
-    job = Job(MOCAP / "exp_running_1.npz", 0, "lasso")
-    single, view = (scene_of(replace(job, condition=Condition(duplicates=k))).view for k in (1, 3))
-    assert np.array_equal(view.truth, single.truth) and not np.array_equal(view.truth[3], view.truth[4])
-    for frame in range(len(view.pixels)):
-        assert np.array_equal(view.pixels[frame], single.pixels[frame - frame % 3])
-    with pytest.raises(SystemExit):
-        main(["--duplicates", "0"])
-    assert "expected 1 or more" in capsys.readouterr().err
-
-
-@needs_clips
 def test_keypoint_errors_have_the_given_size_and_duration(capsys):
     job = Job(MOCAP / "gs_lambada.npz", 0, "lasso")
 
@@ -83,7 +71,7 @@ def test_keypoint_errors_have_the_given_size_and_duration(capsys):
     assert np.array_equal(pixels(missing=0.1), exact)  # other draws are unchanged
     options = ["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--wander-px", "2", "--offset-px", "1.5"]
     assert main(options) == 0
-    assert "off by 2 px for 0.1 s on end, and by 1.5 px all the time" in capsys.readouterr().out
+    assert "--wander-px 2.0 --offset-px 1.5" in capsys.readouterr().out
 
 
 @needs_clips
@@ -134,7 +122,7 @@ def test_camera_mount_and_lying_people_have_the_given_orientations(capsys):
     assert np.allclose(sizes, sizes[0], atol=1e-9)
     assert main(["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--lying", "--camera-pitch", "0.3"]) == 0
     said = capsys.readouterr().out
-    assert "looking down by 0.3 rad" in said and "people are laid down" in said
+    assert "--camera-pitch 0.3 --lying" in said
 
 
 @needs_clips
@@ -150,7 +138,7 @@ def test_hidden_landmarks_are_never_detected_and_their_joints_evaluated(capsys, 
     for more in ([], ["--hidden", "left_knee,left_ankle"]):
         assert main([*options, str(tmp_path / "bins.json"), *more]) == 0
         counts.append(json.loads((tmp_path / "bins.json").read_text(encoding="utf-8"))[-1])
-    assert "Never detected: left_knee, left_ankle." in capsys.readouterr().out
+    assert "--hidden left_knee,left_ankle" in capsys.readouterr().out
     assert counts[1]["joints"] * 14 == counts[0]["joints"] * 2
     assert counts[1]["predicted_mm"] > 2 * counts[0]["predicted_mm"]
     with pytest.raises(LassokinError, match="left_tail"):
@@ -176,4 +164,4 @@ def test_the_mount_that_is_told_is_the_true_one_or_off_by_what_is_given(capsys):
         main(["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--mount", "floor", "--floor-off", "0.1"]) == 0
     )
     said = capsys.readouterr().out
-    assert "its tilt, off by 0 degrees, and its height, off by 0.1 m" in said and "penetration_mm" in said
+    assert "--mount floor --floor-off 0.1" in said and "penetration_mm" in said

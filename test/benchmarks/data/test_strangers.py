@@ -130,6 +130,6 @@ def test_records_say_what_the_body_is():
     job = Job(MOCAP / "exp_running_1.npz", 0, "lasso", Condition(fps=10))
     exact, strange = (run(replace(job, condition=c)) for c in (job.condition, replace(
         job.condition, landmark_mm=15, proportions=True)))  # fmt: skip
-    assert (exact["landmark_mm"], exact["proportions"]) == (0, "the capture's")
-    assert (strange["landmark_mm"], strange["proportions"]) == (15, "people's")
+    assert (exact["landmark_mm"], exact["proportions"]) == (0, False)
+    assert (strange["landmark_mm"], strange["proportions"]) == (15, True)
     assert strange["mpjpe_mm"] != exact["mpjpe_mm"]

@@ -272,6 +272,15 @@ def test_the_height_is_measured_on_request():
     assert not tracked(0.003, seconds=1.0, hold_feet=False).learned.height.measured
 
 
+@pytest.mark.parametrize(("height", "doubted"), [(HEIGHT, False), (1.95, True)])
+def test_a_given_height_is_compared_with_the_floor(height, doubted):
+    learned = tracked(0.003, height=height).learned
+    assert (len(learned.doubts) == 1 and f"the height of {height:.2f} m" in learned.doubts[0]) == doubted
+    if doubted:
+        assert learned.size_check.ratio == pytest.approx(HEIGHT / height, rel=0.05)
+        assert learned.size_deviation == pytest.approx(abs(np.log(HEIGHT / height)), abs=0.05)
+
+
 def test_a_tilt_that_is_not_exact_enough_is_refused():
     estimator = tracked(0.05, seconds=1.0).learned.height
     assert not estimator.measured and estimator.floor_deviation > LARGEST_FLOOR_DEVIATION

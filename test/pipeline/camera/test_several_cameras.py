@@ -375,6 +375,8 @@ def test_a_camera_that_was_moved_is_noticed_and_with_learn_corrected(extrinsics)
     angle, shift = play.session.tracker.learned.extrinsics.moved("right")
     assert np.degrees(angle) == pytest.approx(3.0, abs=0.7) and shift < 0.1
     assert (play.error(5.0) < 40) if extrinsics == "learn" else (play.error(5.0) > 100)
+    stated = np.sqrt(play.results[-1].frame.uncertainty.absolute.pelvis[:3, :3].trace())
+    assert (stated < 0.1) if extrinsics == "learn" else (2 * stated > np.linalg.norm(play.results[-1].root))
 
 
 def test_a_camera_at_its_place_is_not_corrected(extrinsics="learn"):

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
 from messages import FOCAL, HEIGHT, WIDTH  # noqa: E402
-from test_person_rules import LENS, PERIOD, SECOND, Followed, Pretended, Room  # noqa: E402
+from test_person_rules import LENS, PERIOD, ROOM, SECOND, Followed, Pretended, Room  # noqa: E402
 from two_people import RATE, scene  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
@@ -97,6 +97,29 @@ def test_after_a_silence_of_the_detector_numbers_are_new():
     assert followed.tracker.presence_at(SECOND + 10 * PERIOD, 3.0).status is Status.LOST
     followed.tracker.lock()
     assert followed.tracker.presence_at(SECOND + 10 * PERIOD, 3.0).status is Status.TRACKING
+
+
+@pytest.mark.parametrize(
+    ("x", "apart", "images", "guessed"),
+    [
+        (10, 2.0, 6, False),
+        (10, 2.0, 3, False),
+        (10, 0.4, 6, True),  # 0.8 of the person's size, which is reached in 0.6 s
+        (10, 0.28, 4, True),
+        (10, 2.0, 12, True),  # too long
+        (0, 2.0, 6, True),  # near the border
+    ],
+)
+def test_after_a_stall_the_locked_person_is_sure_if_nobody_else_could_have_come(x, apart, images, guessed):
+    followed = Followed(ROOM)
+    for index in range(3):
+        assert followed.see(index, (4, x, 0.9), (5, x + apart, 0.5)) == x - 10
+    followed.tracker.lock()
+    for index in (2 + images, 3 + images):
+        assert followed.see(index, (1, x + 0.02, 0.9), (2, x + apart, 0.5)) == round(x - 9.98, 6)
+        assert followed.guessed == guessed
+    followed.tracker.lock()
+    assert followed.see(4 + images, (1, x, 0.9), (2, x + apart, 0.5)) == x - 10 and not followed.guessed
 
 
 def test_who_stands_where_the_locked_person_stood_is_a_guess_after_a_silence_longer_than_forget_after():

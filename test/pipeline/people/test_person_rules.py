@@ -358,8 +358,8 @@ def test_a_locked_person_keeps_the_tracker_while_others_come():
 class Followed:
     """A tracker of one person, and messages of people by (number, x, score) each."""
 
-    def __init__(self):
-        self.person = Pretended()
+    def __init__(self, lens=LENS):
+        self.person, self.lens = Pretended(), lens
         self.tracker = PeopleTracker([self.person], Counter())
 
     def see(self, index, *people, persistent=True, points=4, numbered=True):
@@ -370,7 +370,7 @@ class Followed:
         ids = np.tile(np.arange(points), len(people))
         keypoints = Keypoints(1, "", ids, xy, scores, numbers if numbered else None)
         stamp_ns, lasting = SECOND + index * PERIOD, persistent and numbered
-        image = Image(people_in(keypoints, 4, LENS), stamp_ns, "camera", LENS, numbered, lasting)
+        image = Image(people_in(keypoints, 4, self.lens), stamp_ns, "camera", self.lens, numbered, lasting)
         (result,) = self.tracker.update([image], "camera", 3.0)
         self.detail, self.label = result.detail, result.label
         self.detector_id, self.guessed = result.detector_id, result.guessed

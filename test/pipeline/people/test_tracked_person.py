@@ -8,7 +8,7 @@ import pytest
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import CameraPose, Status
-from lassokin_ros.pipeline.people.joint_states import JointStates, Moment
+from lassokin_ros.pipeline.people.joint_angles import JointStates, Moment
 from lassokin_ros.pipeline.people.tracked_person import LONGEST_PREDICTION_S, TrackedPerson
 
 SECOND = 10**9

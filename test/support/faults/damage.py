@@ -31,11 +31,11 @@ def text(random):
 
 
 def stamp(message, random, now_ns):
-    """Zero, from the past, a little or very early, in another unit, no time at all."""
-    kind = random.integers(10)
+    """Zero, from the past, a little or very early, in another unit, the number of a frame, no time at all."""
+    kind = random.integers(11)
     if kind >= 7:
         seconds, rest = divmod(now_ns, 10**9)
-        other = (seconds * 10**9 + rest // 1000, now_ns // 1000, now_ns // 10**6)[kind - 7]
+        other = (seconds * 10**9 + rest // 1000, now_ns // 1000, now_ns // 10**6, now_ns // STEP_NS)[kind - 7]
         set_header(message.header, other, message.header.frame_id)
     elif kind == 6:
         message.header.stamp.sec = -int(random.integers(1, 2**31))
@@ -245,6 +245,14 @@ def array_length(message, random, now_ns):
     message.data = np.resize(message.data, [0, 1, 2, 3, 50, 52, 54, 12_289, 30_000][random.integers(9)])
 
 
+def array_order(message, random, now_ns):
+    """All x, then all y, then all confidences; or pixels of another image, percent, fractions."""
+    rows = np.array(message.data)[: len(message.data) // 3 * 3].reshape(-1, 3)
+    with np.errstate(over="ignore", invalid="ignore"):
+        rows[:, :2] = rescaled(rows[:, :2], random)
+    message.data = (rows.T if random.random() < 0.5 else rows).ravel()
+
+
 def array_offset(message, random, now_ns):
     message.layout.data_offset = size(random)
 
@@ -412,8 +420,14 @@ WAYS = {
         "one coordinate": array_coordinate,
         "length": array_length,
         "offset": array_offset,
+        "order": array_order,
     },
-    "std_msgs/msg/Float64MultiArray": {"values": array_values, "length": array_length, "offset": array_offset},
+    "std_msgs/msg/Float64MultiArray": {
+        "values": array_values,
+        "length": array_length,
+        "offset": array_offset,
+        "order": array_order,
+    },
     "hri_msgs/msg/Skeleton2D": {"values": hri_values, **HEADER},
     "yolo_msgs/msg/DetectionArray": {
         "values": yolo_values,

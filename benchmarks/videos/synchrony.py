@@ -1,6 +1,6 @@
 """Offsets between cameras, and faults of their set-up, found from one person's keypoints without any other knowledge.
 
-    python benchmarks/synchrony.py [--case offset,occlusion,lost,drift,two,set-up] [--seconds 5] [--validation-people]
+    python benchmarks/videos/synchrony.py [--case offset,occlusion,lost,drift,two,set-up] [--validation-people]
 
 Motion capture, seen by two simulated cameras (set-up: two to four) with a detector's errors, whose clocks differ by up
 to 5 s. Cases: `offset`; `occlusion`, the second camera sees nobody in a third of the time, and no legs in another
@@ -21,14 +21,14 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
-from benchmarks.accuracy_run.people import test_clips, validation_clips
+from benchmarks.accuracy_run.people import chosen_clips
 from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
 from benchmarks.data.mocap import clip_height, clip_skeleton, landmark_positions, load_clip
@@ -183,9 +183,7 @@ def _pose(pose: CameraPose) -> tuple[np.ndarray, np.ndarray]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     options = parser().parse_args(arguments)
-    folder = options.data or data_folder()
-    files = (validation_clips if options.validation_people else test_clips)(folder)
-    people = [person for person in map(Person, files) if person.end > options.seconds + 1.5]
+    people = [person for person in map(Person, chosen_clips(options)) if person.end > options.seconds + 1.5]
     if len(people) < 2:
         raise SystemExit(f"{len(people)} clips of {options.seconds:g} s or more; expected two or more")
     records: list[Record] = []
@@ -237,15 +235,11 @@ def _set_up_rows(records: Sequence[Record]) -> list[Record]:
 
 def parser() -> argparse.ArgumentParser:
     """The command line's options."""
-    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result = option_types.command_line(__doc__, "data", "validation-people", "seed")
     add = result.add_argument
-    add("--data", type=Path, help="the shared data's folder (default: LASSOKIN_DATA)")
     add("--case", type=option_types.some_of(CASES), default=list(CASES), help=f"some of {', '.join(CASES)}")
     add("--runs", type=option_types.count, default=60, help="draws per case (60)")
     add("--seconds", type=option_types.positive, default=5.0, help="s that both cameras see (5)")
-    add("--validation-people", action="store_true", help="the people with whom the design was chosen, not the test's")
-    add("--seed", type=option_types.seed, default=0)
-    add("--json", type=option_types.output_file, metavar="FILE", help="write the records as a JSON list")
     return result
 
 
