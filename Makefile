@@ -1,6 +1,6 @@
 # make demo   play a bag of keypoints into the node and show the result
 # make check  run the fast tests: a minute on two cores; the others start nodes, processes or browsers, or compute for long
-# make test   run the whole test suite
+# make test   run the whole test suite: 7 to 8 minutes on two cores
 # make live   run the tests with running nodes RUNS times (10), beside LOAD busy loops (0), and count the failures
 # make fuzz   run the fuzz tests alone, with 100,000 new cases and more, then fuzz every decoder and file reader guided by
 #             coverage (atheris), each for SECONDS; takes an hour
@@ -13,6 +13,7 @@
 PYTHON ?= python3
 CORES := $(shell getconf _NPROCESSORS_ONLN)
 VENV := .venv
+SHARED := --dist loadgroup --no-loadscope-reorder
 RUN := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=$(CURDIR)/$(VENV)/bytecode
 
 .PHONY: demo check test live fuzz mutants messages lint clean
@@ -22,12 +23,12 @@ demo: $(VENV)/.installed-demo
 	$(RUN) $(VENV)/bin/python -m lassokin_ros.demo
 
 check: $(VENV)/.installed-test
-	$(RUN) $(VENV)/bin/python -m pytest -m "not slow" --numprocesses $(CORES) --dist loadgroup
+	$(RUN) $(VENV)/bin/python -m pytest -m "not slow" --numprocesses $(CORES) $(SHARED)
 
 # A process more than cores: those that run nodes mostly wait for them. One that dies, as by a test that never ends
 # (pyproject.toml), ends the run; pytest-xdist would repeat that test.
 test: $(VENV)/.installed-test
-	$(RUN) $(VENV)/bin/python -m pytest --numprocesses $$(($(CORES) + 1)) --dist loadgroup --max-worker-restart 0
+	$(RUN) $(VENV)/bin/python -m pytest --numprocesses $$(($(CORES) + 1)) $(SHARED) --max-worker-restart 0
 
 live: $(VENV)/.installed-test
 	$(RUN) $(VENV)/bin/python test/support/live_runs.py --runs $(or $(RUNS),10) --load $(or $(LOAD),0) $(FILES)

@@ -38,6 +38,7 @@ from benchmarks.data.hand_score import Score
 from lassokin_ros.core.body.roles import SIDES
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.frame_data import View, triangulate
+from lassokin_ros.core.network.depth_network import camera_towards
 from lassokin_ros.core.observation import CameraPose, Observation
 from lassokin_ros.core.tracker import Tracker
 
@@ -87,7 +88,8 @@ def recording(folder: Path, _: argparse.Namespace) -> list[Record]:
                 true = reference(N[:, frame, number], K, others, camera)
                 if true is None or not single.accepted or found is None or not found.accepted:
                     continue
-                scores["mediapipe"].add(_to_ray(own[camera, frame, number], hand[9]), true)
+                looking = camera_towards(hand[9])  # MediaPipe's axes are those of a camera that looks at the hand
+                scores["mediapipe"].add(own[camera, frame, number] @ looking, true)
                 scores["hand alone"].add(single.pose.landmarks, true)
                 scores["hand alone"].state(alone[number], single, side, true)
                 scores["body with hands"].add(found.pose.landmarks[33 + 21 * number :][:21], true)
@@ -116,14 +118,6 @@ def reference(points: np.ndarray, K: np.ndarray, cameras: list[CameraPose], left
         apart = f * np.linalg.norm(inside[:, :2] / inside[:, 2:] - view.points, axis=1)
         worst = np.maximum(worst, np.where(view.weights > 0, apart, 0.0))
     return cameras[left_out].into_camera(places) if np.median(worst) < 8 and worst.max() < 30 else None
-
-
-def _to_ray(points: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """MediaPipe's own points (21, 3), whose axes are those of a camera that looks at the hand."""
-    ray = np.append(middle, 1.0) / np.linalg.norm(np.append(middle, 1.0))
-    x = np.cross([0.0, 0.0, 1.0], ray)
-    X = np.cross(x, np.eye(3))  # hat(x) transposed
-    return np.asarray(points @ (np.eye(3) + X + X @ X / (1 + ray[2])))
 
 
 def alone(_: Path, options: argparse.Namespace) -> list[Record]:

@@ -30,7 +30,6 @@ def reserved_domain():
     raise RuntimeError(f"no DDS domain is free: see {tempfile.gettempdir()}/lassokin_ros_domain_*")
 
 
-CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 DOMAIN, DOMAIN_LOCK = reserved_domain()
 os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -107,18 +106,22 @@ def pytest_ignore_collect(collection_path, config):
 
 @pytest.hookimpl(tryfirst=True)  # before the hook of pytest-xdist, which reads the marks
 def pytest_collection_modifyitems(items):
-    """Mark slow tests. Each file is a group, which one process runs.
+    """Mark slow tests. Each file is a group, which one process runs: its tests share a running node, for example.
 
-    The tests of a file share the fixtures of their module, such as a running node. Files that run nodes are dealt into
-    as many groups as there are cores: more nodes at once would compete for one.
+    The order is that in which the processes take the files (with `--no-loadscope-reorder`). Those that run nodes, which
+    mostly wait, are spread among the other slow ones, which use a core. The fast ones come last, so that the processes
+    end at the same time.
     """
-    paths = list(dict.fromkeys(item.path for item in items))
-    groups = {path: path.stem for path in paths}
-    groups |= {path: f"nodes {number % CORES}" for number, path in enumerate(filter(runs_nodes, paths))}
-    slow = {path for path in paths if is_slow(path)}
+    slow = {item.path for item in items if name_of(item) in SLOW_TESTS}
+    nodes, others, fast = [], [], []
+    for path in dict.fromkeys(item.path for item in items):
+        kind = nodes if runs_nodes(path) else others if is_slow(path) or path in slow else fast
+        kind.append(path)
+    order = {path: (kind is fast, i / len(kind)) for kind in (nodes, others, fast) for i, path in enumerate(kind)}
+    items.sort(key=lambda item: order[item.path])
     for item in items:
-        item.add_marker(pytest.mark.xdist_group(groups[item.path]))
-        if item.path in slow or name_of(item) in SLOW_TESTS:
+        item.add_marker(pytest.mark.xdist_group(item.path.stem))
+        if item.path in nodes or is_slow(item.path) or name_of(item) in SLOW_TESTS:
             item.add_marker(pytest.mark.slow)
 
 

@@ -27,9 +27,11 @@ from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.estimate import Estimate  # noqa: E402
 from lassokin_ros.core.recording import WHOLE_FILE, published, track_recording  # noqa: E402
 from lassokin_ros.core.tracker import Tracker  # noqa: E402
-from lassokin_ros.doubt.doubt import Doubt  # noqa: E402
+from lassokin_ros.doubt.doubt import (
+    Doubt,  # noqa: E402
+    signs_of,  # noqa: E402
+)
 from lassokin_ros.doubt.monitor import DoubtMonitor  # noqa: E402
-from lassokin_ros.doubt.signs import signs_of  # noqa: E402
 from lassokin_ros.replay.report.findings import MOST_MARKED  # noqa: E402
 from lassokin_ros.replay.report.spans import wrong_spans  # noqa: E402
 

@@ -18,8 +18,8 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.output.uncertainty import JointUncertainty
 from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.doubt.doubt import signs_of
 from lassokin_ros.doubt.monitor import DoubtMonitor
-from lassokin_ros.doubt.signs import signs_of
 
 
 @dataclass(frozen=True, eq=False)

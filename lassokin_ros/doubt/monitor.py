@@ -3,35 +3,86 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
+from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 
-from lassokin_ros.doubt.doubt import Doubt, Event
-from lassokin_ros.doubt.failure_model import FailureModel
-from lassokin_ros.doubt.keypoint_events import LEAST_MOTION, SideExchange, is_person_change
-from lassokin_ros.doubt.keypoint_motion import MotionMeter
+from lassokin_ros.core.body.roles import LIMBS as CHAINS
+from lassokin_ros.doubt.doubt import Doubt, Event, Signs, reasons
+from lassokin_ros.doubt.keypoint_events import LEAST_MOTION, MotionMeter, SideExchange, is_person_change
 from lassokin_ros.doubt.pose_events import (
     CORNERS,
     JUMP_S,
+    REPROJECTION,
+    RUN_S,
     TURN_S,
+    Change,
+    FailureModel,
     LastingReversal,
-    ReprojectionRun,
+    Recent,
     facing_of,
     is_costly,
     is_fast_turn,
     is_jump,
 )
-from lassokin_ros.doubt.recent import Change, Recent
-from lassokin_ros.doubt.signs import Signs
-from lassokin_ros.doubt.unseen_limbs import UnseenLimbs
 
 FORGET_S = 1.0
 """s without a pose after which the earlier frames are forgotten."""
 AROUND_S = 0.25
 """s: a sign marks the frames up to this much earlier and later."""
-
+UNSEEN_S = 0.5
+"""s without an observed joint of a limb after which it is reported."""
+LIMBS = {
+    f"{side} {limb}": next(chain[1:] for chain in CHAINS if chain[0] == f"{side}_{root}")
+    for limb, root in (("arm", "shoulder"), ("leg", "hip"))
+    for side in ("left", "right")
+}
+"""The joints of each limb beyond the trunk, by its name in words."""
+MOST_WAITING = 30
+"""Frames after which they are evaluated, so that their number is bounded."""
 EXCHANGES = {"body": Event.SIDES_EXCHANGED, "legs": Event.LEGS_EXCHANGED, "arms": Event.ARMS_EXCHANGED}
+
+
+class UnseenLimbs:
+    """Follows which limbs no keypoint shows. The pose prior alone places them, so a verdict needs them.
+
+    No figure of the tracker finds them: for people at a desk, whose hidden legs are off by half a metre, the
+    probability of a wrong pose is 1 to 2 %.
+    """
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        """joints: n names in the skeleton's order."""
+        #: For each limb a function that picks its joints from a list of all.
+        self._limbs = {
+            limb: itemgetter(*(list(joints).index(joint) for joint in chain))
+            for limb, chain in LIMBS.items()
+            if set(chain) <= set(joints)
+        }
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the earlier frames."""
+        self._seen_at: dict[str, float] = {}
+
+    def update(self, stamp: float, observed: np.ndarray | None) -> tuple[str, ...]:
+        """Return the limbs of which no joint has been observed for `UNSEEN_S`.
+
+        stamp: s. observed: (n,) bool, None if it is unknown.
+        """
+        if observed is None:
+            return ()
+        seen = observed.tolist()
+        unseen = []
+        for limb, joints_of in self._limbs.items():
+            if any(joints_of(seen)) or limb not in self._seen_at:
+                self._seen_at[limb] = stamp
+            elif stamp - self._seen_at[limb] >= UNSEEN_S:
+                unseen.append(limb)
+        return tuple(unseen)
 
 
 class DoubtMonitor:
@@ -53,7 +104,8 @@ class DoubtMonitor:
         self._exchange = SideExchange(landmarks)
         self._turn, self._reversal = Change(TURN_S, is_fast_turn), LastingReversal()
         self._jumps: dict[str, Change[float]] = {}  # by camera
-        self._run, self._model, self._limbs = ReprojectionRun(), FailureModel(), UnseenLimbs(joints)
+        self._poor: Recent[float] = Recent(RUN_S)  # reprojection errors that are large
+        self._model, self._limbs = FailureModel(), UnseenLimbs(joints)
         self._marks: Recent[Doubt] = Recent(AROUND_S)  # the marked ones
         self.reset()
 
@@ -62,7 +114,8 @@ class DoubtMonitor:
         self._motions.clear()
         self._jumps.clear()
         self._marks.clear()
-        for part in (self._turn, self._reversal, self._run, self._model, self._limbs):
+        self._poor.clear()
+        for part in (self._turn, self._reversal, self._model, self._limbs):
             part.reset()
         self._newest, self._since = -math.inf, math.nan
 
@@ -111,8 +164,11 @@ class DoubtMonitor:
             self._jumps[signs.camera] = Change(JUMP_S, is_jump)
         distance = math.sqrt(signs.positions[0].dot(signs.positions[0]))
         jumps = self._jumps[signs.camera].update(signs.stamp, distance) is not None
-        lasting = self._run.update(signs.stamp, signs.reprojection)
-        poor = lasting or is_costly(signs.cost, signs.prior_cost)
+        if signs.reprojection > REPROJECTION:
+            self._poor.add(signs.stamp, signs.reprojection)
+        else:
+            self._poor.clear()
+        poor = self._poor.span > 0.8 * RUN_S or is_costly(signs.cost, signs.prior_cost)
         return [Event.PELVIS_JUMP] * jumps + [Event.POOR_FIT] * poor
 
     def _facing(self, signs: Signs) -> tuple[bool, list[Event]]:
@@ -123,3 +179,55 @@ class DoubtMonitor:
         before = self._turn.update(signs.stamp, front)
         reversed_ = self._reversal.update(signs.stamp, front, before)
         return reversed_, [] if before is None else [Event.FAST_TURN]
+
+
+class Judgement(NamedTuple):
+    """The doubt about one frame in its context.
+
+    doubt: about this frame. reasons: why the frames of the last moments are doubted, in words (`DoubtMonitor.recent`);
+    empty if they are not. seconds: s for which the person's pose has been doubtful without a break; NaN if it is not.
+    """
+
+    doubt: Doubt = Doubt()
+    reasons: tuple[str, ...] = ()
+    seconds: float = math.nan
+
+
+class LiveDoubts:
+    """Judges the frames of one person in their order, when one of the judgements is read.
+
+    Often the diagnostics alone read them, once per second. Many frames in a row take a third of the time that they
+    take one by one between the steps of the tracker, which fill the processor's caches.
+    """
+
+    def __init__(
+        self, landmarks: Sequence[str], joints: Sequence[str], observe: Callable[[np.ndarray], np.ndarray]
+    ) -> None:
+        """See DoubtMonitor."""
+        self._monitor = DoubtMonitor(landmarks, joints, observe)
+        self._waiting: deque[tuple[Signs, list[Judgement]]] = deque()
+
+    def reset(self) -> None:
+        """Forget the earlier frames. They can still be read."""
+        self._judge()
+        self._monitor.reset()
+
+    def add(self, signs: Signs) -> Callable[[], Judgement]:
+        """Add the next frame. Return the function that gives its judgement, at any later time."""
+        judged: list[Judgement] = []
+        self._waiting.append((signs, judged))
+        if len(self._waiting) >= MOST_WAITING:
+            self._judge()
+        return partial(self._judgement, judged)
+
+    def _judgement(self, judged: list[Judgement]) -> Judgement:
+        if not judged:
+            self._judge()
+        return judged[0]
+
+    def _judge(self) -> None:
+        """Judge the frames that wait."""
+        while self._waiting:
+            signs, judged = self._waiting.popleft()
+            doubt = self._monitor.update(signs)
+            judged.append(Judgement(doubt, tuple(reasons(self._monitor.recent)), self._monitor.seconds))

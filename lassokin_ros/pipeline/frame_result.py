@@ -16,7 +16,7 @@ from lassokin_ros.core.observation import HERE, CameraPose, Observation
 from lassokin_ros.core.output.uncertainty import JointUncertainty
 from lassokin_ros.core.record import record
 from lassokin_ros.doubt.doubt import Doubt
-from lassokin_ros.doubt.live import Judgement
+from lassokin_ros.doubt.monitor import Judgement
 from lassokin_ros.pipeline.camera.lens import Lens
 
 BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])

@@ -4,14 +4,16 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 from recordings import write_recording
 
 ROOT = Path(__file__).resolve().parents[2]
-LONG = 800
-"""Number of frames that take about a second: enough time to find and kill the process."""
+LONG = 300
+"""Number of frames that take a second: enough time to find and kill the process."""
 
 
 def write_archive(folder, long=0):
@@ -36,17 +38,39 @@ def start_replay(*arguments, **options):
 def holder(running, output, deadline_s=120.0, but=()):
     """The id of the process that writes the recording `output`: it has a file open in the hidden folder beside it.
 
-    running: process of `start_replay`, which must not end before. but: processes to ignore. A process that removes the
-    folder is ignored, too: it has the folder open, but no file.
+    running: a process that must not end before, None if that is this process. but: processes to ignore. A process that
+    removes the folder is ignored, too: it has the folder open, but no file.
     """
     deadline, hidden = time.monotonic() + deadline_s, str(output.parent.resolve() / f".{output.name}.")
-    while time.monotonic() < deadline and running.poll() is None:
-        for process in _processes():
+    while time.monotonic() < deadline and (running is None or running.poll() is None):
+        begun = output.parent.is_dir() and any(
+            name.startswith(f".{output.name}.") for name in os.listdir(output.parent)
+        )
+        for process in _processes() if begun else ():
             if process not in but and _writes(process, hidden):
                 return process
         time.sleep(0.02)
-    os.killpg(running.pid, signal.SIGKILL)
-    raise AssertionError(f"nobody has begun to write {output}: {running.communicate()}")
+    if running is not None:
+        running.kill()
+    raise AssertionError(f"nobody has begun to write {output}: {running and running.communicate()}")
+
+
+@contextmanager
+def killed_writers(output, times):
+    """A context in which the first processes that write `output` are killed; it is a list of those killed."""
+    killed = []
+
+    def kill():
+        for _ in range(times):
+            killed.append(holder(None, output, but=killed))
+            os.kill(killed[-1], signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    try:
+        yield killed
+    finally:
+        killer.join()
 
 
 def _processes():

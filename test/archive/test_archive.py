@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
-from archives import LONG, holder, outcomes, start_replay, write_archive  # noqa: E402
+from archives import holder, killed_writers, outcomes, start_replay, write_archive  # noqa: E402
 from recordings import contents, write_recording  # noqa: E402
 
 from lassokin_ros.archive.archive import tasks_of  # noqa: E402
@@ -257,45 +257,38 @@ def test_errors_that_concern_all_recordings_are_reported_first(tmp_path, monkeyp
     assert sorted(os.listdir()) == ["x", "y"] and os.listdir("x") == ["a"]
 
 
+@pytest.fixture(scope="module")
+def long_archive(tmp_path_factory):
+    return write_archive(tmp_path_factory.mktemp("long") / "bags", long=1)
+
+
 @needs_proc
-def test_a_recording_whose_process_is_killed_is_repeated(tmp_path):
-    archive = write_archive(tmp_path / "in", long=1)
+def test_a_recording_whose_process_is_killed_is_repeated(long_archive, tmp_path, capsys):
     output = tmp_path / "out"
-    running = start_replay(archive, "--output", output, "--jobs", 2)
-    victim = holder(running, output / "z_long0_tracked")
-    os.kill(victim, signal.SIGKILL)
-    assert holder(running, output / "z_long0_tracked", but=(victim,)) != running.pid
-    said, complained = running.communicate(timeout=120)
-    assert running.returncode == 2 and complained == ""
+    with killed_writers(output / "z_long0_tracked", 1) as killed:
+        code, said = replayed(capsys, long_archive, "--output", output, "--jobs", 2)
+    assert code == 2 and len(killed) == 1
     results = outcomes(said)
     assert results.pop("torn").startswith("failed: ") and set(results.values()) == {"tracked"}
     assert hidden(output) == []
-    assert main([str(archive / "z_long0"), "--output", str(tmp_path / "alone")]) == 0
+    assert main([str(long_archive / "z_long0"), "--output", str(tmp_path / "alone")]) == 0
     assert contents(output / "z_long0_tracked") == contents(tmp_path / "alone")
 
 
 @needs_proc
-def test_a_recording_that_kills_every_process_is_skipped(tmp_path):
-    (tmp_path / "in").mkdir()
-    write_recording(tmp_path / "in" / "z_long0", LONG)
-    write_recording(tmp_path / "in" / "short", 10)
+def test_a_recording_that_kills_every_process_is_skipped(long_archive, tmp_path, capsys):
     output = tmp_path / "out"
-    running = start_replay(tmp_path / "in", "--output", output, "--jobs", 1)
-    killed = []
-    for _ in range(3):
-        killed.append(holder(running, output / "z_long0_tracked", but=killed))
-        os.kill(killed[-1], signal.SIGKILL)
-    said, _ = running.communicate(timeout=120)
-    assert running.returncode == 2
-    assert outcomes(said) == {"z_long0": "failed: its process died 3 times", "short": "tracked"}
-    assert os.listdir(output) == ["short_tracked"]
+    recordings = (long_archive / "z_long0", long_archive / "day1" / "wave")
+    with killed_writers(output / "z_long0_tracked", 3):
+        code, said = replayed(capsys, *recordings, "--output", output, "--jobs", 1)
+    assert code == 2 and outcomes(said) == {"z_long0": "failed: its process died 3 times", "wave": "tracked"}
+    assert os.listdir(output) == ["wave_tracked"]
 
 
 @needs_proc
-def test_processes_end_when_the_command_is_killed(tmp_path):
-    archive, output = write_archive(tmp_path / "in", long=1), tmp_path / "out"
-    running = start_replay(archive / "z_long0", archive / "squat.v2", "--output", output, "--jobs", 1)
-    worker = holder(running, output / "z_long0_tracked")
+def test_processes_end_when_the_command_is_killed(long_archive, tmp_path):
+    running = start_replay(long_archive / "z_long0", long_archive / "squat.v2", "--output", tmp_path, "--jobs", 1)
+    worker = holder(running, tmp_path / "z_long0_tracked")
     running.kill()
     running.communicate(timeout=120)  # reads until the last process with the other end of the pipes has ended
     assert not Path(f"/proc/{worker}/fd").is_dir() or not list(Path(f"/proc/{worker}/fd").iterdir())
@@ -303,18 +296,17 @@ def test_processes_end_when_the_command_is_killed(tmp_path):
 
 @needs_proc
 @pytest.mark.parametrize("number, send", [(signal.SIGTERM, os.kill), (signal.SIGINT, os.killpg)])
-def test_an_interrupted_archive_leaves_complete_outputs_and_can_continue(tmp_path, capsys, number, send):
+def test_an_interrupted_archive_leaves_complete_outputs_and_can_continue(long_archive, tmp_path, capsys, number, send):
     """SIGTERM for the command alone; SIGINT for all its processes, as from Ctrl-C in a terminal."""
-    archive, output = write_archive(tmp_path / "in", long=1), tmp_path / "out"
-    running = start_replay(archive / "day1", archive / "z_long0", "--output", output, "--jobs", 1)
-    holder(running, output / "z_long0_tracked")
+    running = start_replay(long_archive / "day1", long_archive / "z_long0", "--output", tmp_path, "--jobs", 1)
+    holder(running, tmp_path / "z_long0_tracked")
     send(running.pid, number)
     said, complained = running.communicate(timeout=120)
     assert running.returncode == 130 and said == ""
     done = "2 of 3 recordings are done; run the same command again to continue"
     assert complained == f"lassokin replay: interrupted; {done}\n"
-    assert sorted(os.listdir(output)) == ["walk_tracked", "wave_tracked"]
-    code, said = replayed(capsys, archive / "day1", "--output", output)
+    assert sorted(os.listdir(tmp_path)) == ["walk_tracked", "wave_tracked"]
+    code, said = replayed(capsys, long_archive / "day1", "--output", tmp_path)
     assert code == 0 and outcomes(said) == {"walk": "done before", "wave": "done before"}
 
 

@@ -14,7 +14,8 @@ import pytest
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 pytest.importorskip("distributed", reason="dask.distributed is not installed (pip install '.[cluster]')")
 
-from archives import ROOT, holder, outcomes, start_replay, write_archive  # noqa: E402
+from archives import ROOT, holder, outcomes, write_archive  # noqa: E402
+from forked import Forked  # noqa: E402
 from recordings import contents  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
@@ -26,11 +27,7 @@ HERE = "127.0.0.1"
 @contextmanager
 def process(*command):
     """A process of dask for the duration of the test; it and its child processes end with the context."""
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-    running = subprocess.Popen(
-        [sys.executable, "-m", "dask", *map(str, command)], env={**os.environ, "PYTHONPATH": path}, **quiet
-    )
+    running = Forked([sys.executable, "-m", "dask", *command], ROOT)
     try:
         yield running
     finally:
@@ -54,6 +51,11 @@ def cluster(folder):
             assert time.monotonic() < deadline and scheduler.poll() is None
             time.sleep(0.05)
         yield json.loads(facts.read_text())["address"], [worker.pid for worker in workers], scheduler
+
+
+def start_replay(*arguments):
+    """The command as a forked process."""
+    return Forked([sys.executable, "-m", "lassokin_ros.cli.replay", *arguments], ROOT, stdout=subprocess.PIPE)
 
 
 def lose_the_scheduler(archive, output, address, scheduler):

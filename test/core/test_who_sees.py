@@ -12,8 +12,8 @@ from lassokin_ros.core.observation import CameraPose, Observation
 from lassokin_ros.core.recording import WHOLE_FILE, track_recording
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
+from lassokin_ros.doubt.doubt import signs_of
 from lassokin_ros.doubt.monitor import DoubtMonitor
-from lassokin_ros.doubt.signs import signs_of
 
 UP, MIDDLE = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 3.6])
 NOBODY = np.zeros(17)

@@ -11,6 +11,7 @@ import tempfile
 import textwrap
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -169,12 +170,14 @@ def test_every_link_leads_somewhere(page):
             assert name in names_in(path), f"docs/{page}: {path.name} has no {name}"
 
 
+@lru_cache
 def headings(path):
     """Anchors of a page, as GitHub makes them."""
     lines = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", line.lower()).replace(" ", "-") for line in lines}
 
 
+@lru_cache
 def names_in(path):
     """Functions, classes, methods (as Class.method) and constants that a module defines."""
     names = set()

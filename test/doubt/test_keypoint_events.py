@@ -8,8 +8,7 @@ import pytest
 from lassokin_ros.core.body.proportions import partners
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.doubt.keypoint_events import SideExchange, is_person_change
-from lassokin_ros.doubt.keypoint_motion import MotionMeter
+from lassokin_ros.doubt.keypoint_events import MotionMeter, SideExchange, is_person_change
 
 NAMES = ("nose", *(f"{side}_{part}" for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
                    for side in ("left", "right")))  # fmt: skip

@@ -10,22 +10,20 @@ from sequences import CONFIG, observations
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.doubt.doubt import Doubt, Event, reasons
-from lassokin_ros.doubt.failure_model import MARKED, FailureModel
+from lassokin_ros.doubt.doubt import MARKED, Doubt, Event, Signs, reasons, signs_of
 from lassokin_ros.doubt.monitor import DoubtMonitor
 from lassokin_ros.doubt.pose_events import (
     CORNERS,
     JUMP_S,
     TURN_S,
+    Change,
+    FailureModel,
     LastingReversal,
-    ReprojectionRun,
     facing_of,
     is_costly,
     is_fast_turn,
     is_jump,
 )
-from lassokin_ros.doubt.recent import Change
-from lassokin_ros.doubt.signs import Signs, signs_of
 
 JOINTS = ("pelvis", *CORNERS)
 REST = np.array([[0, 0, 0], [0.1, 0, 0], [-0.1, 0, 0], [0.2, 0.5, 0], [-0.2, 0.5, 0]])
@@ -100,11 +98,11 @@ def test_running_is_no_jump():
 
 @pytest.mark.parametrize("fps", [10.0, 30.0, 60.0])
 def test_a_large_reprojection_error_must_last(fps):
-    run = ReprojectionRun()
-    frames = round(0.5 * fps)
-    lasting = [run.update(frame / fps, 0.06) for frame in range(frames)]
-    assert lasting[-1] and not lasting[0]
-    assert not run.update(frames / fps, 0.04) and not run.update((frames + 1) / fps, 0.06)
+    monitor, frames = DoubtMonitor(CORNERS, JOINTS), round(0.5 * fps)
+    shares = [0.06] * frames + [0.04, 0.06]
+    found = [monitor.update(replace(signs(0, reprojection=share), stamp=i / fps)) for i, share in enumerate(shares)]
+    poor = [Event.POOR_FIT in doubt.events for doubt in found]
+    assert poor[frames - 1] and not poor[0] and not any(poor[frames:])
 
 
 def test_costs():

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
-from some_hands import POSTURES, SomeHand, bends, posture
+from simulated.hands import FOCAL, MIRROR, hand_tracker, posture, seen
 
-from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.observation import Observation
-from lassokin_ros.core.tracker import Tracker
+from benchmarks.data.hand_motion import FPS, ORDER, detected
 from lassokin_ros.gestures import (
     GESTURES,
     HELD_S,
@@ -18,37 +16,36 @@ from lassokin_ros.gestures import (
     on_floor,
 )
 from msg_adapters.output_messages.hand_cloud import POINT
+from training.hands import DIRECTIONS, HIGH, LOW, VARIATION, points_of, somebody
+from training.hands import GESTURES as POSTURES
 
-HZ, NOISE_M, OFFSET_M = 30, 0.006, 0.004
+NOISE_M, OFFSET_M = 0.006, 0.004
+SAID = {"open palm": "open_palm", "thumb up": "thumbs_up"}
+"""Gesture of a posture, if the names differ."""
 
 
-def sequence(seed, postures=40, errors_too=True):
-    """Points (f, 21, 3) m, with a tracker's errors if these are wanted, the names of the postures in the frames, s for
-    which they are held.
+def sequence(seed, count=40, errors_too=True):
+    """Points (f, 21, 3) m, with a tracker's errors if these are wanted, the names of the gestures in the frames (empty
+    between postures), s for which they are held.
     """
     random = np.random.default_rng(seed)
-    hand = SomeHand(("left", "right")[seed % 2], random)
-    frames, names, held, last = [], [], [], bends("relaxed", random)
-    for name in random.choice(list(POSTURES), postures):
-        now = bends(name, random)
-        for share in np.linspace(0, 1, round(HZ * random.uniform(0.25, 0.6))):
-            smooth = share**2 * (3 - 2 * share)
-            frames.append(hand.points(*(a + smooth * (b - a) for a, b in zip(last, now))))
-            names.append("")
-            held.append(0.0)
-        for i in range(round(HZ * random.uniform(0.6, 1.2))):
-            frames.append(hand.points(*now))
-            names.append(str(name))
-            held.append(i / HZ)
+    frames, names, held, last = [], [], [], POSTURES["relaxed"]
+    for name in random.choice(list(POSTURES), count):
+        now = np.clip(POSTURES[name] + 0.6 * VARIATION * random.normal(size=14), LOW, HIGH)
+        share = np.linspace(0, 1, round(FPS * random.uniform(0.25, 0.6)))[:, None]
+        rest = round(FPS * random.uniform(0.6, 1.2))
+        frames += [*(last + (now - last) * share**2 * (3 - 2 * share)), *[now] * rest]
+        names += [""] * len(share) + [SAID.get(str(name), str(name))] * rest
+        held += [0.0] * len(share) + [i / FPS for i in range(rest)]
         last = now
-    if not errors_too:
-        return np.array(frames), names, np.array(held)
-    error, errors = random.normal(size=(21, 3)), []
-    for _ in frames:
-        error = 0.9 * error + np.sqrt(1 - 0.9**2) * random.normal(size=(21, 3))
-        errors.append(error)
-    lasting = random.normal(size=(21, 3)) * OFFSET_M / np.sqrt(3)
-    return np.array(frames) + NOISE_M / np.sqrt(3) * np.array(errors) + lasting, names, np.array(held)
+    points = points_of(somebody(random), np.array(frames))[:, ORDER] * MIRROR[("left", "right")[seed % 2]]
+    if errors_too:
+        error, errors = random.normal(size=(21, 3)), []
+        for _ in frames:
+            error = 0.9 * error + np.sqrt(1 - 0.9**2) * random.normal(size=(21, 3))
+            errors.append(error)
+        points += (NOISE_M * np.array(errors) + OFFSET_M * random.normal(size=(21, 3))) / np.sqrt(3)
+    return points, names, np.array(held)
 
 
 @pytest.mark.parametrize("name", POSTURES)
@@ -56,7 +53,8 @@ def sequence(seed, postures=40, errors_too=True):
 def test_each_posture_without_noise(name, side):
     found = gesture_probabilities(posture(name, side))
     assert found.sum() == pytest.approx(1) and (found >= 0).all()
-    assert GESTURES[int(found.argmax())] == (name if name in GESTURES else "other")
+    said = SAID.get(name, name)
+    assert GESTURES[int(found.argmax())] == (said if said in GESTURES else "other")
 
 
 def score(points, names, held):
@@ -64,7 +62,7 @@ def score(points, names, held):
     watch, probabilities = GestureWatch(), gesture_probabilities(points)
     right, wrong = [], []
     for i, (name, seconds) in enumerate(zip(names, held)):
-        said, confidence = watch.update(i / HZ, probabilities[i])
+        said, confidence = watch.update(i / FPS, probabilities[i])
         assert 0 <= confidence <= 1
         if name in GESTURES and seconds >= 0.5:
             right.append(said == name)
@@ -75,23 +73,12 @@ def score(points, names, held):
 
 def tracked(seed, points):
     """The points (f, 21, 3) m of a hand that turns at 0.6 m, tracked from its image with a detector's errors."""
-    random, side, focal = np.random.default_rng(seed), ("left", "right")[seed % 2], 600.0
-    sign = 1 if side == "left" else -1
-    up = np.stack([[0, -sign, 0], [0, 0, 1], np.cross([0, -sign, 0], [0, 0, 1])], axis=1)
-    keys = Rotation.from_matrix(up) * Rotation.from_rotvec(random.normal(size=(60, 3)) * 0.45)
-    turns = Slerp(np.arange(60) * 1.3, keys)(np.arange(len(points)) / HZ).as_matrix()
-    seen = np.einsum("fij,fkj->fki", turns, points) + [0.0, 0.0, 0.6]
-    pixels = focal * seen[..., :2] / seen[..., 2:]
-    size = np.linalg.norm(np.ptp(pixels, axis=1), axis=1)
-    pixels += random.normal(size=(21, 2)) * 0.003 * focal / 0.6
-    error = np.zeros((21, 2))
-    tracker = Tracker(TrackerConfig(height=1.75, skeleton=f"{side}_hand", landmarks=f"{side}_hand21", noise_px=2.0))
-    found = []
-    for i, shown in enumerate(pixels):
-        error = 0.6 * error + 0.8 * random.normal(size=(21, 2))
-        normalised = (shown + (0.6 + 0.018 * size[i]) * error) / focal
-        found.append(tracker.track(Observation(i / HZ, normalised, np.full(21, 0.9), focal)).pose.landmarks)
-    return np.array(found)
+    random, side = np.random.default_rng(seed), ("left", "right")[seed % 2]
+    keys = Rotation.from_matrix(DIRECTIONS[0]) * Rotation.from_rotvec(random.normal(size=(60, 3)) * 0.45)
+    turns = MIRROR[side][:, None] * Slerp(np.arange(60) * 1.3, keys)(np.arange(len(points)) / FPS).as_matrix()
+    shown = detected(random, points @ (turns * MIRROR[side]).swapaxes(1, 2) + [0.0, 0.0, 0.6], FOCAL)
+    tracker = hand_tracker(side)
+    return np.array([tracker.track(seen(frame, each)).pose.landmarks for frame, each in enumerate(shown)])
 
 
 @pytest.mark.parametrize("hand", ["with errors", "tracked"])
@@ -113,13 +100,13 @@ def test_frame_and_unit_do_not_matter():
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     assert np.allclose(gesture_probabilities(1000 * points @ turn.T + 5.0), gesture_probabilities(points))
-    batch = np.stack([posture(name) for name in ("fist", "open_palm")])
+    batch = np.stack([posture(name) for name in ("fist", "open palm")])
     assert np.allclose(gesture_probabilities(batch)[1], gesture_probabilities(batch[1]))
     assert (finger_bends(batch)[0] > 150).all() and (finger_bends(batch)[1] < 30).all()
 
 
 def test_a_thumb_must_point_up_if_the_vertical_is_given():
-    points = posture("thumbs_up")
+    points = posture("thumb up")
     along = points[4] - points[2]
     up = along / np.linalg.norm(along)
     for vertical, expected in ((up, "thumbs_up"), (-up, "other"), (None, "thumbs_up")):
@@ -128,11 +115,11 @@ def test_a_thumb_must_point_up_if_the_vertical_is_given():
 
 def test_a_gesture_is_said_after_a_while_and_forgotten_after_a_gap():
     fist, watch = gesture_probabilities(posture("fist")), GestureWatch()
-    said = [watch.update(i / HZ, fist)[0] for i in range(8)]
+    said = [watch.update(i / FPS, fist)[0] for i in range(8)]
     assert said[:4] == ["other"] * 4 and said[5:] == ["fist"] * 3
     assert watch.update(5.0, fist)[0] == "other"
     assert watch.update(4.0, fist)[0] == "other"  # time has jumped back
-    name, confidence = [watch.update(4.0 + i / HZ, fist) for i in range(1, 8)][-1]
+    name, confidence = [watch.update(4.0 + i / FPS, fist) for i in range(1, 8)][-1]
     assert name == "fist" and confidence > 0.9
 
 

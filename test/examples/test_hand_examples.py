@@ -10,7 +10,7 @@ pytest.importorskip("rclpy")
 
 from geometry_msgs.msg import PoseWithCovarianceStamped  # noqa: E402
 from sensor_msgs.msg import JointState, PointCloud2  # noqa: E402
-from some_hands import posture  # noqa: E402
+from simulated.hands import posture  # noqa: E402
 from test_examples_live import example, person_of, robot  # noqa: E402, F401
 
 from lassokin_ros.core.body.rotations import to_quaternion  # noqa: E402
@@ -92,7 +92,7 @@ def test_the_fingertips_of_a_robots_hand_follow(robot, tmp_path):  # noqa: F811
     robot.listen(JointState, "hand_joints")
     send, bent = Sender(robot), posture("grasp")
     file = tmp_path / "hand.urdf"
-    file.write_text(urdf_of(posture("open_palm")))
+    file.write_text(urdf_of(posture("open palm")))
     with example("retarget_hand", robot, lambda: send(hands(bent)), (str(file), "index_tip", "8", "middle_tip", "12")):
         robot.spin_until(lambda: robot.got, "a posture", lambda: send(hands(bent)))
         count = len(robot.got)

@@ -306,9 +306,8 @@ def test_another_export_or_another_suffix_of_the_plot_is_named(tmp_path, capsys)
     assert "expected a name that ends in .svg" in capsys.readouterr().err and not (tmp_path / "gait.png").exists()
 
 
-@pytest.mark.parametrize("end", ["| true", "> /dev/full"])
-def test_output_that_cannot_be_written_is_no_traceback(tmp_path, end):
+def test_output_that_cannot_be_written_is_no_traceback(tmp_path):
     file = saved(tmp_path / "walk.npz", ("", walk()))
-    command = f"{sys.executable} -m lassokin_ros.measure.command gait '{file}' {end}"
+    command = f"{sys.executable} -m lassokin_ros.measure.command gait '{file}' > /dev/full"
     done = subprocess.run(command, shell=True, stderr=subprocess.PIPE, text=True, check=False)
     assert "Traceback" not in done.stderr and done.stderr.count("\n") <= 1

@@ -74,27 +74,6 @@ def test_limitations_of_a_skeleton_are_reported(tmp_path, capfd):
         assert "limitations" not in values(node)
 
 
-def test_files_that_are_gone_do_not_matter_to_a_running_node(tmp_path):
-    files = copied_body(tmp_path)
-    with node_in_this_process("/gone", **files) as (node, _):
-        feed(node, count=5)
-        for path in files.values():
-            Path(path).unlink()
-        (result,) = node.set_parameters([Parameter("height", value=1.6)])
-        assert result.successful, result.reason
-        assert node._session.tracker.skeleton.height == 1.6
-        feed(node, 5, 5)
-        (result,) = node.set_parameters([Parameter("height", value=3.0)])
-        assert not result.successful and "height" in result.reason
-        (result,) = node.set_parameters([Parameter("noise_px", value=-1.0)])
-        assert not result.successful and "noise_px" in result.reason
-        assert node.get_parameter("height").value == node._session.tracker.skeleton.height == 1.6
-        feed(node, 10, 5)
-        (result,) = node.set_parameters([Parameter("height", value=0.0)])
-        assert result.successful and node._session.tracker.learned.height is not None
-        feed(node, 15, 5)
-
-
 def test_the_floor_is_live():
     with node_in_this_process("/floor") as (node, _):
         feed(node, count=5)

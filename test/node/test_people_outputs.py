@@ -1,7 +1,6 @@
 """The topics of several people: of the running node on real DDS, and of the replay."""
 
 import os
-import subprocess
 import time
 
 import numpy as np
@@ -10,7 +9,8 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
-from live import BACKEND, ROOT, TRACKER, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
+from forked import Forked  # noqa: E402
+from live import BACKEND, TRACKER, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
 from messages import FRAME, camera_info, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
 from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
@@ -116,7 +116,9 @@ def test_each_of_several_people_has_a_set_of_topics():
 
 def test_the_locked_person_has_the_topics_of_one_person_too():
     namespace = "/locked"
-    with NodeProcess(namespace, "-p", "max_people:=3", "-p", "follow:=p9") as node:
+    # Nobody is forgotten: on a busy machine, many messages without p9 are sent before the word that p9 is lost.
+    settings = [f"-p {item}" for item in ("max_people:=3", "follow:=p9", "forget_after:=300.0")]
+    with NodeProcess(namespace, *" ".join(settings).split()) as node:
         with Peer(namespace, outputs=False) as peer:
             them = PeerOfTwo(peer)
             for topic in (topics.FRAME_OUTPUTS[2], topics.DESCRIPTION_OUTPUT):
@@ -169,37 +171,16 @@ def test_people_leave_when_the_detector_is_silent():
     assert "Traceback" not in node.said
 
 
-@pytest.mark.parametrize("person_ids", ["message", "node"])
-def test_person_numbers_that_change_in_each_image_are_reported(person_ids):
-    """Otherwise a new person comes with every other message, the level is OK, and most messages are unused."""
-    namespace, sent = f"/numbers_{person_ids}", 0
-    settings = ("-p", "max_people:=3", "-p", f"person_ids:={person_ids}")
-    with NodeProcess(namespace, *settings), Peer(namespace, outputs=False) as peer:
-
-        def seen(status):
-            nonlocal sent
-            sent += 1
-            peer.send_camera()
-            one = [(PIXELS[sent % 40], np.full(17, 0.9))]
-            peer.keypoints.publish(crowd(BACKEND, peer.start_ns + 3 * sent * PERIOD_NS, one, [sent]))
-            numbered = "set person_ids to node" in status.message and status.level == b"\x01"
-            return numbered if person_ids == "message" else int(values_of(status)["accepted [messages]"]) > 20
-
-        status = peer.next_diagnostics(seen)
-        assert ("people come and leave" in status.message) is (person_ids == "message"), status.message
-
-
-@pytest.mark.parametrize("parameter, package", [("rep155", "hri_msgs"), ("publish_tf", "tf2_msgs")])
-@pytest.mark.parametrize("people", [1, 2])
+@pytest.mark.parametrize("parameter, package, people", [("rep155", "hri_msgs", 2), ("publish_tf", "tf2_msgs", 1)])
 def test_a_missing_package_is_reported_at_the_start(parameter, package, people, tmp_path):
     (tmp_path / f"{package}.py").write_text("raise ModuleNotFoundError")  # it may be installed
     paths = filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")])
     command = [*TRACKER, "--ros-args", "-p", f"{parameter}:=true", "-p", f"max_people:={people}"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=ROOT, env=environment)
-    lines = done.stderr.strip().splitlines()
+    done = Forked(command, env=environment)
+    lines = done.communicate(timeout=120)[1].strip().splitlines()
     word = f"ros-$ROS_DISTRO-{package.replace('_', '-')}"
-    assert done.returncode == 2 and len(lines) == 1 and word in lines[0], done.stderr
+    assert done.returncode == 2 and len(lines) == 1 and word in lines[0], lines
 
 
 @pytest.fixture(scope="module")
@@ -238,17 +219,3 @@ def test_replay_writes_each_persons_topics(recording, tmp_path, rep155):
     assert frames == {"body_p4", "body_p9"} if rep155 else {"tracker/p4/body", "tracker/p9/body"}
     lists = [m.ids if rep155 else m.data.split(",") for _, m in read(tmp_path / "out", f"{folder}/tracked")]
     assert [list(filter(None, ids)) for ids in lists] == [[], ["p4", "p9"], ["p9"]]
-
-
-def test_replay_writes_the_topics_of_one_person_for_the_locked_one(recording, tmp_path):
-    settings = ["max_people:=2", "lock:=true", "follow:=p9"]
-    options = [word for setting in settings for word in ("-p", setting)]
-    assert main([str(recording), "-o", str(tmp_path / "out"), *options]) == 0
-    with BagReader(tmp_path / "out") as bag:
-        found = {topic.name: topic.count for topic in bag.topics}
-    names = [topic.name.removeprefix("~/") for topic in topics.FRAME_OUTPUTS if topic.name != topics.MARKERS]
-    for name in (*names, "robot_description"):
-        assert found[f"/tracker/{name}"] == found[f"/tracker/bodies/p9/{name}"] > 0
-    assert found["/tracker/markers"] > found["/tracker/joints"]  # everybody's
-    one, of_p9 = (read(tmp_path / "out", f"/tracker/{place}joints") for place in ("", "bodies/p9/"))
-    assert [message.poses for _, message in one] == [message.poses for _, message in of_p9]

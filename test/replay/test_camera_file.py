@@ -58,15 +58,6 @@ FILES = {
 }
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_all_formats_of_calibration_files_are_read(tmp_path, name):
-    (tmp_path / name).write_text(FILES[name])
-    calibration = read_calibration(tmp_path / name)
-    assert np.array_equal(calibration.K, K) and calibration.size == (WIDTH, HEIGHT)
-    expected = D[:4] if "camchain" in name else D
-    assert np.array_equal(calibration.D, expected) and calibration.model == "plumb_bob"
-
-
 def test_files_written_by_opencv_are_read(tmp_path):
     cv2 = pytest.importorskip("cv2")
     for suffix in ("yml", "json"):

@@ -203,22 +203,6 @@ def test_the_summary_states_why_camera_info_was_rejected(tmp_path, capsys):
     assert "none of 3 keypoint messages gave a skeleton; first rejection: camera_uncalibrated: " in said.err
 
 
-def test_a_gap_and_a_jump_back_cause_initialisation(tmp_path, capsys):
-    """No frame is lost after a pause of the camera. An earlier time must be confirmed by a second frame."""
-    stamps, pixels, confidence = synthetic_pixels(60)
-    recorded = stamps + np.repeat([0, 5_000_000_000, 6_000_000_000], 20)
-    stamped = recorded - np.repeat([0, 0, 60_000_000_000], 20)
-    backend, kind = RosbagsBackend(typestore()), "sensor_msgs/msg/PointCloud2"
-    messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, webcam_info())]
-    for i, time_ns in enumerate(recorded.tolist()):
-        cloud = point_cloud(backend, int(stamped[i]), "camera", pixels[i], confidence[i])
-        messages.append(("/keypoints", kind, time_ns, cloud))
-    recording = write_messages(tmp_path / "jumps", messages)
-    assert main([str(recording), "-o", str(tmp_path / "out")]) == 0
-    said = capsys.readouterr().out
-    assert "60 in, 59 out" in said and "stamp_jump 1" in said and "initialised     3 times" in said
-
-
 def test_unreadable_messages_are_counted(tmp_path, capsys):
     stamps, pixels, confidence = synthetic_pixels(10)
     types = typestore()

@@ -1,8 +1,5 @@
 """The node on real DDS and `replay` give the same joints; and real detector output, played into the node."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -13,16 +10,9 @@ from live import complaints  # noqa: E402
 from recordings import FRAME_TOPICS, read, write_recording  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
-from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
-from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.errors import LassokinError  # noqa: E402
 from lassokin_ros.demo.live_playback import LiveNode  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
-from lassokin_ros.replay.keypoint_recording import write_keypoint_recording  # noqa: E402
-
-ROOT = Path(__file__).resolve().parents[2]
-DATA = Path(os.environ.get("LASSOKIN_DATA", ROOT.parent / "shared" / "data"))
-DETECTIONS = DATA / "detections" / "openpose_balancing.npz"
 
 
 def stamp(message):
@@ -88,60 +78,3 @@ def test_a_node_that_cannot_start_is_reported():
 
 
 # Real detector output ------------------------------------------------------------------------------------------------
-
-BONES = ("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist")
-EVALUATED = [
-    f"{side}_{j}" for side in ("left", "right") for j in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
-]
-
-
-def person_height(reference, layout):
-    """Height, m, for which the built-in proportions give the person's median limb lengths; an input of the tracker."""
-    unit = Skeleton.load("anthropometric", 1.0)
-    limbs = [(f"{side}_{a}", f"{side}_{b}") for side in ("left", "right") for a, b in BONES]
-    lengths = [
-        np.nanmedian(np.linalg.norm(reference[:, layout.index(a)] - reference[:, layout.index(b)], axis=-1))
-        for a, b in limbs
-    ]
-    return float(sum(lengths) / sum(np.linalg.norm(unit.offsets[unit.index(b)]) for _, b in limbs))
-
-
-@pytest.mark.skipif(not DETECTIONS.is_file(), reason=f"no real detections at {DETECTIONS} (set LASSOKIN_DATA)")
-def test_real_detector_output_is_tracked_in_all_frames(tmp_path, camera=0):
-    """OpenPose BODY_25B, 60 Hz, one camera, compared with the 3D of four cameras. Only the height is given."""
-    data = np.load(DETECTIONS)
-    layout = Layout.load("body25b", Skeleton.load("anthropometric", 1.75))
-    keypoints, reference = data["kp2d"][camera].astype(float), data["ref_cam"][camera].astype(float)
-    stamps = 1_700_000_000_000_000_000 + np.round(np.arange(len(keypoints)) / float(data["fps"]) * 1e9).astype(np.int64)
-    size = tuple(int(v) for v in data["image_size"][camera])
-    distortion = np.append(data["dist"][camera], 0.0)
-    recording = tmp_path / "openpose"
-    write_keypoint_recording(
-        recording, stamps, keypoints[..., :2], keypoints[..., 2], data["K"][camera], distortion, size
-    )
-    height = round(person_height(reference, layout), 3)
-    parameters = {"height": height, "landmarks": "body25b", "queue_depth": 60}
-    with LiveNode(parameters, f"/openpose_{camera}") as live:
-        live.play(recording, rate=1.0)
-    joints = live.messages("~/joints")
-    usable = (keypoints[..., 2] >= 0.2).sum(axis=1) >= 4
-    assert usable.all() and [stamp(m) for m in joints] == stamps.tolist()
-    assert live.state() == "tracking"
-    places = np.array(poses_positions(joints))
-    skeleton = Skeleton.load("anthropometric", height)
-    mine = places[:, [skeleton.index(name) for name in EVALUATED]]
-    true = reference[:, [layout.index(name) for name in EVALUATED]]
-    middle = [EVALUATED.index(f"{side}_hip") for side in ("left", "right")]
-    error = (mine - mine[:, middle].mean(1, keepdims=True)) - (true - true[:, middle].mean(1, keepdims=True))
-    size_mm = 1000 * np.nanmean(np.linalg.norm(error, axis=-1), axis=1)
-    root_mm = 1000 * np.linalg.norm(mine[:, middle].mean(1) - true[:, middle].mean(1), axis=-1)
-    print(
-        f"\ncamera {camera}: height {height} m, {len(joints)} of {len(stamps)} frames; 12 limb joints, hips on hips: "
-        f"median {np.nanmedian(size_mm):.0f} mm, mean {np.nanmean(size_mm):.0f} mm, first {size_mm[0]:.0f} mm, largest "
-        f"{np.nanmax(size_mm):.0f} mm; hips in the camera's frame {np.nanmedian(root_mm):.0f} mm"
-    )
-    assert np.nanmedian(size_mm) < 200  # a person who faces the right way; benchmarks/accuracy.py measures the accuracy
-
-
-def poses_positions(messages):
-    return [[[p.position.x, p.position.y, p.position.z] for p in m.poses] for m in messages]

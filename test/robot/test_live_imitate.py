@@ -14,6 +14,7 @@ import toy_robot
 pytest.importorskip("pink", reason="needs the extra robot: pip install lassokin_ros[robot]")
 rclpy = pytest.importorskip("rclpy")
 
+from forked import Forked  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
@@ -205,6 +206,6 @@ def test_a_tracker_that_is_killed_stops_the_robot_in_half_a_second(live):
     ],
 )
 def test_a_parameter_that_is_wrong_ends_the_node_in_one_line(arguments, words):
-    command = [sys.executable, "-m", "lassokin_ros.robot.command", "--ros-args", *arguments]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 2 and words in done.stderr.splitlines()[-1]
+    done = Forked([sys.executable, "-m", "lassokin_ros.robot.command", "--ros-args", *arguments])
+    said = done.communicate(timeout=120)[1]
+    assert done.returncode == 2 and words in said.splitlines()[-1]

@@ -178,6 +178,7 @@ def _run(arguments, folder, environment, stdout, stderr):
     out = stdout.fileno() if stdout else os.open(os.devnull, os.O_WRONLY)
     os.dup2(out, 1)
     os.dup2(stderr.fileno() if stderr else 1, 2)
+    sys.stdout, sys.stderr = (open(number, "w", buffering=1, encoding="utf-8", closefd=False) for number in (1, 2))
     os.environ.clear()
     os.environ.update(environment)
     os.chdir(folder)

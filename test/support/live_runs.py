@@ -46,7 +46,7 @@ def processor_time():
 
 def run(files, number):
     """Run the tests once and print the result; the output is printed if one fails. Return True if none failed."""
-    shared = ["--numprocesses", str(os.cpu_count()), "--dist", "loadgroup"]
+    shared = ["--numprocesses", str(os.cpu_count()), "--dist", "loadgroup", "--no-loadscope-reorder"]
     command = [sys.executable, "-m", "pytest", *shared, "-p", "no:cacheprovider", "-v", "--tb=short", *files]
     started, used = time.monotonic(), processor_time()
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)

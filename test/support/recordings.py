@@ -43,6 +43,19 @@ def write_messages(path, messages, storage="mcap", types=None):
     return path
 
 
+def beginning_of(video, path, frames):
+    """The first images of a video, as a file."""
+    import cv2
+
+    images = cv2.VideoCapture(str(video))
+    size = tuple(int(images.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), images.get(cv2.CAP_PROP_FPS), size)
+    for _ in range(frames):
+        writer.write(images.read()[1])
+    writer.release()
+    return path
+
+
 def webcam_info(stamp_ns=START_NS, frame_id="camera_optical_frame"):
     """A camera_info of the webcam, for rosbags."""
     return camera_info(RosbagsBackend(typestore()), stamp_ns, frame_id, WEBCAM.K, WEBCAM.D, WEBCAM.size)

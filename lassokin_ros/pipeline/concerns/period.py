@@ -6,7 +6,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from functools import cached_property
 
-from lassokin_ros.doubt.live import Judgement
+from lassokin_ros.doubt.monitor import Judgement
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.session import Session
 

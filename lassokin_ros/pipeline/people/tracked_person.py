@@ -20,8 +20,8 @@ from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.core.output.uncertainty import ObservedJoints
 from lassokin_ros.core.output.walking_velocity import WalkingVelocity
 from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.doubt.live import LiveDoubts
-from lassokin_ros.doubt.signs import NO_TURN, Signs, signs_of
+from lassokin_ros.doubt.doubt import NO_TURN, Signs, signs_of
+from lassokin_ros.doubt.monitor import LiveDoubts
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.repeats import Repeats
 from lassokin_ros.pipeline.outputs.status.rejection_text import frozen_text, rejection_text

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from lassokin_ros.doubt.unseen_limbs import LIMBS
+from lassokin_ros.doubt.monitor import LIMBS
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.concerns.catalogue import DOUBT, NOTE, PROBLEM, Raised, Seen, say
 from lassokin_ros.pipeline.concerns.live import of_person

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.data.hand_motion import detected, hand_alone, moved
-from benchmarks.data.hand_score import CHAINS, Score, bends, palm
+from benchmarks.data.hand_score import CHAINS, Score, bends
 from lassokin_ros.core.body.rotations import exponential
 
 
@@ -46,4 +46,4 @@ def test_scores_of_known_errors():
     assert same == pytest.approx((0, 0, 0, 0), abs=1e-4)
     assert turned[1] == pytest.approx(0, abs=1e-6) and turned[2] == pytest.approx(20) and turned[3] < 1e-6
     assert score.record("part", "method")["ms"] == 2.0
-    assert bends(true).shape == (5, 3) and np.allclose(palm(true).T @ palm(true), np.eye(3))
+    assert bends(true).shape == (5, 3)

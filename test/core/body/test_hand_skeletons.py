@@ -22,14 +22,7 @@ FREE = {"thumb1": (0, 1, 2), "thumb2": (1,), "thumb3": (1,)}
 
 
 def layout_of(skeleton):
-    """Every joint but the last of SMPL is a landmark, and there is one beyond the end of each finger."""
-    joints = [name for name in skeleton.joint_names if not name.endswith(("_hand", "_foot"))]
-    tips = [f"{joint[:-1]}_tip" for joint in joints if joint.endswith("3") and "spine" not in joint]
-    marks = [{"name": name, "joint": name} for name in joints]
-    marks += [
-        {"name": tip, "joint": f"{tip[:-4]}3", "offset": [0.012 if "left" in tip else -0.012, 0, 0.002]} for tip in tips
-    ]
-    return Layout.from_mapping({"landmarks": marks}, skeleton)
+    return Layout.load({"body_hands": "mediapipe75", "left_hand": "left_hand21"}.get(skeleton.name, "smpl24"), skeleton)
 
 
 def model_of(skeleton):
@@ -151,5 +144,5 @@ def test_figures_of_the_whole_body_leave_out_the_fingers():
     assert body_joints(LEFT.joint_names).tolist() == list(range(16))
     prior, plain = model_of(BODY).prior, model_of(Skeleton.load("anthropometric", 1.75)).prior
     joints = prior.joints[np.flatnonzero(np.diagonal(prior.covariance) > 0)[prior.body_rows] // 3]
-    assert set(joints) == set(plain.joints) - {BODY.index("left_wrist"), BODY.index("right_wrist")}
+    assert set(joints) == {j for j in prior.joints if j < 24} - {BODY.index("left_wrist"), BODY.index("right_wrist")}
     assert plain.body_rows == slice(None) == model_of(LEFT).prior.body_rows

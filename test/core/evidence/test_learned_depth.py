@@ -169,20 +169,6 @@ def test_learned_lengths_are_input_to_the_network(monkeypatch):
     assert not scenes[-1].lengths_known and np.array_equal(scenes[-1].lengths, scenes[0].lengths)
 
 
-def test_a_camera_on_its_side_gives_the_same_motion_as_a_level_one():
-    def rolled(observation):
-        return replace(observation, points=np.stack([observation.points[:, 1], -observation.points[:, 0]], axis=-1))
-
-    config = replace(CONFIG, calibrate=False, hold_feet=False)  # a contact may begin a frame later
-    _, level = followed(config)
-    tracker = Tracker(replace(config, camera_roll=np.pi / 2))
-    turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    for _, observation in observations(tracker):
-        estimate = tracker.track(rolled(observation))
-    apart = np.abs(estimate.pose.positions - level.published[-1].pose.positions @ turn.T)
-    assert apart.max() < 3e-3  # the network computes with single precision
-
-
 @pytest.mark.parametrize("landmarks", ["body25", "mediapipe33", "h36m17"])
 def test_other_layouts_are_supported(landmarks):
     error, tracker = followed(replace(CONFIG, landmarks=landmarks))

@@ -104,14 +104,6 @@ def test_a_standing_person_before_a_tilted_camera_does_not_lean(pitch):
     assert np.abs(upright_rows(FACING, up)[1]).max() > 1.0
 
 
-def test_several_states_give_the_same_as_each_alone(model):
-    roots, up = np.array([drawn(seed)[0] for seed in range(3)]), drawn(0)[1]
-    A, z = upright_rows(roots, up)
-    for number, root in enumerate(roots):
-        alone = upright_rows(root, up)
-        assert np.allclose(A[number], alone[0], atol=1e-14) and np.allclose(z[number], alone[1], atol=1e-14)
-
-
 def unit(vector):
     return np.array(vector) / np.linalg.norm(vector)
 

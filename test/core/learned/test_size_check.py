@@ -7,7 +7,6 @@ import pytest
 from cases import body
 from sequences import CONFIG, observations
 
-from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.learned.height import FEWEST_FRAMES, SizeCheck
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
@@ -73,15 +72,6 @@ def test_lengths_are_those_of_limbs_and_trunk_without_implausible_ones():
     assert len(check.lengths(places, usable)[0]) == len(measured) - 3  # a forearm, an upper arm and a side
     check.use(tracker.skeleton.scaled(0.8))
     assert check.lengths(places, np.ones(len(names), dtype=bool))[1].max() == pytest.approx(0.8 * given.max())
-
-
-def test_a_skeleton_in_metres_keeps_its_lengths_at_another_height():
-    metric = replace(Skeleton.load("anthropometric", 1.75), metric=True)
-    tracker = Tracker(replace(CONFIG, height=1.75), metric)
-    check, usable = tracker.learned.size_check, np.ones(len(tracker.layout.names), dtype=bool)
-    places = tracker.kinematics.pose(motion(tracker.skeleton, np.zeros(1))).landmarks[0]
-    tracker.tune(replace(CONFIG, height=1.5))
-    assert np.allclose(check.ratios(places, usable), 1.0, atol=0.01)
 
 
 def test_ratios_of_other_sources_count_once_in_a_tenth_of_a_second():

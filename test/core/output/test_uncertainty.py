@@ -279,13 +279,6 @@ def test_depth_is_as_uncertain_as_the_size_of_the_body():
     assert deviation[2] > SCALE_DEVIATION * z and max(deviation[:2]) < 0.3 * deviation[2]
 
 
-def test_the_absolute_covariance_is_computed_once_and_only_on_request():
-    tracker, estimate = followed()
-    uncertainty = tracker.uncertainty(estimate)
-    assert "absolute" not in vars(uncertainty)
-    assert uncertainty.absolute is uncertainty.absolute
-
-
 def test_a_keypoint_that_is_extrapolated_is_no_measured_depth():
     tracker, before = followed()
     points, confidence = project(before.pose.landmarks), np.ones(len(before.pose.landmarks))

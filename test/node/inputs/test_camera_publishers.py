@@ -7,8 +7,8 @@ import pytest
 
 pytest.importorskip("rclpy", reason="the ROS client library is not installed")
 
-from live import NodeProcess, Peer, node_in_this_process  # noqa: E402
-from messages import camera_info, cloud, pixels_of_motion  # noqa: E402
+from live import NodeProcess, Peer  # noqa: E402
+from messages import camera_info, pixels_of_motion  # noqa: E402
 
 from lassokin_ros.node.inputs.camera_publishers import LEFTOVER_S, CameraPublishers  # noqa: E402
 from msg_adapters.backends import RclpyBackend  # noqa: E402
@@ -74,23 +74,3 @@ def test_two_cameras_on_one_topic_of_a_real_node():
         else:
             raise AssertionError([s.message for s in said][-3:])
         assert said[-1].level == bytes([WARN]) or said[-1].level == WARN
-
-
-def test_the_zoom_to_and_fro_of_a_real_nodes_camera_is_followed():
-    """It publishes camera_info at each change only: the node knows that it is one camera."""
-    backend, pixels = RclpyBackend(), pixels_of_motion(60, 30.0)
-    with node_in_this_process("/zoom") as (node, serve), Peer("/zoom", outputs=False) as peer:
-        camera = node._session.first.camera
-
-        def focal():
-            serve()
-            return None if camera.view is None else camera.view.intrinsics.K[0, 0]
-
-        peer.spin_until(lambda: serve() or peer.camera.get_subscription_count() and camera.publishers == 1)
-        for change in range(9):
-            expected = (600.0, 1200.0)[change % 2]
-            peer.send_camera(focal=expected)
-            peer.spin_until(lambda: focal() == expected, 20.0, f"the change to {expected}")
-            for index in range(2):
-                node.work_on(cloud(backend, peer.start_ns + (2 * change + index) * 33_333_333, pixels[index]))
-        assert camera.warning == "" and node._session.counts["accepted"] > 10

@@ -1,6 +1,5 @@
 """Two processes on real DDS: each input has one output, with its stamp and frame."""
 
-import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
@@ -8,14 +7,12 @@ pytest.importorskip("rclpy")
 from live import BACKEND, NodeProcess, Peer, frame_of, stamp_of, values_of  # noqa: E402
 from messages import CARRIERS, FRAME, pixels_of_motion  # noqa: E402
 
-from lassokin_ros import joints  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
-from lassokin_ros.pipeline.outputs.description.urdf import joint_names, urdf  # noqa: E402
+from lassokin_ros.pipeline.outputs.description.urdf import urdf  # noqa: E402
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME  # noqa: E402
-from msg_adapters.output_messages.skeleton_cloud import POINT  # noqa: E402
 
-FRAMES, AHEAD = 150, 3
+FRAMES, AHEAD = 60, 3
 SKELETON = Skeleton.load("anthropometric", 1.75)
 
 
@@ -47,65 +44,6 @@ def test_each_frame_has_exactly_one_of_each_output(reliable):
             assert {frame_of(m) for m in peer.got[name]} == {FRAME}, name
         after = values_of(peer.next_diagnostics())
         assert int(after["accepted [messages]"]) - before == FRAMES
-        check_contents(peer.got)
-
-
-def check_contents(got):
-    """All outputs of a frame are consistent."""
-    for message in zip(*(got[topic.name] for topic in topics.FRAME_OUTPUTS)):
-        state, point, poses, markers, certificate, cloud, pose, skeleton, limbs = message
-        assert state.name == joint_names(SKELETON)
-        assert len(state.position) == len(state.velocity) == 75 and len(state.effort) == 0
-        assert np.isfinite(state.position).all() and np.isfinite(state.velocity).all()
-        translation = [point.point.x, point.point.y, point.point.z]
-        assert list(state.position[:3]) == translation
-        places = np.array([[p.position.x, p.position.y, p.position.z] for p in poses.poses])
-        turns = np.array([[p.orientation.x, p.orientation.y, p.orientation.z, p.orientation.w] for p in poses.poses])
-        assert places.shape == (24, 3) and places[0].tolist() == translation
-        assert np.allclose(np.linalg.norm(turns, axis=1), 1, atol=1e-12)
-        bones, balls = markers.markers
-        assert np.array_equal([[p.x, p.y, p.z] for p in balls.points], places)
-        assert len(bones.points) == 46
-        assert cloud.width == 24 and limbs.width == 12
-        check_covariances(places, pose, skeleton)
-        values = values_of(certificate)
-        assert values["certified"] == "true"
-        assert max(float(values[f"kkt{k} [alpha]"]) for k in (1, 2, 3)) < 1e-6
-        assert 0 <= float(values["support size"]) <= 72
-        assert float(values["theorem 1, condition 3 (= 0)"]) < 1e-6
-
-
-def check_covariances(places, pose, skeleton):
-    """The pose and the skeleton have the positions of the joints, and the same covariance of the pelvis."""
-    position, points = pose.pose.pose.position, np.frombuffer(bytes(skeleton.data), POINT)
-    assert [position.x, position.y, position.z] == places[0].tolist()
-    covariance = pose.pose.covariance.reshape(6, 6)
-    assert np.linalg.eigvalsh(covariance).min() > 0
-    assert [field.name for field in skeleton.fields] == list(POINT.names) and points["index"].tolist() == list(
-        range(24)
-    )
-    assert np.allclose([points[axis] for axis in "xyz"], places.T, atol=1e-6)
-    assert np.allclose([points[name][0] for name in ("xx", "xy", "zz")], covariance[[0, 0, 2], [0, 1, 2]], rtol=1e-5)
-    assert points["observed"][[joints.LEFT_WRIST, joints.LEFT_ELBOW, joints.LEFT_HAND]].tolist() == [1, 1, 0]
-
-
-def test_velocities_are_the_differences_of_positions():
-    namespace = "/velocities"
-    pixels = pixels_of_motion(20)
-    with NodeProcess(namespace), Peer(namespace) as peer:
-        peer.start(pixels[0])
-        peer.clear()
-        stream(peer, pixels, period_ns=20_000_000)
-        states = peer.got[topics.JOINT_STATES]
-        peer.spin_until(lambda: len(states) == 20, what="the last joint state")
-        positions = np.array([m.position for m in states])
-        velocities = np.array([m.velocity for m in states])
-        assert np.allclose(velocities[1:], np.diff(positions, axis=0) / 0.02, atol=1e-9)
-        clouds = peer.got[topics.SKELETON]
-        peer.spin_until(lambda: len(clouds) == 20, what="the last skeleton")
-        points = np.stack([np.frombuffer(bytes(message.data), POINT) for message in clouds])
-        places, moved = ([points[name] for name in names] for names in (("x", "y", "z"), ("vx", "vy", "vz")))
-        assert np.allclose(np.array(moved)[:, 1:], np.diff(places, axis=1) / 0.02, atol=1e-3)
 
 
 @pytest.mark.parametrize("keypoints_type", list(CARRIERS))

@@ -1,4 +1,4 @@
-"""Start and end of the process: signals, bad arguments, a node that is killed and restarts."""
+"""Start and end of the process: signals and bad arguments. test_live_faults.py ends nodes by signals."""
 
 import os
 import signal
@@ -11,20 +11,6 @@ pytest.importorskip("rclpy")
 
 from forked import Forked  # noqa: E402
 from live import ROOT, TRACKER, NodeProcess, Peer  # noqa: E402
-from messages import pixels_of_motion  # noqa: E402
-
-INT, TERM = signal.SIGINT, signal.SIGTERM
-
-
-@pytest.mark.parametrize("signals", [(INT,), (TERM, TERM)], ids=["int", "term2"])
-def test_a_signal_ends_the_node_with_exit_code_0(signals):
-    """While the node is idle; under load see test_live_faults."""
-    namespace = "/signals_" + "_".join(str(int(s)) for s in signals)
-    with NodeProcess(namespace, own=True) as node, Peer(namespace) as peer:
-        peer.start(pixels_of_motion(1)[0])
-        code, said = node.stop(*signals)
-    assert code == 0, said
-    assert "Traceback" not in said
 
 
 def test_a_signal_that_an_earlier_thread_gets_interrupts_nothing():

@@ -274,14 +274,6 @@ def test_a_transform_from_the_future_or_long_ago_is_none(extrinsics):
     assert "0.2 s newer" in play.refused[0].detail and "0.2 s older" in play.refused[1].detail
 
 
-def test_a_camera_that_falls_silent_and_returns_does_not_move_the_person():
-    play = Play([LEFT, RIGHT]).run(4.0, silent=lambda number, seconds: number == 1 and 1.0 < seconds < 2.5)
-    assert len(play.results) >= 118 and not play.refused
-    roots = np.array([one.root for one in play.results])
-    jumps = np.linalg.norm(np.diff(roots, axis=0), axis=1)[10:]
-    assert jumps.max() < 0.02
-
-
 def test_a_camera_that_sees_nobody_is_no_rejection():
     play = Play([LEFT, RIGHT])
     for index in range(60):
@@ -374,9 +366,21 @@ def test_a_camera_that_was_moved_is_noticed_and_with_learn_corrected(extrinsics)
     play = Play([LEFT, RIGHT], TWO, TrackerConfig(height=1.75, extrinsics=extrinsics), poses=poses).run(6.0)
     angle, shift = play.session.tracker.learned.extrinsics.moved("right")
     assert np.degrees(angle) == pytest.approx(3.0, abs=0.7) and shift < 0.1
-    assert (play.error(5.0) < 40) if extrinsics == "learn" else (play.error(5.0) > 100)
     stated = np.sqrt(play.results[-1].frame.uncertainty.absolute.pelvis[:3, :3].trace())
-    assert (stated < 0.1) if extrinsics == "learn" else (2 * stated > np.linalg.norm(play.results[-1].root))
+    if extrinsics == "check":
+        assert play.error(5.0) > 100 and 2 * stated > np.linalg.norm(play.results[-1].root)
+        return
+    assert play.error(5.0) < 40 and stated < 0.1
+    play.image(1, 6.01)  # the learned pose is that of the results
+    play.keep(frames_of(play.session.due(START_NS + 7_000_000_000)))
+    frame = play.results[-1].frame
+    assert frame.camera.name == "right"
+    assert np.nanmedian(np.linalg.norm(frame.reprojected - frame.detected, axis=1)) < 8.0
+    play.session.people.tracked[""].reset(same_camera=True)  # the next person has it, too
+    for index in range(15):
+        for number in range(2):
+            play.image(number, 6.1 + index / 30)
+    assert play.error(6.05) < 50
 
 
 def test_a_camera_at_its_place_is_not_corrected(extrinsics="learn"):
@@ -407,18 +411,6 @@ def test_of_three_cameras_each_one_is_checked(moved="back"):
     play = Play(eyes, NodeSettings(cameras=("left", "right", "back"), fixed_frame=MAP), poses=poses).run(4.0)
     extrinsics = play.session.tracker.learned.extrinsics
     assert [extrinsics.moved(name) is not None for name in ("right", "back")] == [moved == "right", moved == "back"]
-
-
-def test_an_inverse_transform_is_named():
-    pose = RIGHT.pose_at(0)
-    inverse = CameraPose("right", pose.rotation.T, pose.centre)
-    play = Play([LEFT, RIGHT], TWO, poses={"left": LEFT.pose_at(0), "right": inverse}).run(2.5)
-    assert "the keypoints fit the inverse transform of 'right', not the given one" in status(play).message
-
-
-def test_two_cameras_measure_the_height(height=1.1):
-    play = Play([LEFT, RIGHT], TWO, TrackerConfig(height=0.0), height=height).run(3.0)
-    assert play.session.tracker.skeleton.height == pytest.approx(height, rel=0.03)
 
 
 @pytest.mark.parametrize(
@@ -474,27 +466,6 @@ def test_after_a_reset_the_poses_are_learned_anew(extrinsics="learn"):
     assert max(one.error.mean() for one in play.results if one.seconds > 9.9) < 0.1
 
 
-def test_the_next_person_has_the_poses_learned_from_the_last_one():
-    poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
-    play = Play([LEFT, RIGHT], TWO, TrackerConfig(height=1.75, extrinsics="learn"), poses=poses).run(6.0)
-    before = play.error(5.0)
-    play.session.people.tracked[""].reset(same_camera=True)
-    for index in range(15):
-        for number in range(2):
-            play.image(number, 6.0 + index / 30)
-    assert before < 40 and play.error(5.99) < 50
-
-
-def test_a_learned_pose_is_that_of_the_results():
-    poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
-    play = Play([LEFT, RIGHT], TWO, TrackerConfig(height=1.75, extrinsics="learn"), poses=poses).run(6.0)
-    play.image(1, 6.01)
-    play.keep(frames_of(play.session.due(START_NS + 7_000_000_000)))
-    frame = play.results[-1].frame
-    assert frame.camera.name == "right"
-    assert np.nanmedian(np.linalg.norm(frame.reprojected - frame.detected, axis=1)) < 8.0
-
-
 def test_without_the_first_camera_no_other_pose_is_corrected():
     back = eye("back", 180)
     poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.0), "back": back.pose_at(0)}
@@ -547,6 +518,8 @@ def test_camera_info_of_the_other_camera_is_named():
 def test_two_cameras_with_one_frame_id_are_named(fixed_frame):
     play = Play([LEFT, replace(RIGHT, name="left")], replace(TWO, fixed_frame=fixed_frame)).run(1.0)
     assert "the images of 'left' and 'right' have one frame_id, 'left_optical'" in status(play).message
+    if not fixed_frame:
+        return
     assert "one frame_id" not in status(Play([LEFT, RIGHT]).run(1.0)).message
     placed = {"left": LEFT.pose_at(0), "right": RIGHT.pose_at(0)}  # given poses need no frame_id
     assert "one frame_id" not in status(Play([LEFT, LEFT], poses=placed).run(1.0)).message
@@ -607,7 +580,7 @@ def test_figures_of_each_camera():
 LEARN = TrackerConfig(height=1.75, extrinsics="learn")
 
 
-def without_tf_of_right(settings, config=LEARN, seconds=8.0, phase=0.0):
+def without_tf_of_right(settings, config=LEARN, seconds=6.0, phase=0.0):
     """A play in which nobody tells where the right camera is."""
     play = Play([LEFT, RIGHT], settings, config)
     for index in range(round(30 * seconds)):
@@ -619,13 +592,13 @@ def without_tf_of_right(settings, config=LEARN, seconds=8.0, phase=0.0):
 
 def test_a_camera_without_a_transform_is_found_from_the_person():
     play = without_tf_of_right(TWO, phase=1 / 60)
-    assert len(play.results) >= 238 and not play.refused
+    assert len(play.results) >= 178 and not play.refused
     found = play.session.placement.places.newest["right"]
     assert np.linalg.norm(found.centre - RIGHT.pose_at(0).centre) < 0.3
     turn = Rotation.from_matrix(found.rotation @ RIGHT.pose_at(0).rotation.T)
     assert np.degrees(turn.magnitude()) < 3.0
-    before = np.median([one.error.mean() for one in play.results if 1.0 < one.seconds < 5.0])
-    assert play.results[-1].frame.estimate.cameras == 2 and play.error(7.0) < 1000 * before
+    before = np.median([one.error.mean() for one in play.results if 1.0 < one.seconds < 4.5])
+    assert play.results[-1].frame.estimate.cameras == 2 and play.error(5.5) < 1000 * before
     line = status(play)
     assert line.values["right: pose"] == "found from the person" and "right" not in line.message
     assert play.session.counts["no transform of right"] <= 1
@@ -684,19 +657,9 @@ def test_of_several_people_the_one_who_is_alone_in_view_shows_where_a_camera_is(
     ids=["both", "another one in each camera"],
 )
 def test_nothing_is_found_from_people_who_may_be_exchanged(in_view, max_people):
-    play = two_people_without_tf_of_right(in_view, 9.0, max_people=max_people)
+    play = two_people_without_tf_of_right(in_view, 7.0, max_people=max_people)
     assert "right" not in play.session.placement.places.newest
-    assert "found from the person" in play.session.placement.places.fault and len(play.results) > 240
-
-
-def test_a_transform_that_comes_later_replaces_the_found_pose():
-    play = without_tf_of_right(TWO)
-    for index in range(240, 330):
-        for number in range(2):
-            play.transforms(number, index / 30)
-            play.image(number, index / 30)
-    assert not play.session.tracker.learned.extrinsics.found
-    assert play.error(10.0) < 25
+    assert "found from the person" in play.session.placement.places.fault and len(play.results) > 180
 
 
 def test_without_fixed_frame_and_tf_two_cameras_need_no_calibration():

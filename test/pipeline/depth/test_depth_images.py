@@ -26,12 +26,10 @@ from lassokin_ros.pipeline.depth.depth_images import (  # noqa: E402
     UNMATCHED,
     DepthImages,
 )
-from lassokin_ros.pipeline.depth.depth_sampling import sample_depth  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
-from msg_adapters.depth_image import decode_depth_image  # noqa: E402
 from msg_adapters.keypoints import Keypoints  # noqa: E402
 
 BACKEND = rosbags_backend()
@@ -65,32 +63,6 @@ def images(scene):
 
 def keypoints_of(xy, stamp_ns=START_NS, frame_id=FRAME):
     return Keypoints(stamp_ns, frame_id, np.arange(len(xy)), xy, np.ones(len(xy)))
-
-
-@pytest.mark.parametrize("scale", [1.0, 0.5, 0.25])
-def test_samples_are_the_surface_in_front_of_the_landmarks(scene, scale):
-    skeleton, pixels, positions, landmarks = scene
-    image = decode_depth_image(depth_message(BACKEND, 1, render(skeleton, positions[0], scale)))
-    depth = sample_depth(image, pixels[0], SIZE)
-    surface = Layout.load("coco17", skeleton).surface
-    joints = [5, 6, 11, 12, 13, 14]  # shoulders, hips, knees: nothing occludes them in this frame
-    assert np.abs(depth + surface - landmarks[0, :, 2])[joints].max() < 0.06
-
-
-def test_a_limb_in_front_of_the_wall_has_its_own_depth():
-    depth = np.full((100, 100), 5.0)
-    depth[:, 50:] = 2.0  # the keypoint is on the edge
-    image = decode_depth_image(depth_message(BACKEND, 1, depth))
-    assert np.allclose(sample_depth(image, np.array([[50.0, 50.0]]), (100, 100)), 2.0)
-
-
-def test_holes_and_points_outside_the_image_are_missing():
-    depth = np.zeros((50, 100))
-    depth[20, 20] = 2.0
-    image = decode_depth_image(depth_message(BACKEND, 1, depth))
-    points = np.array([[20.0, 20.0], [-1.0, 5.0], [100.0, 5.0], [np.nan, 5.0], [5.0, 49.9], [1e9, 1e9]])
-    assert np.isnan(sample_depth(image, points, (100, 50))).all()
-    assert sample_depth(image, points[:0], (100, 50)).shape == (0,)
 
 
 def test_the_depth_image_with_the_keypoints_stamp_is_used():
@@ -128,17 +100,6 @@ def test_compressed_images_are_sampled_like_others(codec):
     assert images.add(damaged, 0) is None  # unpacked only when it is needed
     assert images.with_depth(keypoints_of(xy), START_NS + PERIOD_NS, SIZE, FRAME).depth is None
     assert (counts[MATCHED], counts[REFUSED]) == (2, 1) and "damaged" in images.fault
-
-
-@pytest.mark.parametrize("topic", ["/camera/aligned_depth_to_color/image_raw", "/depth_registered/image"])
-def test_a_registered_image_may_have_another_frame(topic):
-    images = DepthImages(Counter(), topic)
-    images.add(depth_message(BACKEND, START_NS, np.full((120, 160), 3.0), frame_id="camera_depth_frame"), 0)
-    found = images.with_depth(keypoints_of(np.full((17, 2), 50.0)), START_NS, SIZE, FRAME)
-    assert np.allclose(found.depth, 3.0) and images.fault == "" and "camera_depth_frame" in images.note
-    images.add(depth_message(BACKEND, START_NS + PERIOD_NS, np.ones((90, 160)), frame_id="camera_depth_frame"), 0)
-    found = images.with_depth(keypoints_of(np.full((17, 2), 50.0)), START_NS + PERIOD_NS, SIZE, FRAME)
-    assert found.depth is None and "160 x 90 px" in images.fault  # its shape shows that it is not registered
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import pytest
 from detector_messages import detector_types
 from messages import FRAME, camera_info, rosbags_backend
 from onnx_graph import Graph
+from test_hands import CASES, LEFT, RIGHT
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.landmarks import skeleton_of
@@ -32,10 +33,8 @@ from msg_adapters.keypoints import Keypoints
 
 pytest.importorskip("rosbags")
 BACKEND = rosbags_backend()
-LEFT, RIGHT = np.arange(33, 54), np.arange(54, 75)
-LAST = [0, *range(5, 21), *range(1, 5)]
 FRAMES, BAD_FROM = 12, 4
-MEAN_MM, MOST_MM, STEP_MM = 5.0, 20.0, 8.0
+MEAN_MM, MOST_MM, STEP_MM = 5.0, 25.0, 10.0
 """Of the 22 joints in each frame, of one joint, and of it from one frame to the next: a wrist that loses its hand."""
 
 
@@ -46,7 +45,7 @@ def session(landmarks="mediapipe75", skeleton="body_hands"):
 
 
 def places(one, time, points_with=""):
-    """px of the landmarks of a person who moves the right arm. points_with: side of a hand that points."""
+    """Normalised landmarks of a person who moves the right arm. points_with: side of a hand that points."""
     skeleton, body = one.tracker.skeleton, one.tracker.kinematics
     turns = np.zeros((skeleton.joint_count, 3))
     turns[0] = np.pi, 0, 0
@@ -58,17 +57,23 @@ def places(one, time, points_with=""):
             for part, bend in zip((1, 2, 3), (1.4, 1.7, 0.9) if bent else (0, 0.5 if side != points_with else 0.1, 0)):
                 turns[skeleton.index(f"{side}_{finger}{part}")] = 0, 0, -bend * sign
     pose = body.pose(BodyState(exponential(turns), np.array([0.0, 0.0, 2.5])))
+    return project(pose.landmarks)
+
+
+def px(one, points):
+    """The pixels of normalised points."""
     (camera,) = one.cameras.values()
-    return camera.camera.view.lens.distort(project(pose.landmarks))
+    return camera.camera.view.lens.distort(points)
 
 
 def run(change=lambda p, i: None, frames=FRAMES):
     """The session, and the positions of the body's joints (frames, 22, 3)."""
     one, random, found = session(), np.random.default_rng(0), []
     for i in range(frames):
-        pixels = places(one, i / 30) + random.normal(size=(75, 2))
+        points = places(one, i / 30)
         if i >= BAD_FROM:
-            change(pixels, i)
+            change(points, i)
+        pixels = px(one, points) + random.normal(size=(75, 2))
         seen = np.isfinite(pixels[:, 0])
         keypoints = Keypoints(round(1e9 * (1 + i / 30)), FRAME, np.arange(75)[seen], pixels[seen], np.ones(seen.sum()))
         frame = one.process(keypoints, 7)
@@ -82,26 +87,6 @@ def right():
     return run()[1]
 
 
-def swap(p, i):
-    p[LEFT], p[RIGHT] = p[RIGHT].copy(), p[LEFT].copy()
-
-
-def far(p, i):
-    p[LEFT] += [0.0, 250.0]
-
-
-def others(p, i):
-    p[LEFT] = p[LEFT] * 0.7 + [40.0, 30.0]
-
-
-def alike(p, i):
-    p[LEFT] = p[RIGHT]
-
-
-def at_the_other(p, i):
-    p[LEFT] += p[RIGHT[0]] - p[LEFT[0]]
-
-
 def come_and_go(p, i):
     if i % 3:
         p[LEFT] = np.nan
@@ -109,25 +94,17 @@ def come_and_go(p, i):
         p[RIGHT] = np.nan
 
 
-def thumb_last(p, i):
-    p[LEFT], p[RIGHT] = p[LEFT][LAST], p[RIGHT][LAST]
+IN_IMAGES = (
+    *("exchanged", "one, with the other's label", "the same twice", "one a metre away", "one at the other's wrist"),
+    *("the thumb last", "in SMPL-H's order", "come and go"),
+)
 
 
-CASES = {
-    "exchanged": (swap, EXCHANGED),
-    "a metre away": (far, FAR),
-    "somebody else's": (others, FAR),
-    "the same twice": (alike, SAME),
-    "at the other's wrist": (at_the_other, FAR),
-    "come and go": (come_and_go, None),
-    "thumb last": (thumb_last, ORDER),
-}
-
-
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", IN_IMAGES)
 def test_bad_hands_hardly_move_the_body_and_are_named(case, right):
-    change, name = CASES[case]
-    one, found = run(change)
+    """Each case of the check, and hands that come and go."""
+    change, name, _ = CASES.get(case, (None, None, None))
+    one, found = run(come_and_go if change is None else lambda p, i: change(p))
     moved = 1e3 * np.linalg.norm(found - right, axis=-1)
     assert moved.mean(axis=1).max() < MEAN_MM and moved.max() < MOST_MM
     assert 1e3 * np.linalg.norm(np.diff(found - right, axis=0), axis=-1).max() < STEP_MM
@@ -143,7 +120,7 @@ def test_133_points_of_an_onnx_model_reach_their_landmarks(tmp_path):
     pytest.importorskip("onnxruntime", reason="the model needs onnxruntime")
     onnx = pytest.importorskip("onnx", reason="the model is built with the package onnx")
     one, graph = session("coco133"), Graph(onnx, onnx.TensorProto.FLOAT, ["batch", 3, 512, 640])
-    pixels, ids, outputs = places(one, 0.0), one.tracker.layout.ids, []
+    pixels, ids, outputs = px(one, places(one, 0.0)), one.tracker.layout.ids, []
     for name, side, at in (("simcc_x", 640, pixels[:, 0]), ("simcc_y", 512, pixels[:, 1])):
         bins = np.zeros((1, 133, 2 * side))
         bins[0, ids, np.round(2 * at).astype(int)] = 0.8
@@ -160,7 +137,7 @@ def test_133_points_of_an_onnx_model_reach_their_landmarks(tmp_path):
 
 def test_the_topic_of_hands_has_both_hands_in_their_axes():
     one = session()
-    frame = one.process(Keypoints(10**9, FRAME, np.arange(75), places(one, 0.0), np.ones(75)), 7)
+    frame = one.process(Keypoints(10**9, FRAME, np.arange(75), px(one, places(one, 0.0)), np.ones(75)), 7)
     hands = HandPoints(one.tracker.skeleton, one.tracker.layout)
     messages = FrameMessages(BACKEND, one.tracker.skeleton, hands=hands)
     ((name, message),) = messages.build(frame, {topics.HANDS})
@@ -186,7 +163,7 @@ def test_the_topic_says_a_gesture_while_it_is_held():
     hands, backend = HandPoints(one.tracker.skeleton, one.tracker.layout), RosbagsBackend(detector_types())
     builder = FrameMessages(backend, one.tracker.skeleton, config=NodeSettings(rep155=True), hands=hands)
     for i in range(12):
-        pixels, confidence = places(one, 0.0, "right"), np.ones(75)
+        pixels, confidence = px(one, places(one, 0.0, "right")), np.ones(75)
         confidence[33:54] = 0
         frame = one.process(Keypoints(round(1e9 * (1 + i / 30)), FRAME, np.arange(75), pixels, confidence), 7)
         (_, message), (name, gesture) = builder.build(frame, {topics.HANDS, topics.GESTURE})

@@ -101,24 +101,6 @@ def person(count=12, seed=0, rounded=1e-3):
     return np.round(random.uniform([150, 80], [350, 430], (count, 2)) / rounded) * rounded
 
 
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("value", [-10.0, 123.0, 123.4, 5000.0])
-def test_several_points_with_one_coordinate_in_common_are_placeholders(axis, value):
-    points = person()
-    points[3:7, axis] = value
-    assert removed(points) == [False] * 3 + [True] * 4 + [False] * 5
-    points = person()
-    points[:, axis] = value
-    assert removed(points, size=(1000, 1000)) == [True] * 12
-
-
-@pytest.mark.parametrize("axis", [0, 1])
-def test_two_points_may_have_a_coordinate_in_common(axis):
-    points = person()
-    points[3:5, axis] = 123.4
-    assert removed(points) == [False] * 12
-
-
 @pytest.mark.parametrize("step", [1.0, 3.5])
 def test_a_detector_that_rounds_may_place_three_points_below_each_other(step):
     """Whole pixels, or cells of a heat map: some coordinates agree by chance, and none of them is removed."""
@@ -128,15 +110,6 @@ def test_a_detector_that_rounds_may_place_three_points_below_each_other(step):
         points[:, 0] = np.round((points[:, 0]) / step) * step
         if max(np.unique(points[:, 0], return_counts=True)[1]) < 8:
             assert removed(points) == [False] * 17
-
-
-def test_rounded_points_with_one_coordinate_outside_or_of_most_points_are_placeholders():
-    points = person(12, 1, 1.0)
-    points[:3, 1] = -10.0
-    assert removed(points) == [True] * 3 + [False] * 9
-    points = person(12, 1, 1.0)
-    points[:8, 1] = 100.0
-    assert removed(points) == [True] * 8 + [False] * 4
 
 
 def test_a_coordinate_is_shared_within_one_person_only():

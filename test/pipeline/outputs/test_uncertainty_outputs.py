@@ -160,26 +160,3 @@ def test_a_rejected_frame_has_no_uncertainty(tracked):
     assert not frame.accepted
     with pytest.raises(ValueError, match="rejected"):
         frame.uncertainty
-
-
-def test_the_running_node_publishes_both_and_reports_the_largest():
-    pytest.importorskip("rclpy")
-    from live import NodeProcess, Peer, stamp_of, values_of
-
-    namespace, pixels = "/uncertain", pixels_of_motion(5)
-    with NodeProcess(namespace, "-p", "stale_after:=30.0", "-p", "lost_after:=30.0") as node, Peer(namespace) as peer:
-        shown = peer.got.setdefault(topics.UNCERTAINTY_MARKERS, [])
-        peer.listen(topics.UNCERTAINTY_MARKERS_OUTPUT)
-        peer.start(pixels[0])
-        clouds = peer.got[topics.JOINT_UNCERTAINTY]
-        peer.clear()
-        for i, xy in enumerate(pixels):
-            peer.send(peer.start_ns + i * 16_666_667, xy)
-            peer.spin_until(lambda: min(len(clouds), len(shown)) > i, what="the uncertainty")  # noqa: B023
-        stamps = [peer.start_ns + i * 16_666_667 for i in range(len(pixels))]
-        assert [stamp_of(m) for m in clouds] == [stamp_of(m) for m in shown] == stamps
-        points, largest = points_of(clouds[-1]), max(m.scale.z for m in shown[-1].markers)
-        assert 0.01 < points["deviation"].max() < 0.3 and 0.01 < largest < 0.6
-        said = float(values_of(peer.next_diagnostics())["largest joint deviation [m]"])
-        assert said == pytest.approx(points["deviation"].max(), abs=0.0006)
-    assert "Traceback" not in node.said

@@ -27,7 +27,7 @@ from lassokin_ros.pipeline.people.per_body_session import PerBodySession
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend, RosbagsBackend
-from msg_adapters.output_messages.builders import WARN, set_header
+from msg_adapters.output_messages.builders import set_header
 
 pytest.importorskip("rosbags")
 START_NS, PERIOD_NS = 5_000_000_000, 33_333_333
@@ -189,13 +189,6 @@ def test_a_jump_of_the_fixed_frame_is_named_with_its_distance():
     assert "in fixed_frame 'map' by 3.0 m and 0 degrees from" in status_of(session, jump_after=40).message
 
 
-def test_camera_info_of_another_camera_is_a_warning():
-    session = PerBodySession(TRACKER, CONFIG)
-    session.set_camera(camera_info(rosbags_backend(), frame_id="another"))
-    status = status_of(session)
-    assert status.level == WARN and "camera_info is of another camera: its frame_id is 'another'" in status.message
-
-
 def test_an_empty_message_is_no_problem_to_report(session):
     session.keep(["abc"])
     message = skeleton2d(BACKEND, START_NS, 0)
@@ -213,32 +206,6 @@ def test_listed_bodies_are_lost_in_silence_but_stay(session):
     assert session.presence_at(7) == Presence(Status.TRACKING, ["abc", "xyz"])
     assert session.presence_at(60 * 10**9) == Presence(Status.LOST, ["abc", "xyz"])
     assert not feed(session, "abc", 1)[0].estimate.initialised
-
-
-def test_messages_keep_their_ages_when_the_clock_is_set_back(session):
-    session.keep(["abc"])
-    session.frames_of("abc", skeleton2d(BACKEND, START_NS, 0), 60 * 10**9)
-    session.set_clock_back(50 * 10**9)
-    assert [session.presence_at(at * 10**9).status for at in (10, 11)] == [Status.TRACKING, Status.LOST]
-    session.frames_of("abc", skeleton2d(BACKEND, START_NS + PERIOD_NS, 1, confidence=0.0), 20 * 10**9)
-    session.set_clock_back(10 * 10**9)
-    assert session.scene_known_empty(10 * 10**9) and not session.scene_known_empty(11 * 10**9)
-
-
-def test_settings_camera_and_reset_apply_to_all_people(session):
-    session.keep(["abc", "xyz"])
-    feed(session, "abc", 0), feed(session, "xyz", 0)
-    session.reset()
-    assert session.ids == ["abc", "xyz"] and session.counts["resets"] == 1
-    assert all(feed(session, person, 1)[0].estimate.initialised for person in session.ids)
-    session.tune(TrackerConfig(height=1.75, landmarks="hri18", min_confidence=0.95), CONFIG)
-    assert {feed(session, person, 2)[0].rejection for person in session.ids} == {"too_few_landmarks"}
-    assert session.set_camera(camera_info(rosbags_backend(), k=np.zeros(9))) == "camera_uncalibrated"
-    assert session.counts["rejected: camera_uncalibrated"] == 1 and session.inputs.camera_fault
-    session.set_camera(camera_info(rosbags_backend(), frame_id="another"))
-    assert session.counts["resets"] == 1, "keypoints have the frame_id of the first camera"
-    session.enabled = False
-    assert feed(session, "abc", 3) == [] and session.counts["ignored while disabled"] == 1
 
 
 def test_only_skeletons_have_a_topic_for_each_body():

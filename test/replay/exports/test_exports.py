@@ -405,27 +405,6 @@ def test_the_same_recording_gives_the_same_bytes(recording, tracked, tmp_path):
     assert first == second and set(first) > {f"motion{suffix}" for suffix in FORMATS}
 
 
-def test_exports_do_not_change_the_output(recording, tmp_path, capsys):
-    names = ["a.csv", "b.npz", "c.d.bvh", "walk.amass.npz"]
-    wanted = [word for name in names for word in ("--export", str(tmp_path / name))]
-    assert main([str(recording), "--output", str(tmp_path / "with"), *wanted]) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == f"exported        {', '.join(wanted[1::2])}"
-    assert main([str(recording), "--output", str(tmp_path / "without")]) == 0
-    assert contents(tmp_path / "with") == contents(tmp_path / "without")
-    assert sorted(os.listdir(tmp_path)) == sorted([*names, "with", "without"])
-
-
-def test_an_existing_file_is_replaced_only_by_force(recording, tmp_path, capsys):
-    old = tmp_path / "old.csv"
-    old.write_text("mine")
-    arguments = [str(recording), "--output", str(tmp_path / "out"), "--export", str(old)]
-    assert main(arguments) == 2
-    assert capsys.readouterr().err == f"lassokin replay: '{old}' exists already; choose another name or add --force\n"
-    assert old.read_text() == "mine" and os.listdir(tmp_path) == ["old.csv"]
-    assert main([*arguments, "--force"]) == 0
-    assert old.read_text().startswith("stamp [s],person,")
-
-
 BAD = {
     "walk.fbx": "--export 'walk.fbx': unknown suffix; expected one of: .csv, .npz, .bvh, .amass.npz, .trc, .c3d, .glb",
     "nowhere/walk.csv": "there is no folder 'nowhere' for 'walk.csv'",

@@ -15,7 +15,7 @@ from recordings import START_NS, read, synthetic_pixels, webcam_info, write_mess
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.observation import Rejection  # noqa: E402
-from lassokin_ros.doubt.failure_model import FailureModel  # noqa: E402
+from lassokin_ros.doubt.pose_events import FailureModel  # noqa: E402
 from lassokin_ros.pipeline.concerns.rejections import REASONS  # noqa: E402
 from lassokin_ros.replay.bags import typestore  # noqa: E402
 from lassokin_ros.replay.report import page_json as data  # noqa: E402

@@ -4,17 +4,25 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.data.hand_motion import FPS, Motion, detected, hand_alone
+from benchmarks.data.hand_motion import FPS, ORDER, Motion, detected, hand_alone
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
+from training.hands import GESTURES, points_of, somebody
 
 BODY, LEFT, RIGHT = (Skeleton.load(name, 1.75) for name in ("body_hands", "left_hand", "right_hand"))
 HANDS = {"left": LEFT, "right": RIGHT}
 FOCAL = 600.0
+MIRROR = {"left": np.ones(3), "right": np.array([-1.0, 1.0, 1.0])}
+SOMEBODY = somebody(np.random.default_rng(0))
+
+
+def posture(name: str, side: str = "right") -> np.ndarray:
+    """(21, 3) m from the wrist, in its frame: a posture of training/hands.py."""
+    return points_of(SOMEBODY, GESTURES[name][None])[0, ORDER] * MIRROR[side]
 
 
 def kinematics_of(side: str) -> Kinematics:

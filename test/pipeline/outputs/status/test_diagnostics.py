@@ -75,19 +75,6 @@ def test_pixels_of_a_larger_image_are_a_warning(scale, low, confidence, said):
     assert ("beyond the image [messages]" in status.values) == said
 
 
-def test_pixels_from_another_origin_are_a_warning():
-    """For example the image's centre."""
-    status = status_of(PIXELS - [320.0, 240.0])
-    assert status.level == WARN and "of 640 x 480 px" in status.message
-
-
-def test_no_figures_for_a_lost_person():
-    before, after = status_of(PIXELS).values, status_of(PIXELS, silence_s=30.0).values
-    assert (before["state"], after["state"]) == ("tracking", "lost")
-    assert float(before["reprojection error [px]"]) < 5.0
-    assert after["reprojection error [px]"] == after["largest joint deviation [m]"] == "nan"
-
-
 def messages(diagnostics, session, count, confidence, stamp_ns, late_ns=0, depth=None):
     """Feed messages at 30 Hz, and return the status of the period. depth: m, a field of all points."""
     for i in range(count):
@@ -164,20 +151,6 @@ def test_a_simulated_clock_that_has_not_started_gives_no_delay():
     assert "future" not in diagnostics.line(1.0).message
 
 
-def test_stamps_in_the_future_are_a_warning():
-    session = Session(TrackerConfig(height=1.75), NodeSettings())
-    session.set_camera(camera_info(BACKEND))
-    diagnostics = Diagnostics(session, "tracker", 0.0)
-    status = messages(diagnostics, session, 20, 0.9, 10**12, late_ns=-10 * 10**9)
-    assert status.level == WARN and status.message.startswith("tracking; stamps lie 10 s in the future: synchronise")
-
-
-def test_fractions_of_the_image_are_a_warning():
-    status = status_of(PIXELS / [640.0, 480.0])
-    assert status.level == WARN
-    assert status.message.startswith("lost; keypoints rejected (fractions): multiply the coordinates by the width")
-
-
 def test_the_reason_why_nobody_of_several_people_is_tracked():
     few = np.where(np.arange(17) < 3, 0.9, 0.0)  # a person who is very near
     session = Session(TrackerConfig(height=1.75, lost_after=0.5), NodeSettings(max_people=3))
@@ -197,13 +170,6 @@ def test_depths_in_the_message_that_are_not_near_the_person_are_a_warning(height
     status = messages(Diagnostics(session, "tracker", 0.0), session, 30, 0.9, 10**12, depth=depth)
     assert status.level == WARN and "the keypoints' own depths are not near the person" in status.message
     assert words in status.message and status.values["depth: in the message [messages]"] == "30"
-
-
-def test_a_height_that_is_to_be_measured_without_depth_is_a_warning():
-    session = Session(TrackerConfig(height=0.0), NodeSettings())
-    session.set_camera(camera_info(BACKEND))
-    status = messages(Diagnostics(session, "tracker", 0.0), session, 30, 0.9, 10**12)
-    assert status.level == WARN and "nothing measures the height: 1.7 m is assumed" in status.message
 
 
 def test_a_height_that_contradicts_measured_depth_is_a_warning():

@@ -12,7 +12,7 @@ from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution
 from lassokin_ros.core.observation import CameraPose, Status
 from lassokin_ros.doubt.doubt import Doubt
-from lassokin_ros.doubt.live import Judgement
+from lassokin_ros.doubt.monitor import Judgement
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.body_frames import BodyFrames, hip_joints
 from lassokin_ros.pipeline.outputs.frame_messages import principal_axes

@@ -1,12 +1,10 @@
-"""Doubts that are evaluated when they are read: they are the same as frame by frame, and few frames wait."""
+"""The monitor: limbs that no keypoint shows; doubts that are evaluated when they are read."""
 
 import numpy as np
 import pytest
 
-from lassokin_ros.doubt.doubt import reasons
-from lassokin_ros.doubt.live import MOST_WAITING, Judgement, LiveDoubts
-from lassokin_ros.doubt.monitor import DoubtMonitor
-from lassokin_ros.doubt.signs import Signs
+from lassokin_ros.doubt.doubt import Signs, reasons
+from lassokin_ros.doubt.monitor import LIMBS, MOST_WAITING, UNSEEN_S, DoubtMonitor, Judgement, LiveDoubts, UnseenLimbs
 
 LANDMARKS = ("left_hip", "right_hip", "left_shoulder", "right_shoulder")
 JOINTS = (*LANDMARKS, "left_elbow", "left_wrist", "left_hand")
@@ -60,3 +58,25 @@ def test_frames_before_a_reset_can_be_read_after_it():
     assert judges[-1]().reasons and judges[0]() == judges[0]()
     begun = [doubts.add(signs) for signs, _ in zip(frames(), range(5))]
     assert not any(judge().reasons for judge in begun)
+
+
+LIMB_JOINTS = ("pelvis", *(joint for chain in LIMBS.values() for joint in chain))
+
+
+def seen(*joints):
+    return np.isin(LIMB_JOINTS, joints)
+
+
+def test_a_limb_is_reported_after_a_while_without_any_joint():
+    limbs, arms = UnseenLimbs(LIMB_JOINTS), ("left_elbow", "right_wrist")
+    assert limbs.update(0.0, seen(*arms)) == () and limbs.update(UNSEEN_S - 0.01, seen(*arms)) == ()
+    assert limbs.update(UNSEEN_S, seen(*arms)) == ("left leg", "right leg")
+    assert limbs.update(UNSEEN_S + 0.1, seen(*arms, "right_ankle")) == ("left leg",)
+    limbs.reset()
+    assert limbs.update(UNSEEN_S + 0.2, seen(*arms)) == ()
+
+
+def test_limbs_that_the_skeleton_lacks_and_unknown_joints_are_not_reported():
+    limbs = UnseenLimbs(("pelvis", "left_knee", "left_ankle"))
+    none = np.zeros(3, dtype=bool)
+    assert limbs.update(0.0, none) == () and limbs.update(1.0, none) == ("left leg",) and limbs.update(2.0, None) == ()
