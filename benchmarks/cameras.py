@@ -196,14 +196,19 @@ def run(job: Job) -> list[Record]:
         records += [{**base, "method": "lasso file", **score(found[:, joints], truth, rig.fps, begin),
                      **dict.fromkeys((*heights, "frame_ms_p50"), np.nan)}]  # fmt: skip
     if o.cameras > 1 and not o.phase and not o.unknown_places:
-        raw = _filled(triangulated(rig, poses, layout, count))
-        b, a = butter(2, 6 / (rig.fps / 2))
-        smooth = {"dlt": raw, "dlt causal": lfilter(b, a, raw - raw[0], axis=0) + raw[0]}
-        if len(raw) > 3 * max(len(a), len(b)):
-            smooth["dlt offline"] = filtfilt(b, a, raw, axis=0)
         records += [{**base, "method": name, **score(points, truth, rig.fps, begin), **dict.fromkeys(heights, np.nan),
-                     "frame_ms_p50": np.nan} for name, points in smooth.items()]  # fmt: skip
+                     "frame_ms_p50": np.nan} for name, points in _dlt(rig, poses, layout, count).items()]  # fmt: skip
     return records
+
+
+def _dlt(rig: Rig, poses: list[Any], layout: Layout, count: int) -> dict[str, np.ndarray]:
+    """(f, 12, 3) m by method: the triangulated keypoints raw, and with the filters of 6 Hz."""
+    raw = _filled(triangulated(rig, poses, layout, count))
+    b, a = butter(2, 6 / (rig.fps / 2))
+    smooth = {"dlt": raw, "dlt causal": lfilter(b, a, raw - raw[0], axis=0) + raw[0]}
+    if len(raw) > 3 * max(len(a), len(b)):
+        smooth["dlt offline"] = filtfilt(b, a, raw, axis=0)
+    return smooth
 
 
 def _height_errors(heights: list[tuple[float, float]], height: float) -> Record:

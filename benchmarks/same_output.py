@@ -27,7 +27,8 @@ from benchmarks.common.refusals import exit_code
 from benchmarks.common.revision import ROOT, check_out
 from benchmarks.data.people_in_view import view
 from lassokin_ros.demo.synthetic import WEBCAM
-from lassokin_ros.replay.bags import BagReader, BagWriter, typestore
+from lassokin_ros.replay.bag_writer import BagWriter
+from lassokin_ros.replay.bags import BagReader, typestore
 from lassokin_ros.replay.keypoint_recording import CAMERA_INFO, KEYPOINTS, KEYPOINTS_TYPE
 from msg_adapters.backends import RosbagsBackend
 from msg_adapters.inputs import POINT, camera_info

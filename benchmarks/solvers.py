@@ -31,8 +31,7 @@ from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
 from benchmarks.common.report import Record, data_folder, table, write_json
 from benchmarks.timing import formulations
-from benchmarks.timing.formulations import Answer, Method
-from benchmarks.timing.problems import KINDS, Recorded, record
+from benchmarks.timing.formulations import KINDS, Answer, Method, Recorded, record
 from lassokin_ros.core.lasso.certificate import Certificate, certify
 from lassokin_ros.core.lasso.solver import KKT_TOLERANCE
 

@@ -9,7 +9,7 @@ from typing import Any, Mapping
 import numpy as np
 
 from benchmarks.accuracy_run import anatomy
-from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, joint_errors, mpjpe, pa_mpjpe
+from benchmarks.accuracy_run.metrics import figures, mpjpe
 from benchmarks.accuracy_run.people import person_of
 from benchmarks.accuracy_run.runs import Follower, Track, follow, follow_file
 from benchmarks.common.report import Record
@@ -159,20 +159,10 @@ def score(track: Track, scene: Scene, score_from: float = 0.0) -> Record:
             "rejected": int(track.rejected.sum()),
             "ends_lost": begin < len(view.truth),
         }
-    error = mpjpe(estimate, truth, own_root, true_root)
-    flips = flipped_frames(estimate, truth, EVALUATED)
     start = mpjpe(joints[first : first + 1], view.truth[first : first + 1], root[first, None], view.root[first, None])
     return {
-        "frames": len(estimate),
-        "mpjpe_mm": float(np.mean(error)),
-        "pa_mpjpe_mm": float(np.mean(pa_mpjpe(estimate, truth))),
-        "root_mm": float(1000 * np.mean(np.linalg.norm(own_root - true_root, axis=-1))),
-        "accel_error": acceleration_error(estimate, truth, own_root, true_root, view.fps),
+        **figures(estimate, truth, own_root, true_root, EVALUATED, np.arange(len(truth)) / view.fps, view.fps),
         "reprojection_px": _mean(track.reprojection_px[scored]),
-        "frames_over_100mm": int(np.sum(error > 100)),
-        "over_100mm_percent": float(100 * np.mean(error > 100)),
-        "flips": int(np.sum(flips)),
-        "flips_percent": float(100 * np.mean(flips)),
         "init_ms": track.init_ms,
         "init_mpjpe_mm": float(start[0]),
         "frame_ms_p50": float(np.percentile(track.frame_ms[first:], 50)),
@@ -181,8 +171,6 @@ def score(track: Track, scene: Scene, score_from: float = 0.0) -> Record:
         "ends_lost": bool(track.rejected[-1]),
         "before_first": first,
         "penetration_mm": penetration_mm(track, scene, scored),
-        "joints_mm": joint_errors(estimate, truth, own_root, true_root, EVALUATED),
-        **anatomy.body_figures(estimate, truth, EVALUATED, np.arange(len(truth)) / view.fps),
     }
 
 

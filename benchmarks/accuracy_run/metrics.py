@@ -6,9 +6,11 @@ given.
 
 from __future__ import annotations
 
-from typing import Sequence
+from typing import Any, Sequence
 
 import numpy as np
+
+from benchmarks.accuracy_run.anatomy import body_figures
 
 LIMBS = tuple(
     (f"{s}_{a}", f"{s}_{b}")
@@ -109,3 +111,31 @@ def yaw_error(estimate: np.ndarray, truth: np.ndarray, names: Sequence[str]) -> 
     true = (truth[:, left] - truth[:, right])[:, [0, 2]]
     cross = mine[:, 0] * true[:, 1] - mine[:, 1] * true[:, 0]
     return np.degrees(np.abs(np.arctan2(cross, np.sum(mine * true, axis=-1))))
+
+
+def figures(
+    estimate: np.ndarray,
+    truth: np.ndarray,
+    estimate_root: np.ndarray,
+    truth_root: np.ndarray,
+    names: Sequence[str],
+    stamps: np.ndarray,
+    fps: float,
+) -> dict[str, Any]:
+    """The figures of f frames, some of which are known: those with a root (f, 3) of the truth. stamps: (f,) s."""
+    scored = np.isfinite(truth_root).all(axis=1)
+    known = estimate[scored], truth[scored], estimate_root[scored], truth_root[scored]
+    error, flips = mpjpe(*known), flipped_frames(*known[:2], names)
+    return {
+        "frames": int(scored.sum()),
+        "mpjpe_mm": float(np.mean(error)),
+        "pa_mpjpe_mm": float(np.mean(pa_mpjpe(*known[:2]))),
+        "root_mm": float(1000 * np.mean(np.linalg.norm(known[2] - known[3], axis=-1))),
+        "accel_error": acceleration_error(estimate, truth, estimate_root, truth_root, fps),
+        "frames_over_100mm": int(np.sum(error > 100)),
+        "over_100mm_percent": float(100 * np.mean(error > 100)),
+        "flips": int(np.sum(flips)),
+        "flips_percent": float(100 * np.mean(flips)),
+        "joints_mm": joint_errors(*known, names),
+        **body_figures(estimate, truth, names, stamps),
+    }

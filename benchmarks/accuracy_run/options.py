@@ -11,8 +11,7 @@ from typing import Any
 
 from benchmarks.accuracy_run.experiment import METHODS
 from benchmarks.common.option_types import count, finite, names, output_file, positive, seed, share, size
-from benchmarks.data.depth_images import DepthCamera
-from benchmarks.data.depth_sensor import DepthSensor
+from benchmarks.data.depth_images import DepthCamera, DepthSensor
 from benchmarks.data.simulated_camera import SWAPPED, Told
 from lassokin_ros.core.config import TrackerConfig
 
@@ -32,30 +31,7 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--data", type=Path, help="folder of clips (default: mocap/ in LASSOKIN_DATA or ../shared/data)")
     add("--detections", type=Path, nargs="+", metavar="FILE|DIR", help="real detector output (npz) instead of clips")
     add("--videos", type=Path, nargs="+", metavar="FILE|DIR", help="keypoints of videos, without any reference (npz)")
-    add("--noise-px", type=size, default=2.0, help="Gaussian noise of a keypoint, px (2)")
-    add("--wander-px", type=size, default=0.0, help="standard deviation of errors that last 0.1 s, px (0)")
-    add("--offset-px", type=size, default=0.0, help="standard deviation of constant errors, px (0)")
-    add("--landmark-mm", type=size, default=0.0, help="deviation of landmarks' places on the body over people, mm (0)")
-    add("--peoples-proportions", action=switch, default=False, help="bodies drawn from people's, not the capture's own")
-    add("--depth-noise", type=size, metavar="M", help="measured depth of each keypoint: Gaussian noise, m")
-    add("--depth-bias", type=size, metavar="M", help="constant error of each landmark's depth, standard deviation, m")
-    add("--depth-noise-z2", type=size, metavar="PER_M", help="depth noise that grows with the square of the depth, 1/m")
-    add("--depth-occluded", type=share, metavar="SHARE", help="share of depths 10-50 cm nearer: an occluder")
-    add("--depth-images", action="store_true", help="depth sampled from rendered images of a body of capsules")
-    add("--depth-covered", type=share, metavar="SHARE", help="with --depth-images: share behind furniture, from below")
-    add("--missing", type=share, default=0.0, help="share of keypoints missing, in bursts of 5-30 frames (0)")
-    add("--outliers", type=share, default=0.0, help="share of keypoints 30-150 px off at full confidence (0)")
-    add("--swaps", type=share, default=0.0, help="share of frames with a limb's left and right swapped, in bursts (0)")
-    add("--swapped", choices=tuple(SWAPPED), default="limb", help="with --swaps: what is swapped (a limb per burst)")
-    add("--swap-s", type=size, default=0.0, metavar="S", help="with --swaps: duration of a burst, s (1 to 12 frames)")
-    add("--hidden", type=names, default=[], help="comma-separated landmarks that are never detected")
-    add("--camera-roll", type=finite, default=0.0, metavar="RAD", help="true roll of the mount (0)")
-    add("--camera-pitch", type=finite, default=0.0, metavar="RAD", help="true pitch of the mount (0)")
-    add("--mount", choices=("tilt", "floor"), help="tell the tracker the true tilt; or this and the camera's height")
-    add("--tilt-off", type=size, default=0.0, metavar="DEG", help="with --mount: error of the tilt told (0)")
-    add("--floor-off", type=finite, default=0.0, metavar="M", help="with --mount floor: error of the height told (0)")
-    add("--lying", action="store_true", help="people lie, on a random side")
-    add("--fps", type=positive, default=60.0, help="frame rate, by leaving out frames; or the nearest there is (60)")
+    _add_simulation(result)
     add("--landmarks", default="coco17", help="landmark layout (coco17)")
     add("--views", type=count, default=2, help="cameras per clip (2)")
     add("--seed", type=seed, default=0, help="of cameras, noise and bone errors (0)")
@@ -86,6 +62,35 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--jobs", type=count, default=os.cpu_count(), help="processes (one per core)")
     add("--json", type=output_file, metavar="FILE", help="write the records as a JSON list")
     return result
+
+
+def _add_simulation(parser: argparse.ArgumentParser) -> None:
+    """Add the options of simulated cameras and detectors."""
+    add, switch = parser.add_argument, argparse.BooleanOptionalAction
+    add("--noise-px", type=size, default=2.0, help="Gaussian noise of a keypoint, px (2)")
+    add("--wander-px", type=size, default=0.0, help="standard deviation of errors that last 0.1 s, px (0)")
+    add("--offset-px", type=size, default=0.0, help="standard deviation of constant errors, px (0)")
+    add("--landmark-mm", type=size, default=0.0, help="deviation of landmarks' places on the body over people, mm (0)")
+    add("--peoples-proportions", action=switch, default=False, help="bodies drawn from people's, not the capture's own")
+    add("--depth-noise", type=size, metavar="M", help="measured depth of each keypoint: Gaussian noise, m")
+    add("--depth-bias", type=size, metavar="M", help="constant error of each landmark's depth, standard deviation, m")
+    add("--depth-noise-z2", type=size, metavar="PER_M", help="depth noise that grows with the square of the depth, 1/m")
+    add("--depth-occluded", type=share, metavar="SHARE", help="share of depths 10-50 cm nearer: an occluder")
+    add("--depth-images", action="store_true", help="depth sampled from rendered images of a body of capsules")
+    add("--depth-covered", type=share, metavar="SHARE", help="with --depth-images: share behind furniture, from below")
+    add("--missing", type=share, default=0.0, help="share of keypoints missing, in bursts of 5-30 frames (0)")
+    add("--outliers", type=share, default=0.0, help="share of keypoints 30-150 px off at full confidence (0)")
+    add("--swaps", type=share, default=0.0, help="share of frames with a limb's left and right swapped, in bursts (0)")
+    add("--swapped", choices=tuple(SWAPPED), default="limb", help="with --swaps: what is swapped (a limb per burst)")
+    add("--swap-s", type=size, default=0.0, metavar="S", help="with --swaps: duration of a burst, s (1 to 12 frames)")
+    add("--hidden", type=names, default=[], help="comma-separated landmarks that are never detected")
+    add("--camera-roll", type=finite, default=0.0, metavar="RAD", help="true roll of the mount (0)")
+    add("--camera-pitch", type=finite, default=0.0, metavar="RAD", help="true pitch of the mount (0)")
+    add("--mount", choices=("tilt", "floor"), help="tell the tracker the true tilt; or this and the camera's height")
+    add("--tilt-off", type=size, default=0.0, metavar="DEG", help="with --mount: error of the tilt told (0)")
+    add("--floor-off", type=finite, default=0.0, metavar="M", help="with --mount floor: error of the height told (0)")
+    add("--lying", action="store_true", help="people lie, on a random side")
+    add("--fps", type=positive, default=60.0, help="frame rate, by leaving out frames; or the nearest there is (60)")
 
 
 REALISTIC = {

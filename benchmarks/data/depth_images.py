@@ -1,9 +1,9 @@
-"""Depth images of a body made of capsules, as from a depth camera registered to the colour camera.
+"""Measured depth: a simulated sensor at each keypoint, and depth images of a body made of capsules.
 
-The radii are anthropometric means (circumference / (2 pi), half depth for the trunk), chosen without regard to the
-tracker's own offsets (`THICKNESS` in `core/body/roles.py`). The images contain what a simulated sensor per landmark
-does not: the surface in front of each joint, limbs hidden by the own body, pixels of the wall beside thin limbs, and
-furniture in front of the person.
+The images are those of a depth camera registered to the colour camera. The radii are anthropometric means
+(circumference / (2 pi), half depth for the trunk), chosen without regard to the tracker's own offsets (`THICKNESS` in
+`core/body/roles.py`). The images contain what a sensor per landmark does not: the surface in front of each joint, limbs
+hidden by the own body, pixels of the wall beside thin limbs, and furniture in front of the person.
 """
 
 from __future__ import annotations
@@ -15,6 +15,33 @@ import numpy as np
 
 from lassokin_ros.pipeline.depth.depth_sampling import sample_depth
 from msg_adapters.depth_image import DepthImage
+
+OCCLUDERS = 0.1, 0.5
+"""Range of the distance between occluder and landmark, m, uniformly drawn."""
+
+
+@dataclass(frozen=True)
+class DepthSensor:
+    """Errors of the measured depth.
+
+    noise: standard deviation of each measurement, m. noise_z2: the same of an error that grows with the square of the
+    depth, as with stereo cameras, 1/m. bias: standard deviation of the constant error of each landmark, m. occluded:
+    share of the measurements that are those of an occluder.
+    """
+
+    noise: float = 0.0
+    bias: float = 0.0
+    occluded: float = 0.0
+    noise_z2: float = 0.0
+
+    def measured(self, depth: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        """(f, l) m: measurements of the depths (f, l) of landmarks along the optical axis."""
+        result = depth + self.noise * random.normal(size=depth.shape) + self.bias * random.normal(size=depth.shape[1])
+        result += self.noise_z2 * depth**2 * random.normal(size=depth.shape)
+        occluded = random.random(depth.shape) < self.occluded
+        result[occluded] -= random.uniform(*OCCLUDERS, occluded.sum())
+        return np.asarray(result)
+
 
 SIZE = 848, 480
 """px: width and height of the depth images."""

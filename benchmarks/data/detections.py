@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.accuracy_run import anatomy
 from benchmarks.accuracy_run.experiment import FIGURES
-from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, joint_errors, mpjpe, pa_mpjpe
+from benchmarks.accuracy_run.metrics import figures, mpjpe
 from benchmarks.accuracy_run.runs import Track, follow, follow_file
 from benchmarks.common.report import Record
 from benchmarks.data.body_lengths import landmark_lengths, rms_difference, skeleton_lengths
@@ -309,27 +309,16 @@ def score(track: Track, recording: Recording, layout: Layout) -> Record:
     if not scored.any():  # nobody was found, or only in frames without a reference
         none = {**dict.fromkeys((*FIGURES, *anatomy.FIGURES), float("nan")), "rejected": int(track.rejected.sum())}
         return {"frames": 0, **none, "ends_lost": bool(track.rejected[-1])}
-    error = mpjpe(estimate[scored], truth[scored], own_root[scored], true_root[scored])
-    flips = flipped_frames(estimate[scored], truth[scored], list(JOINTS))
+    first = slice(int(np.argmax(scored)), int(np.argmax(scored)) + 1)
     return {
-        "frames": int(scored.sum()),
-        "mpjpe_mm": float(np.mean(error)),
-        "pa_mpjpe_mm": float(np.mean(pa_mpjpe(estimate[scored], truth[scored]))),
-        "accel_error": acceleration_error(estimate, truth, own_root, true_root, recording.fps),
-        "root_mm": float(1000 * np.nanmean(np.linalg.norm(own_root - true_root, axis=-1))),
+        **figures(estimate, truth, own_root, true_root, list(JOINTS), recording.stamps, recording.fps),
         "reprojection_px": float(np.nanmean(track.reprojection_px)),
-        "frames_over_100mm": int(np.sum(error > 100)),
-        "over_100mm_percent": float(100 * np.mean(error > 100)),
-        "flips": int(flips.sum()),
-        "flips_percent": float(100 * np.mean(flips)),
         "init_ms": track.init_ms,
-        "init_mpjpe_mm": float(error[0]),
+        "init_mpjpe_mm": float(mpjpe(estimate[first], truth[first], own_root[first], true_root[first])[0]),
         "frame_ms_p50": _percentile(track.frame_ms, 50),
         "frame_ms_p99": _percentile(track.frame_ms, 99),
         "rejected": int(track.rejected.sum()),
         "ends_lost": bool(track.rejected[-1]),
-        "joints_mm": joint_errors(estimate[scored], truth[scored], own_root[scored], true_root[scored], list(JOINTS)),
-        **anatomy.body_figures(estimate, truth, list(JOINTS), recording.stamps),
     }
 
 

@@ -30,7 +30,7 @@ class Score:
     def add(self, found: np.ndarray, true: np.ndarray, **more: float) -> None:
         """Points (21, 3) m of one hand, found and true; more: further figures."""
         apart = 1e3 * np.linalg.norm((found - found[0]) - (true - true[0]), axis=1)[1:].mean()
-        turn = hand_axes(found).T @ hand_axes(true)
+        turn = palm(found).T @ palm(true)
         angle = np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
         bent, truly = bends(found), bends(true)
         aligned = 1e3 * np.linalg.norm(procrustes(found, true) - true, axis=1).mean()
@@ -70,6 +70,14 @@ class Score:
 def between(a: np.ndarray, b: np.ndarray) -> float:
     """Degrees between two vectors (3,)."""
     return float(np.degrees(np.arccos(np.clip(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)), -1, 1))))
+
+
+def palm(points: np.ndarray) -> np.ndarray:
+    """(3, 3) axes of the palm, by knuckles that are far apart: to the middle one, out of the palm, and across."""
+    x = points[9] - points[0]
+    y = np.cross(x, points[5] - points[17])
+    x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
+    return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
 def bends(points: np.ndarray) -> np.ndarray:

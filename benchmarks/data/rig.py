@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.data.mocap import EVALUATED, Clip, clip_height, landmark_positions
-from benchmarks.data.simulated_camera import Condition, _lasting, _spoil, step_for, swap_sides
+from benchmarks.data.simulated_camera import Condition, detected, step_for
 from benchmarks.data.strangers import displaced, displacements
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
@@ -77,13 +77,8 @@ def rig_of(
         R = pitch @ flip @ Rotation.from_euler("y", first + camera * angle).as_matrix() @ Z_UP.T
         pose = CameraPose(f"camera{camera}", R, np.array([0.0, 0.0, distance]))
         focal, seen = random.uniform(1000, 1400), pose.into_camera(marks)
-        pixels = seen[..., :2] / seen[..., 2:] * focal
-        pixels = pixels + random.normal(size=pixels.shape) * condition.noise_px
-        pixels += _lasting(pixels.shape, clip.fps / step, condition, random)
-        confidence = np.ones(pixels.shape[:2])
-        _spoil(pixels, confidence, condition, random)
-        if condition.swaps > 0 and camera == 0:
-            swap_sides(pixels, confidence, layout.names, condition.swaps, random)
+        exact, own = seen[..., :2] / seen[..., 2:] * focal, condition if camera == 0 else replace(condition, swaps=0.0)
+        pixels, confidence = detected(exact, clip.fps / step, layout.names, own, random, random)
         poses.append(pose)
         points.append(pixels / focal)
         confidences.append(confidence)

@@ -10,8 +10,7 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from benchmarks.data.depth_images import DepthCamera
-from benchmarks.data.depth_sensor import DepthSensor
+from benchmarks.data.depth_images import DepthCamera, DepthSensor
 from benchmarks.data.mocap import EVALUATED, Clip, clip_fps, clip_height, floor_height, landmark_positions
 from benchmarks.data.strangers import displaced, displacements
 from lassokin_ros.core.body.landmarks import Layout
@@ -154,15 +153,8 @@ def view_of(
     points = to_camera(landmarks[frames])
     centre_px = np.array([640.0, 360.0])
     exact = points[..., :2] / points[..., 2:] * focal + centre_px
-    pixels = exact + random.normal(size=exact.shape) * condition.noise_px
     own = np.random.default_rng([seed, view, 5, *clip.name.encode()])  # other draws do not change
-    pixels += _lasting(exact.shape, clip.fps / step, condition, own)
-    confidence = np.ones(exact.shape[:2])
-    _spoil(pixels, confidence, condition, random)
-    if condition.swaps > 0:
-        length = round(condition.swap_s * clip.fps / step)
-        swap_sides(pixels, confidence, layout.names, condition.swaps, random, condition.swapped, length)
-    confidence[:, [layout.index(name) for name in condition.hidden]] = 0
+    pixels, confidence = detected(exact, clip.fps / step, layout.names, condition, random, own)
     depth = None
     sensor = np.random.default_rng([seed, view, 9, *clip.name.encode()])
     if isinstance(condition.depth, DepthSensor):
@@ -177,6 +169,29 @@ def view_of(
     return View(
         clip, clip.fps / step, focal, centre_px, truth, root, orientation, pixels, confidence, depth, of_surface, floor
     )
+
+
+def detected(
+    exact: np.ndarray,
+    fps: float,
+    names: Sequence[str],
+    condition: Condition,
+    random: np.random.Generator,
+    of_lasting: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (f, l, 2) px and confidence (f, l), 0 = missing, of a detector that sees exact pixels (f, l, 2).
+
+    names: of the landmarks. of_lasting: draws the lasting errors.
+    """
+    pixels = exact + random.normal(size=exact.shape) * condition.noise_px
+    pixels += _lasting(exact.shape, fps, condition, of_lasting)
+    confidence = np.ones(exact.shape[:2])
+    _spoil(pixels, confidence, condition, random)
+    if condition.swaps > 0:
+        length = round(condition.swap_s * fps)
+        swap_sides(pixels, confidence, names, condition.swaps, random, condition.swapped, length)
+    confidence[:, [list(names).index(name) for name in condition.hidden]] = 0
+    return pixels, confidence
 
 
 WANDERS = 0.1

@@ -18,8 +18,7 @@ import numpy as np
 from benchmarks.common.report import Record
 from benchmarks.data.people_in_view import HEIGHT, LANDMARKS, depth_images, view
 from benchmarks.same_output import PERSON_POINT, keypoints
-from benchmarks.timing.load_table import latency_rows, row, usage_rows
-from benchmarks.timing.processes import Limits, Usage
+from benchmarks.timing.usage import Limits, Usage, latency_rows, row, usage_rows
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.demo.synthetic import WEBCAM

@@ -17,14 +17,14 @@ from pathlib import Path
 
 from lassokin_ros.archive.tasks import (
     DONE_BEFORE,
+    PAGE,
+    SKELETON,
     TRACKED,
     ArchiveError,
     Result,
     Runner,
     Task,
     check_files,
-    folders,
-    use_own_files,
 )
 from lassokin_ros.common.interruption import Interrupted
 from lassokin_ros.common.progress import Progress
@@ -97,12 +97,14 @@ def tasks_of(options: argparse.Namespace) -> list[Task]:
             alone.bag, alone.output, alone.bags = bag.absolute(), output, [bag.absolute()]
             alone.params_file = [file.absolute() for file in options.params_file]
             alone.p = [*options.p, *_own_files(options)]
-            if options.camera_info is not None:
-                alone.camera_info = options.camera_info.absolute()
-            use_own_files(alone, name)
+            for option, suffix in (("camera_info", None), ("report", PAGE), ("save_skeleton", SKELETON)):
+                if (given := getattr(options, option)) is not None:
+                    own = given.absolute() / f"{name}{suffix}" if suffix else given.absolute()
+                    setattr(alone, option, own)
             tasks[output] = Task(name, alone)
     check_output_paths([task.options for task in tasks.values()])
-    for needed in {place for task in tasks.values() for place in folders(task.options)}:
+    written = [(one.output, one.report, one.save_skeleton) for one in (task.options for task in tasks.values())]
+    for needed in {path.parent for paths in written for path in paths if path is not None}:
         try:
             needed.mkdir(parents=True, exist_ok=True)
         except OSError as error:

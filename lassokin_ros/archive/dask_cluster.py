@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from lassokin_ros.archive.tasks import ArchiveError, Result, Runner, Task, run_task
-from lassokin_ros.replay.bags import remove_leftovers
-from lassokin_ros.replay.options import PROGRAM
+from lassokin_ros.replay import PROGRAM
+from lassokin_ros.replay.bag_writer import remove_leftovers
 
 TIMEOUT_S = 10
 

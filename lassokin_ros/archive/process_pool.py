@@ -18,7 +18,7 @@ from threading import Thread
 from types import FrameType
 
 from lassokin_ros.archive.tasks import Result, Runner, Task, run_task
-from lassokin_ros.replay.bags import remove_leftovers
+from lassokin_ros.replay.bag_writer import remove_leftovers
 
 ATTEMPTS = 3
 """Number of processes that try a recording before it counts as failed."""

@@ -16,7 +16,7 @@ from lassokin_ros.common.atomic_files import files_of_people
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.settings import SKELETON_SUFFIXES
-from lassokin_ros.replay.bags import remove_leftovers
+from lassokin_ros.replay.bag_writer import remove_leftovers
 from lassokin_ros.replay.record import Figures, origin_of, record_of
 from lassokin_ros.replay.replay import replay
 
@@ -39,23 +39,6 @@ def check_files(options: argparse.Namespace) -> None:
         from lassokin_ros.replay.exports.exports import check_archive_exports
 
         check_archive_exports(options.export)
-
-
-def use_own_files(options: argparse.Namespace, name: str) -> None:
-    """Replace the folders of --report and --save-skeleton by this recording's files in them.
-
-    options: the options of this recording, changed in place. name: path of the recording relative to the archive.
-    """
-    if options.report is not None:
-        options.report = options.report.absolute() / f"{name}{PAGE}"
-    if options.save_skeleton is not None:
-        options.save_skeleton = options.save_skeleton.absolute() / f"{name}{SKELETON}"
-
-
-def folders(options: argparse.Namespace) -> list[Path]:
-    """Return the folders that must exist before this recording is processed."""
-    files = [options.output, options.report, options.save_skeleton]
-    return [file.parent for file in files if file is not None]
 
 
 def all_exist(options: argparse.Namespace) -> bool:

@@ -29,7 +29,8 @@ from lassokin_ros.node.message_types import message_class
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
-from lassokin_ros.replay.bags import BagReader, BagWriter, typestore
+from lassokin_ros.replay.bag_writer import BagWriter
+from lassokin_ros.replay.bags import BagReader, typestore
 
 DEADLINE_S = 60.0
 GRACE_S = 30.0

@@ -2,34 +2,25 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
-from lassokin_ros.node.executable import run_node
+from lassokin_ros.node.executable import node_command
+
+_run = node_command(
+    "detector",
+    "Detect a person in images, and publish 2D keypoints.",
+    "-p detector:=mediapipe -r image_raw:=/camera/image_raw",
+    "lassokin_ros.detector.node:DetectorNode",
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the detector node until SIGINT or SIGTERM. The exit code is 0, or 2 if the node cannot start."""
+    """Run the detector node, see `node_command`. MediaPipe writes nothing to stderr beside our lines."""
     os.environ.setdefault("GLOG_minloglevel", "3")
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-    return run_node(_parser(), _load, arguments)
-
-
-def _load() -> Callable[[], Any]:
-    from lassokin_ros.detector.node import DetectorNode
-
-    return DetectorNode
-
-
-def _parser() -> argparse.ArgumentParser:
-    return argparse.ArgumentParser(
-        prog="detector",
-        description="Detect a person in images, and publish 2D keypoints.",
-        epilog="ROS arguments follow --ros-args: -p detector:=mediapipe -r image_raw:=/camera/image_raw",
-    )
+    return _run(arguments)
 
 
 if __name__ == "__main__":

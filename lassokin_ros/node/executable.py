@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
+from importlib import import_module
 from typing import Any
 
 from lassokin_ros.common.exit_codes import USAGE_ERROR
@@ -48,6 +49,22 @@ def run_node(
     except Exception as error:
         return _print_error(parser.prog, first_sentence(error))
     return 0
+
+
+def node_command(program: str, description: str, example: str, node: str) -> Callable[..., int]:
+    """Return the function of a command that runs a node, see `run_node`. It takes the arguments, by default `sys.argv`.
+
+    example: ROS arguments, for the help. node: "module:class", imported when the command runs.
+    """
+
+    def main(arguments: Sequence[str] | None = None) -> int:
+        """Run the node until SIGINT or SIGTERM. The exit code is 0, or 2 if the node cannot start."""
+        epilog = f"ROS arguments follow --ros-args: {example}"
+        parser = argparse.ArgumentParser(prog=program, description=description, epilog=epilog)
+        module, _, name = node.partition(":")
+        return run_node(parser, lambda: getattr(import_module(module), name), arguments)
+
+    return main
 
 
 def run(make_node: Callable[[], Any]) -> None:

@@ -8,7 +8,8 @@ import numpy as np
 
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME
-from lassokin_ros.replay.bags import BagWriter, typestore
+from lassokin_ros.replay.bag_writer import BagWriter
+from lassokin_ros.replay.bags import typestore
 from msg_adapters.backends import RosbagsBackend
 from msg_adapters.inputs import camera_info, point_cloud
 

@@ -129,51 +129,6 @@ class Motion:
         return len(self.stamps_ns)
 
 
-@dataclass
-class _Rows:
-    """The rows of one person during the replay."""
-
-    spool: ArraySpool
-    cameras: Sequence[str] = ()
-    frame_id: str = ""
-    skeleton: Skeleton | None = None
-    records: list[Record] = field(default_factory=list)
-
-    def add(self, frame: FrameResult) -> None:
-        estimate = frame.estimate
-        assert estimate is not None and estimate.state is not None and estimate.pose is not None
-        assert estimate.certificate is not None and frame.positions is not None
-        self.frame_id, self.skeleton = frame.frame_id, frame.skeleton
-        missing = np.full((len(estimate.pose.landmarks), 2), np.nan)
-        images = {image.camera.name: image for image in frame.images}
-        main = images.get(self.cameras[0]) if self.cameras else frame
-        row = {
-            "stamps_ns": frame.stamp_ns,
-            "positions": estimate.pose.positions,
-            "rotations": estimate.state.rotations,
-            "translations": estimate.state.translation,
-            "angles": frame.positions[3:].reshape(-1, 3),
-            "landmarks": estimate.pose.landmarks,
-            "detected": missing if main is None or main.detected is None else main.detected,
-            "reprojection_px": estimate.reprojection_px,
-            "relative_gap": estimate.certificate.relative_gap,
-            "support_size": estimate.certificate.support_size,
-            "initialised": estimate.initialised,
-            "deviations": frame.uncertainty.deviation,
-            "rotation_deviations": frame.uncertainty.rotation_deviation,
-            "observed": frame.observed,
-            "signs": frame.doubt.has_sign,
-            "likely_wrong": frame.doubt.likely_wrong,
-            "contacts": frame.contacts,
-        }
-        for name in self.cameras:
-            image = images.get(name)
-            detected = None if image is None else image.detected
-            row[f"{name} {DETECTED}"] = missing if detected is None else detected
-            row[f"{name} {REPROJECTED}"] = missing if image is None else image.project(estimate.pose.landmarks)
-        self.records.append(self.spool.append({name: np.asarray(value) for name, value in row.items()}))
-
-
 class MotionRecorder:
     """Collect the accepted frames of each person in a temporary file: 4 kB per frame, 0.5 GB for an hour at 30 Hz."""
 
@@ -197,28 +152,64 @@ class MotionRecorder:
         smoothing = config.smoothing if config.smoothing_lag > 0 else 0.0
         self._sources = {"lens": lens, "height_from": height_from, "smoothing": smoothing}
         self._spool = ArraySpool()
-        self._people: dict[str, _Rows] = {}
+        self._people: dict[str, list[Record]] = {}
+        self._last: dict[str, FrameResult] = {}
 
     def add(self, frames: Sequence[FrameResult], time_ns: int = 0, seconds: float = 0.0) -> None:
         """Add the frames of one keypoint message, see `Playback.listeners`. Rejected frames add no row."""
         for frame in frames:
             if frame.accepted and frame.estimate is not None:
-                self._people.setdefault(frame.person, _Rows(self._spool, self._cameras)).add(frame)
+                self._people.setdefault(frame.person, []).append(self._spool.append(self._row(frame)))
+                self._last[frame.person] = frame
+
+    def _row(self, frame: FrameResult) -> dict[str, np.ndarray]:
+        """Return the arrays of an accepted frame, see `Motion`."""
+        estimate = frame.estimate
+        assert estimate is not None and estimate.state is not None and estimate.pose is not None
+        assert estimate.certificate is not None and frame.positions is not None
+        missing = np.full((len(estimate.pose.landmarks), 2), np.nan)
+        images = {image.camera.name: image for image in frame.images}
+        main = images.get(self._cameras[0]) if self._cameras else frame
+        row = {
+            "stamps_ns": frame.stamp_ns,
+            "positions": estimate.pose.positions,
+            "rotations": estimate.state.rotations,
+            "translations": estimate.state.translation,
+            "angles": frame.positions[3:].reshape(-1, 3),
+            "landmarks": estimate.pose.landmarks,
+            "detected": missing if main is None or main.detected is None else main.detected,
+            "reprojection_px": estimate.reprojection_px,
+            "relative_gap": estimate.certificate.relative_gap,
+            "support_size": estimate.certificate.support_size,
+            "initialised": estimate.initialised,
+            "deviations": frame.uncertainty.deviation,
+            "rotation_deviations": frame.uncertainty.rotation_deviation,
+            "observed": frame.observed,
+            "signs": frame.doubt.has_sign,
+            "likely_wrong": frame.doubt.likely_wrong,
+            "contacts": frame.contacts,
+        }
+        for name in self._cameras:
+            image = images.get(name)
+            row[f"{name} {DETECTED}"] = missing if image is None or image.detected is None else image.detected
+            row[f"{name} {REPROJECTED}"] = missing if image is None else image.project(estimate.pose.landmarks)
+        return {name: np.asarray(value) for name, value in row.items()}
 
     def motions(self) -> list[Motion]:
         """Return one motion per person, in order of first appearance; empty if nobody was tracked."""
         motions = []
-        for person, rows in self._people.items():
-            assert rows.skeleton is not None
-            columns = self._spool.columns(rows.records)
+        for person, records in self._people.items():
+            last, columns = self._last[person], self._spool.columns(records)
+            assert last.skeleton is not None
             columns["stamps_ns"] = columns["stamps_ns"] - self._origin_ns
             seconds = (columns["stamps_ns"] - columns["stamps_ns"][0]) * 1e-9
             columns["likely_wrong"] = marked_frames(seconds, columns.pop("signs"), columns["likely_wrong"])
-            names, level = self._landmark_names, self._level()
-            pairs = {name: [columns.pop(f"{name} {what}") for what in (DETECTED, REPROJECTED)] for name in rows.cameras}
+            pairs = {
+                name: [columns.pop(f"{name} {kind}") for kind in (DETECTED, REPROJECTED)] for name in self._cameras
+            }
             seen = {name: Seen(*pair) for name, pair in pairs.items()}
-            rest: dict[str, Any] = {**columns, "level": level, "cameras": seen, **self._sources}
-            motions.append(Motion(person, rows.frame_id, rows.skeleton, names, **rest))
+            rest: dict[str, Any] = {**columns, "level": self._level(), "cameras": seen, **self._sources}
+            motions.append(Motion(person, last.frame_id, last.skeleton, self._landmark_names, **rest))
         floor = np.array([_floor(motion) for motion in motions])
         common = float(np.median(floor[np.isfinite(floor)])) if np.isfinite(floor).any() else 0.0
         first = min((int(motion.stamps_ns[0]) for motion in motions), default=0)

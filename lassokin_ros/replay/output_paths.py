@@ -19,29 +19,23 @@ class OutputError(LassokinError):
     """An output path conflicts with another path, or cannot be written."""
 
 
-class Inputs:
-    """The input recordings."""
+def _refuse_inputs(bags: Iterable[Path], what: str, path: Path) -> None:
+    """Raise OutputError if `path` is an input, lies inside one, or is an output folder that contains one.
 
-    def __init__(self, bags: Iterable[Path]) -> None:
-        self._bags = {real_path(bag): bag for bag in bags}
-        self._around = {folder: bag for place, bag in self._bags.items() for folder in place.parents}
-
-    def refuse(self, what: str, path: Path) -> None:
-        """Raise OutputError if `path` is an input, lies inside one, or is an output folder that contains one.
-
-        what: the kind of output, for the error text.
-        """
-        place = real_path(path)
-        inside = next((folder for folder in place.parents if folder in self._bags), None)
-        if place in self._bags:
-            relation, bag = "is", self._bags[place]
-        elif inside is not None:
-            relation, bag = "is inside", self._bags[inside]
-        elif what == OUTPUT and place in self._around:
-            relation, bag = "contains", self._around[place]
-        else:
-            return
-        raise OutputError(f"{what} '{path}' {relation} the input recording '{bag}'; choose another path")
+    what: the kind of output, for the error text.
+    """
+    place, inputs = real_path(path), {real_path(bag): bag for bag in bags}
+    inside = next((folder for folder in place.parents if folder in inputs), None)
+    around = next((bag for folder, bag in inputs.items() if what == OUTPUT and place in folder.parents), None)
+    if place in inputs:
+        relation, bag = "is", inputs[place]
+    elif inside is not None:
+        relation, bag = "is inside", inputs[inside]
+    elif around is not None:
+        relation, bag = "contains", around
+    else:
+        return
+    raise OutputError(f"{what} '{path}' {relation} the input recording '{bag}'; choose another path")
 
 
 def check_output_paths(replays: Sequence[argparse.Namespace]) -> None:
@@ -49,12 +43,11 @@ def check_output_paths(replays: Sequence[argparse.Namespace]) -> None:
 
     replays: the options of each recording, with `bag` and `output` set. Raises ExportError for a bad --export.
     """
-    everything = Inputs(options.bag for options in replays)
     for options in replays:
         # Without --force the archive itself refuses an output that is the input of another recording.
-        inputs = everything if options.force else Inputs([options.bag])
+        bags = [one.bag for one in (replays if options.force else [options])]
         for what, path in _places(options):
-            inputs.refuse(what, path)
+            _refuse_inputs(bags, what, path)
     places = [place for options in replays for place in _places(options)]
     refuse_shared(settings_files(replays[0]), places, OutputError)
     _refuse_inside(places)

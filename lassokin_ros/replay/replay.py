@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -26,22 +26,23 @@ from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sid
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.replay.bags import BagReader, BagWriter, RecordedTopic
-from lassokin_ros.replay.camera_source import RecordedCamera, messages_of, poses_in, recorded_cameras
+from lassokin_ros.replay.bag_writer import BagWriter
+from lassokin_ros.replay.bags import BagReader, RecordedTopic
+from lassokin_ros.replay.camera_source import RecordedCamera, messages_of, recorded_cameras
 from lassokin_ros.replay.exports.exports import Exports, is_inside_name
 from lassokin_ros.replay.motion import MotionRecorder
 from lassokin_ros.replay.output_paths import OutputError, check_output_paths, refuse_existing_files
 from lassokin_ros.replay.passes.passes import Bodies, learn
-from lassokin_ros.replay.playback import PATIENCE_S, Listener, NodeMessages, Playback
+from lassokin_ros.replay.playback import PATIENCE_S, NodeMessages, Playback
 from lassokin_ros.replay.record import KEY, Figures, Record, origin_of
-from lassokin_ros.replay.recorded_images import recorded_images
+from lassokin_ros.replay.recorded_images import RecordedImages, recorded_images
 from lassokin_ros.replay.recording_files import recording_name
 
 if TYPE_CHECKING:
     from lassokin_ros.replay.report.report import Report
 
 
-Inputs = Mapping[str, Callable[[Any, int], None]]
+Inputs = dict[str, Callable[[Any, int], None]]
 """By the topic's name, what processes its messages."""
 
 
@@ -70,59 +71,81 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     tracker_config, node_config = offline_settings(options.params_file, options.p, defaults)
     _check_learning(options, tracker_config, node_config)
     with BagReader(options.bag) as bag:
-        cameras = recorded_cameras(bag, options, node_config)
-        others = _other_topics(bag, node_config)
-        read = [*(topic for one in cameras for topic in one.topics), *others]
-        poses = poses_in(cameras)
+        source = _Source(bag, options, node_config, progress_on)
+        poses = {camera.name: camera.pose for camera in source.cameras if camera.pose is not None} or None
 
         def make(config: TrackerConfig, bodies: Bodies | None = None) -> Session:
             return Session(config, node_config, poses=poses, bodies=bodies, patience=PATIENCE_S)
 
-        def play(playback: Playback, title: str) -> None:
-            inputs = _inputs(playback, cameras, others)
-            progress = Progress(sum(topic.count for topic in read), title, progress_on)
-            _run(messages_of(cameras, bag, read), inputs, playback, progress)
-
-        known = learn(make, play, tracker_config) if options.two_pass else None
-        given = None if known is None else known.first.tracker.given_skeleton
+        known = learn(make, source.play, tracker_config) if options.two_pass else None
         session = make(tracker_config) if known is None else known.session(make)
-        listeners: list[Listener] = []
-        report = _report(options, session, given, listeners)
-        exports = _exports(options, session, listeners)
-        images = recorded_images(bag, options, report, {one.name: one.keypoints for one in cameras})
-        read += [shown.topic for shown in images]
+        report = _report(options, session, None if known is None else known.first.tracker.given_skeleton)
+        exports = _exports(options, session)
+        images = recorded_images(bag, options, report, {one.name: one.keypoints for one in source.cameras})
         output, storage = options.output, options.storage or bag.storage
         # All or nothing: every file is complete on the disk before the recording and the files get their names.
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
                 tracker = Playback(session, NodeMessages(session, bag.types, writer.write))
-                tracker.listeners += listeners
-                inputs = {**_inputs(tracker, cameras, others), **{shown.topic.name: shown.take for shown in images}}
-                progress = Progress(sum(topic.count for topic in read), "messages", progress_on)
-                seconds = _run(messages_of(cameras, bag, read), inputs, tracker, progress)
+                collectors = (report, None if exports is None else exports.recorder)
+                tracker.listeners += [one.add for one in collectors if one is not None]
+                seconds = source.play(tracker, "messages", images)
                 figures = _figures(tracker)
                 writer.note(KEY, Record(origin_of(options), figures).text)
                 written = _files(options, tracker, exports, writer, files)
                 if report is not None:
-                    report.write(
-                        files, options.bag.resolve().name, _topics_of(cameras), warnings=tracker.warnings.found
-                    )
+                    report.write(files, options.bag.resolve().name, source.names, warnings=tracker.warnings.found)
                 files.check()
             files.placed.append(output)
     written.update({f"images {n}" if n else "images": str(shown) for n, shown in enumerate(images)})
-    title = f"{options.bag} -> {output} ({storage})"
     heights = session.heights().items()
     words = {person: height_in_words(height) for person, height in heights} if known is None else known.heights
-    summary = _summary(title, cameras, tracker, seconds, written, words, report is not None)
-    if report is not None:
-        summary = "\n".join([summary, *report.summary_lines])
+    title = [f"{options.bag} -> {output} ({storage})", *source.lines]
+    lines = _summary(tracker, seconds, words, report is None) | written  # a report has the warnings, too
+    summary = [*title, *(f"{name:<15} {text}" for name, text in lines.items())]
+    summary += [] if report is None else report.summary_lines
     frame_ms = 1e3 * float(np.median(tracker.frame_seconds or [np.nan]))
-    return Replayed(summary, figures, frame_ms, _warning(figures, tracker))
+    return Replayed("\n".join(summary), figures, frame_ms, _warning(figures, tracker))
 
 
-def _topics_of(cameras: Sequence[RecordedCamera]) -> tuple[str, str]:
-    """Return the keypoint topics, and the camera_info topics or what replaces them."""
-    return ", ".join(one.keypoints.name for one in cameras), ", ".join(one.source.name for one in cameras)
+class _Source:
+    """The topics of a recording that the settings need."""
+
+    def __init__(
+        self, bag: BagReader, options: argparse.Namespace, config: NodeSettings, progress_on: TextIO | None
+    ) -> None:
+        """Raises BagError, CameraError."""
+        self._bag, self._progress_on = bag, progress_on
+        self.cameras = recorded_cameras(bag, options, config)
+        self._others = _other_topics(bag, config)
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """The keypoint topics, and the camera_info topics or what replaces them."""
+        return ", ".join(one.keypoints.name for one in self.cameras), ", ".join(one.source for one in self.cameras)
+
+    @property
+    def lines(self) -> list[str]:
+        """The topics as lines of the summary."""
+        keypoints, info = topics.KEYPOINTS, topics.CAMERA_INFO
+        pairs = [pair for one in self.cameras for pair in ((keypoints, one.keypoints), (info, one.title))]
+        return [f"{name:<15} {topic}" for name, topic in pairs]
+
+    def play(self, tracker: Playback, title: str, images: Sequence[RecordedImages] = ()) -> float:
+        """Process every message, and return the elapsed time in s. title: of the progress bar."""
+        inputs = _inputs(tracker, self.cameras, self._others) | {shown.topic.name: shown.take for shown in images}
+        read = [topic for one in self.cameras for topic in one.topics] + self._others
+        read += [shown.topic for shown in images]
+        progress = Progress(sum(topic.count for topic in read), title, self._progress_on)
+        started = time.monotonic()
+        try:
+            for topic, time_ns, message in messages_of(self.cameras, self._bag, read):
+                inputs[topic](message, time_ns)
+                progress.advance(note=tracker.session.status.value)
+            tracker.finish()
+        finally:
+            progress.close()
+        return time.monotonic() - started
 
 
 def _check_learning(options: argparse.Namespace, tracker: TrackerConfig, node: NodeSettings) -> None:
@@ -156,22 +179,9 @@ def _inputs(tracker: Playback, cameras: Sequence[RecordedCamera], others: Sequen
         if config.depth:
             depth = next(n for n in inputs if n.strip("/") == config.depth_topic(camera.name).strip("/"))
             inputs[depth] = partial(tracker.depth_image, camera=camera.name)
-        inputs[camera.source.name] = partial(tracker.camera_info, camera=camera.name)
+        inputs[camera.source] = partial(tracker.camera_info, camera=camera.name)
         inputs[camera.keypoints.name] = partial(tracker.keypoints, camera=camera.name)
     return inputs
-
-
-def _run(messages: Iterator[tuple[str, int, Any]], inputs: Inputs, tracker: Playback, progress: Progress) -> float:
-    """Process every message (topic, recording time in ns, message) and return the elapsed time in s."""
-    started = time.monotonic()
-    try:
-        for topic, time_ns, message in messages:
-            inputs[topic](message, time_ns)
-            progress.advance(note=tracker.session.status.value)
-        tracker.finish()
-    finally:
-        progress.close()
-    return time.monotonic() - started
 
 
 def _files(
@@ -189,9 +199,7 @@ def _files(
     return lines
 
 
-def _report(
-    options: argparse.Namespace, session: Session, given: Skeleton | None, listeners: list[Listener]
-) -> Report | None:
+def _report(options: argparse.Namespace, session: Session, given: Skeleton | None) -> Report | None:
     """Return the collector of the report, None without --report. Raises a LassokinError for an unusable path.
 
     given: the skeleton before the first of two passes, if there are two.
@@ -200,18 +208,15 @@ def _report(
         return None
     from lassokin_ros.replay.report.report import Report
 
-    report = Report(options.report, session, options.force, given)
-    listeners.append(report.add)
-    return report
+    return Report(options.report, session, options.force, given)
 
 
-def _exports(options: argparse.Namespace, session: Session, listeners: list[Listener]) -> Exports | None:
+def _exports(options: argparse.Namespace, session: Session) -> Exports | None:
     """Return the collector of the exports, None without --export. Raises a LassokinError for an unusable path."""
     if not options.export:
         return None
     names, config = session.tracker.layout.names, session.tracker.config
     recorder = MotionRecorder(names, config, lambda: session.placement.level, 0, session.config.camera_names)
-    listeners.append(recorder.add)
     return Exports(options.export, recorder, session.tracker.skeleton, session.config.several_people, options.force)
 
 
@@ -224,8 +229,9 @@ def _figures(tracker: Playback) -> Figures:
 def _warning(figures: Figures, tracker: Playback) -> str:
     if tracker.session.answered or not figures.frames_in:
         return ""
+    first = _first_rejection(tracker)
     found = f"none of {figures.frames_in} keypoint messages gave a skeleton"
-    return f"{found}; first rejection: {_first_rejection(tracker)}" if tracker.first_rejection else found
+    return f"{found}; first rejection: {first}" if first else found
 
 
 def _first_rejection(tracker: Playback) -> str:
@@ -233,50 +239,30 @@ def _first_rejection(tracker: Playback) -> str:
     return ": ".join(filter(None, tracker.first_rejection or ()))
 
 
-def _summary(
-    title: str,
-    cameras: Sequence[RecordedCamera],
-    tracker: Playback,
-    seconds: float,
-    written: Mapping[str, str],
-    heights: Mapping[str, str],
-    has_report: bool,
-) -> str:
-    """heights: measured ones in words, by person; see `Known.heights`."""
-    counts, error = tracker.session.counts, tracker.reprojection_px
+def _summary(tracker: Playback, seconds: float, heights: Mapping[str, str], with_warnings: bool) -> dict[str, str]:
+    """Return the lines of the summary by name. seconds: of the replay. heights: see `Known.heights`."""
+    session, counts, error = tracker.session, tracker.session.counts, tracker.reprojection_px
     rejected = {key.partition(": ")[2]: n for key, n in sorted(counts.items()) if key.startswith("rejected: ")}
     times = 1e3 * np.array(tracker.frame_seconds or [np.nan])
     lines = {
         "frames": f"{counts['received']} in, {tracker.messages_tracked} out",
         "rejected": ", ".join(f"{reason} {count}" for reason, count in rejected.items()) or "none",
-    }
-    if tracker.first_rejection is not None:
-        lines["rejected first"] = _first_rejection(tracker)
-    lines |= {
+        "rejected first": _first_rejection(tracker),
         "initialised": "once" if tracker.initialisations == 1 else f"{tracker.initialisations} times",
         "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
         "time per frame": f"{np.median(times):.2f} ms median, {np.percentile(times, 99):.2f} ms 99th percentile",
         "in all": f"{seconds:.1f} s, {counts['received'] / max(seconds, 1e-9):.0f} frames/s",
     }
-    if (places := tracker.session.placement.places) is not None:
+    if (places := session.placement.places) is not None:
         lines["cameras"] = places.fault or places.in_words()
-    averaged = tracker.session.tracker.averaged
-    if averaged:
-        lines["left and right"] = averaged_sides(averaged)
-    if limitations := tracker.session.tracker.limitations:
-        lines["limitations"] = limitations
-    if (depth := tracker.session.first.depth) is not None:
-        lines["depth images"] = f"for {counts[MATCHED]} of {counts[MATCHED] + counts[UNMATCHED]} keypoint messages"
-        if remark := depth.fault or depth.note:
-            lines["depth images"] += f"; {remark}"
+    lines["left and right"] = averaged_sides(session.tracker.averaged) if session.tracker.averaged else ""
+    lines["limitations"] = session.tracker.limitations
+    if (depth := session.first.depth) is not None:
+        found = f"for {counts[MATCHED]} of {counts[MATCHED] + counts[UNMATCHED]} keypoint messages"
+        lines["depth images"] = "; ".join(filter(None, (found, depth.fault or depth.note)))
     lines |= {f"height of {person}" if person else "height": words for person, words in heights.items()}
-    if not has_report:  # which has them, too
+    if with_warnings:
         lines |= {f"warned {number}": raised.text for number, raised in enumerate(tracker.warnings.found, 1)}
     if counts[LINK_AS_FRAME]:
         lines["base frame"] = "frame_id is the name of a link of the body; robot_description has another base"
-    lines.update(written)
-    inputs = [(str(camera.keypoints), camera.source.title) for camera in cameras]
-    read = [
-        f"{name:<15} {topic}" for pair in inputs for name, topic in zip((topics.KEYPOINTS, topics.CAMERA_INFO), pair)
-    ]
-    return "\n".join([title, *read, *(f"{name:<15} {text}" for name, text in lines.items())])
+    return {name: text for name, text in lines.items() if text}

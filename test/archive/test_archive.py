@@ -16,9 +16,11 @@ from recordings import contents, write_recording  # noqa: E402
 from lassokin_ros.archive.archive import tasks_of  # noqa: E402
 from lassokin_ros.archive.dask_cluster import on_cluster  # noqa: E402
 from lassokin_ros.archive.tasks import ArchiveError  # noqa: E402
-from lassokin_ros.cli.replay import main  # noqa: E402
+from lassokin_ros.cli.replay import (
+    main,  # noqa: E402
+    parser,  # noqa: E402
+)
 from lassokin_ros.pipeline.parameter_files import offline_settings  # noqa: E402
-from lassokin_ros.replay.options import parser  # noqa: E402
 from lassokin_ros.replay.record import origin_of, record_of  # noqa: E402
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="finds processes in /proc, which is Linux'")

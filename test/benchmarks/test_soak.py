@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks import soak
 from benchmarks.data.people_in_view import view
-from benchmarks.timing import live_load, load_table
-from benchmarks.timing.processes import Limits, Usage
+from benchmarks.timing import live_load, usage
+from benchmarks.timing.usage import Limits, Usage
 from lassokin_ros.pipeline.keypoint_queue import OVERTAKEN
 
 
@@ -31,7 +31,7 @@ def test_wrong_rotations_and_values_that_are_not_finite_are_detected():
 
 
 def test_growth_is_detected():
-    before, after = Usage(100.0, 10, 3, 1.0), Usage(100.0 + 2 * load_table.MOST_GROWTH_MB, 11, 3, 2.0)
+    before, after = Usage(100.0, 10, 3, 1.0), Usage(100.0 + 2 * usage.MOST_GROWTH_MB, 11, 3, 2.0)
     assert [record["holds"] for record in soak.usage_rows(before, after)] == ["NO", "NO", "yes", ""]
 
 

@@ -8,8 +8,7 @@ import pytest
 
 from benchmarks.common.report import data_folder
 from benchmarks.solvers import certified, main, measure
-from benchmarks.timing.formulations import ByScikitLearn, methods
-from benchmarks.timing.problems import Recorded
+from benchmarks.timing.formulations import ByScikitLearn, Recorded, methods
 from lassokin_ros.core.lasso import solver
 from lassokin_ros.core.lasso.problem import Lasso
 

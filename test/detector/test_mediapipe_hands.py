@@ -12,7 +12,6 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.detector import mediapipe_hands
 from lassokin_ros.detector.backend import Detected, DetectorError, make_detector
 from lassokin_ros.detector.mediapipe_hands import POINTS, REACH, hand_regions
-from lassokin_ros.detector.pose_models import LAYOUTS
 from lassokin_ros.video.command import parser
 from lassokin_ros.video.run_settings import settings_of
 from lassokin_ros.video.sources import open_source
@@ -93,13 +92,6 @@ def test_a_model_that_fails_is_one_error(detector, monkeypatch):
     monkeypatch.setattr(Landmarker, "detect", lambda self, image: fail(image))
     with pytest.raises(DetectorError, match="the model of the hands cannot be run: INTERNAL: something"):
         detector.detect(np.ones(SHAPE, np.uint8), 0.0)
-
-
-def test_onnx_models_of_133_points_have_a_layout():
-    assert LAYOUTS[LAYOUT_133.detector_count] == LAYOUT_133.name
-
-
-LAYOUT_133 = Layout.load("coco133", Skeleton.load("body_hands", 1.75))
 
 
 @pytest.mark.skipif(importlib.util.find_spec("mediapipe") is None, reason="mediapipe is not installed")

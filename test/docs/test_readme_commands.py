@@ -14,9 +14,9 @@ from recordings import write_recording
 
 from lassokin_ros.cli.lassokin import COMMANDS
 from lassokin_ros.cli.replay import main as replay
+from lassokin_ros.cli.replay import parser as replay_parser
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.parameter_files import all_settings
-from lassokin_ros.replay.options import parser as replay_parser
 from lassokin_ros.video.command import parser as track_parser
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -129,7 +129,8 @@ def test_a_really_full_disk_is_reported_and_leaves_no_files(recording, small_dis
 
 def test_a_forced_output_survives_a_full_disk(recording, small_disk, capfd):
     """The old recording is kept if the new one does not fit."""
-    from lassokin_ros.replay.bags import BagWriter, typestore
+    from lassokin_ros.replay.bag_writer import BagWriter
+    from lassokin_ros.replay.bags import typestore
 
     with BagWriter(small_disk / "out", "mcap", typestore()) as writer:
         writer.write_raw("/a", "std_msgs/msg/String", 0, b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00")

@@ -126,7 +126,7 @@ def test_messages_in_a_killed_recorders_log_are_read(killed, tmp_path, capsys):
 
 def test_a_killed_recorders_folder_without_metadata_is_read_as_an_archive(killed, tmp_path):
     from lassokin_ros.archive.archive import tasks_of
-    from lassokin_ros.replay.options import parser
+    from lassokin_ros.cli.replay import parser
 
     folder = copy_of(killed, tmp_path)
     (folder / "metadata.yaml").unlink()

@@ -7,7 +7,8 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.replay.bags import BagReader, BagWriter, typestore
+from lassokin_ros.replay.bag_writer import BagWriter
+from lassokin_ros.replay.bags import BagReader, typestore
 from lassokin_ros.replay.keypoint_recording import write_keypoint_recording
 from msg_adapters.backends import RosbagsBackend
 from msg_adapters.inputs import camera_info

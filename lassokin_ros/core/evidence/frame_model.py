@@ -16,9 +16,8 @@ from lassokin_ros.core.body.roles import ANKLES, SIDES
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.evidence.feet import Floor, FootContact
-from lassokin_ros.core.evidence.hand_depth import HandDepth
 from lassokin_ros.core.evidence.image_points import ImagePoints, MeasuredDepth
-from lassokin_ros.core.evidence.learned_depth import TAIL, LearnedDepth
+from lassokin_ros.core.evidence.learned_depth import TAIL, HandDepth, LearnedDepth
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import OFFSET_DEVIATION, Balance, Upright
 from lassokin_ros.core.evidence.users import UsersEvidence

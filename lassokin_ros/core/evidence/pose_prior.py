@@ -6,18 +6,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Mapping
+from typing import Any
 
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import Kinematics
-from lassokin_ros.core.body.roles import of_body
+from lassokin_ros.core.body.roles import FINGER_JOINTS, SIDES, of_body
 from lassokin_ros.core.body.rotations import logarithm, right_jacobian, right_jacobian_inverse
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint, Posture
-from lassokin_ros.core.evidence.hand_prior import add_hands
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import squared_norm
 from lassokin_ros.core.yaml_files import shipped_mapping
@@ -25,6 +25,12 @@ from lassokin_ros.core.yaml_files import shipped_mapping
 WEIGHT_WITH_DEPTH = 0.7
 """Factor on the rows in frames with measured depth or of several cameras. The noise of a measured depth is independent
 from frame to frame, but a prior's error is the same in every frame, and would count again in each."""
+WRIST_DEVIATION, WRIST_MOTION = (0.5, 0.2, 0.35), 0.02
+"""rad about x (the forearm's twist), y and z (flexion); and rad per frame at 60 Hz."""
+HAND_MOTION = 0.03
+"""rad per frame: of a hand alone."""
+OTHER_DEVIATION, OTHER_MOTION = 0.05, 0.004
+"""rad: of axes about which a finger's joint hardly turns, in a skeleton whose joints are not locked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +64,7 @@ class PoseDistribution:
         source = [data["joints"].index(name) for name in known]
         target = [skeleton.index(name) for name in known]
         mean[target] = np.array(data["mean"])[source]
-        size = 3 * len(data["joints"])
-        full = np.zeros((size, size))
-        full[np.tril_indices(size)] = np.concatenate([np.array(row, dtype=float) for row in data["covariance"]])
-        full = full + np.tril(full, -1).T
+        full = _symmetric(data["covariance"])
         s, t = _components(source), _components(target)
         covariance[np.ix_(t, t)] = full[np.ix_(s, s)]
         motion[t] = np.array(data["motion"], dtype=float).reshape(-1)[s]
@@ -70,6 +73,47 @@ class PoseDistribution:
 
 def _components(joints: list[int]) -> np.ndarray:
     return (3 * np.array(joints, dtype=int)[:, None] + np.arange(3)).reshape(-1)
+
+
+def _symmetric(rows: Sequence[Sequence[float]]) -> np.ndarray:
+    """Return the symmetric matrix (k, k) of the rows of its lower triangle."""
+    full = np.zeros((len(rows), len(rows)))
+    full[np.tril_indices(len(rows))] = np.concatenate([np.array(row, dtype=float) for row in rows])
+    return full + np.tril(full, -1).T
+
+
+def add_hands(skeleton: Skeleton, mean: np.ndarray, covariance: np.ndarray, motion: np.ndarray) -> None:
+    """Write the prior of each hand that the skeleton has into mean (n, 3), covariance (3 n, 3 n) and motion (3 n,).
+
+    The motion capture has stiff wrists and no fingers. Fingers get the Gaussian of priors/hands.yaml, which
+    training/hand_prior.py writes, the right hand's mirrored; wrists of a body with fingers move.
+    """
+    for side in SIDES:
+        if {f"{side}_wrist", *(f"{side}_{joint}" for joint in FINGER_JOINTS)} <= set(skeleton.joint_names):
+            _add_fingers(skeleton, side, mean, covariance, motion)
+            wrist = skeleton.index(f"{side}_wrist")
+            own = slice(3 * wrist, 3 * wrist + 3)
+            if wrist == 0:
+                motion[own] = HAND_MOTION
+                continue
+            covariance[own] = covariance[:, own] = 0.0
+            covariance[own, own] = np.diag(np.square(WRIST_DEVIATION))
+            motion[own] = WRIST_MOTION
+
+
+def _add_fingers(skeleton: Skeleton, side: str, mean: np.ndarray, covariance: np.ndarray, motion: np.ndarray) -> None:
+    data = shipped_mapping("lassokin_ros.core.evidence", "priors/hands.yaml")
+    fingers = [skeleton.index(f"{side}_{joint}") for joint in FINGER_JOINTS]
+    every = (3 * np.array(fingers)[:, None] + np.arange(3)).ravel()
+    covariance[every] = covariance[:, every] = 0.0
+    covariance[every, every] = OTHER_DEVIATION**2
+    motion[every] = OTHER_MOTION
+    angles = [name.split("_") for name in data["angles"]]
+    places = [3 * skeleton.index(f"{side}_{joint}") + "xyz".index(axis) for joint, axis in angles]
+    mirror = np.array([1.0 if side == SIDES[0] or axis == "x" else -1.0 for _, axis in angles])
+    mean.reshape(-1)[places] = mirror * data["mean"]
+    covariance[np.ix_(places, places)] = _symmetric(data["covariance"]) * np.outer(mirror, mirror)
+    motion[places] = data["motion"]
 
 
 class PosePrior(Evidence):

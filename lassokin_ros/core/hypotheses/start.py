@@ -13,9 +13,8 @@ from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.hand_pose import HandPose
 from lassokin_ros.core.hypotheses.initialisation import Fit, Initialiser
-from lassokin_ros.core.hypotheses.network_pose import NetworkPose
+from lassokin_ros.core.hypotheses.network_pose import HandPose, NetworkPose
 from lassokin_ros.core.hypotheses.other_pose import MirroredLimbs, OtherPose
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.measurement import Measurement

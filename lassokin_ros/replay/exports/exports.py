@@ -94,7 +94,7 @@ class Exports:
         Raises ExportError, before any work, for an unusable path and for a format that cannot hold the skeleton.
         """
         self._targets = list(dict.fromkeys(map(target_of, wanted)))
-        self._recorder, self._several, self._replace = recorder, several, replace
+        self.recorder, self._several, self._replace = recorder, several, replace
         self.remarks: dict[str, str] = {}
         """Lines of the summary by name, after `write`."""
         for target in self._targets:
@@ -114,7 +114,7 @@ class Exports:
         output: the folder for targets without a folder; the others are written as part of `files`. Raises ExportError,
         and the error of `files`.
         """
-        motions = self._recorder.motions()
+        motions = self.recorder.motions()
         paths: list[Path] = []
         with AtomicFiles(self._replace, ExportError) as inside:
             for target in self._targets:

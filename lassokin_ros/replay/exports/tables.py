@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from itertools import chain
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -18,29 +19,6 @@ BLOCK = 1000
 """Frames of which the values are in memory at once."""
 
 
-def header(joint_names: Sequence[str], named: Sequence[str]) -> list[str]:
-    """Return the column names: stamp, person, joint positions and angles, reprojection error, deviations, doubt,
-    contacts, the named angles, which joints' angles are observed, speeds, and deviations of the rotations.
-    """
-    positions = [f"{joint} position {axis} [m]" for joint in joint_names for axis in "xyz"]
-    angles = [f"{joint} angle {axis} [rad]" for joint in joint_names for axis in "xyz"]
-    deviations = [f"{joint} deviation [m]" for joint in joint_names]
-    return [
-        "stamp [s]",
-        "person",
-        *positions,
-        *angles,
-        "reprojection [px]",
-        *deviations,
-        "likely wrong",
-        *(f"{ankle} stands" for ankle in ANKLES if ankle in joint_names),
-        *(f"{name} [deg]" for name in named),
-        *(f"{joint} angles observed" for joint in joint_names),
-        *(f"{joint} speed [m/s]" for joint in joint_names),
-        *(f"{joint} rotation deviation [rad]" for joint in joint_names),
-    ]
-
-
 def write_csv(motions: Sequence[Motion], file: BinaryIO) -> None:
     """Write all people, one after the other.
 
@@ -49,43 +27,39 @@ def write_csv(motions: Sequence[Motion], file: BinaryIO) -> None:
     """
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(header(motions[0].skeleton.joint_names, list(named_angles(motions[0]))))
     for motion in motions:
-        named = np.stack(list(named_angles(motion).values()) or [np.zeros(motion.frame_count)], axis=1)
-        speeds = motion.speeds
+        names, values, formats = zip(*columns(motion))
+        if motion is motions[0]:
+            rows.writerow(["stamp [s]", "person", *chain(*names)])
         for begin in range(0, motion.frame_count, BLOCK):
             part = slice(begin, begin + BLOCK)
-            rows.writerows(_block(motion, part, named[part], speeds[part]))
+            for stamp, *row in zip(motion.stamps_ns[part].tolist(), *(group[part].tolist() for group in values)):
+                cells = [f"{value:{form}}" for group, form in zip(row, formats) for value in group]
+                rows.writerow([f"{stamp // SECOND}.{stamp % SECOND:09d}", motion.person, *cells])
     text.flush()
     text.detach()  # leave the file open for the caller
 
 
-def _block(motion: Motion, part: slice, named: np.ndarray, speeds: np.ndarray) -> Iterator[list[str]]:
-    """Yield the rows of some frames. named: (frames, angles) degrees. speeds: (frames, joints) m/s."""
-    positions, angles = motion.positions[part], motion.angles[part]
-    count = len(positions)
-    flat = positions.reshape(count, -1), angles.reshape(count, -1)
-    figures = np.concatenate([*flat, motion.reprojection_px[part, None], motion.deviations[part]], axis=1)
-    flags = np.column_stack([motion.likely_wrong[part], motion.contacts[part][:, _ankles(motion)]])
-    turns = motion.rotation_deviations[part]
-    columns = motion.stamps_ns[part], figures, flags, named, motion.angles_observed[part], speeds, turns
-    for stamp, row, yes, degrees, seen, fast, turned in zip(*(column.tolist() for column in columns)):
-        time = f"{stamp // SECOND}.{stamp % SECOND:09d}"
-        yield [
-            time,
-            motion.person,
-            *(f"{value:.6f}" for value in row),
-            *(str(int(flag)) for flag in yes),
-            *(f"{value:.2f}" for value in degrees),
-            *(str(int(one)) for one in seen),
-            *(f"{one:.4f}" for one in fast),
-            *(f"{one:.4f}" for one in turned),
-        ]
+def columns(motion: Motion) -> list[tuple[list[str], np.ndarray, str]]:
+    """Return the columns of one person behind stamp and id, in groups: k names, values (f, k), and their format."""
+    joints, count, angles = motion.skeleton.joint_names, motion.frame_count, named_angles(motion)
+    ankles = [ankle for ankle in ANKLES if ankle in joints]
 
+    def each(what: str, *axes: str) -> list[str]:
+        return [f"{joint} {what}{axis}" for joint in joints for axis in axes or ("",)]
 
-def _ankles(motion: Motion) -> list[int]:
-    names = motion.skeleton.joint_names
-    return [names.index(ankle) for ankle in ANKLES if ankle in names]
+    return [
+        (each("position", *(f" {axis} [m]" for axis in "xyz")), motion.positions.reshape(count, -1), ".6f"),
+        (each("angle", *(f" {axis} [rad]" for axis in "xyz")), motion.angles.reshape(count, -1), ".6f"),
+        (["reprojection [px]"], motion.reprojection_px[:, None], ".6f"),
+        (each("deviation [m]"), motion.deviations, ".6f"),
+        (["likely wrong"], motion.likely_wrong[:, None], "d"),
+        ([f"{ankle} stands" for ankle in ankles], motion.contacts[:, [joints.index(ankle) for ankle in ankles]], "d"),
+        ([f"{name} [deg]" for name in angles], np.array([*angles.values()]).reshape(len(angles), count).T, ".2f"),
+        (each("angles observed"), motion.angles_observed, "d"),
+        (each("speed [m/s]"), motion.speeds, ".4f"),
+        (each("rotation deviation [rad]"), motion.rotation_deviations, ".4f"),
+    ]
 
 
 def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
@@ -134,10 +108,15 @@ def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
         "landmark_names": np.array(first.landmark_names),  # (l,)
         "frame_id": np.array(first.frame_id),
     }
-    if first.cameras:
-        arrays["camera_names"] = np.array(list(first.cameras))  # (c,)
-    for name in first.cameras:
+    np.savez(file, **arrays, **_of_cameras(motions))
+
+
+def _of_cameras(motions: Sequence[Motion]) -> dict[str, Any]:
+    """Return the arrays of several cameras, none of a single one."""
+    names = list(motions[0].cameras)
+    arrays = {"camera_names": np.array(names)} if names else {}  # (c,)
+    for name in names:
         seen = [motion.cameras[name] for motion in motions]
         arrays[f"detected_px_{name}"] = np.concatenate([one.detected for one in seen])  # (r, l, 2), NaN = missing
         arrays[f"reprojected_px_{name}"] = np.concatenate([one.reprojected for one in seen])  # (r, l, 2)
-    np.savez(file, **arrays)
+    return arrays

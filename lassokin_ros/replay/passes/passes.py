@@ -26,7 +26,7 @@ from msg_adapters.output_messages.people import number_of
 
 Bodies = Mapping[int | None, Skeleton]
 """Skeletons by the person's number; None if one person is followed."""
-Play = Callable[[Playback, str], None]
+Play = Callable[[Playback, str], object]
 """Plays the whole recording; the text names the pass."""
 
 

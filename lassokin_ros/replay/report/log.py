@@ -9,7 +9,6 @@ import numpy as np
 
 from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.rotations import logarithm
-from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.doubt.doubt import Doubt
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 
@@ -205,12 +204,7 @@ def person_row(
     if frame.skeleton is not None:
         arrays["lengths"] = np.linalg.norm(frame.skeleton.offsets, axis=-1)
     depth = float(frame.camera.into_camera(positions[0])[2])
-    figures = estimate.reprojection_px, *_certificate(estimate), estimate.initialised, frame.doubt, depth
-    return PersonRow(time, None, spool, spool.append(arrays), *figures)
-
-
-def _certificate(estimate: Estimate) -> tuple[float, float, float]:
-    """Return relative duality gap, largest KKT residual and support size."""
-    certificate = estimate.certificate
-    assert certificate is not None
-    return certificate.relative_gap, certificate.kkt_residual, float(certificate.support_size)
+    proof = estimate.certificate
+    assert proof is not None
+    figures = estimate.reprojection_px, proof.relative_gap, proof.kkt_residual, float(proof.support_size)
+    return PersonRow(time, None, spool, spool.append(arrays), *figures, estimate.initialised, frame.doubt, depth)

@@ -60,14 +60,7 @@ def page(facts: Facts, findings: Sequence[Raised], images: dict[str, Any]) -> st
         subtitle=escape(" · ".join(_subtitle(facts))),
         style=_file("page.css"),
         findings="".join(f'<li class="{f.level}">{tables.marked(f.sentence)}</li>' for f in findings),
-        figures=tables.figures(facts),
-        solver=tables.solver(facts),
-        timing=tables.timing(facts),
-        rejections=tables.rejections(facts),
-        lost=tables.lost_spans(facts),
-        landmarks=tables.landmarks(facts),
-        bones=tables.bone_lengths(facts),
-        settings=tables.settings(facts),
+        **{table.__name__: table(facts) for table in tables.TABLES},
         data=_script_json(page_data(facts)),
         times=_script_json(timing_data(facts)),
         images=_script_json(images),
@@ -164,18 +157,24 @@ class Report:
         title: name of the recording. topics: keypoint topic and camera_info topic, or what else they come from.
         own_keypoints: see `Facts`. warnings: those of the diagnostics, see `WarningLog`.
         """
-        title = title.encode(errors="backslashreplace").decode()  # file names may hold bytes that are not UTF-8
-        session = self._session
+        session, tracker = self._session, self._session.tracker
         views = [camera.camera.view for camera in session.cameras.values()]
         size, *others = (view.size if view is not None and min(view.size) > 0 else None for view in views)
-        tracker = session.tracker
-        names = tracker.layout.names
-        counts = dict(session.counts)
-        configs = tracker.config, session.config
-        given, log = self._skeleton, self._log
-        level = (
-            session.placement.level if self._log.level is None else np.eye(3)
-        )  # the log turned a fixed frame's positions
-        facts = Facts(title, topics, log, counts, *configs, given, names, size, own_keypoints, tuple(others), level)
+        facts = Facts(
+            title.encode(errors="backslashreplace").decode(),  # file names may hold bytes that are not UTF-8
+            topics,
+            self._log,
+            dict(session.counts),
+            tracker.config,
+            session.config,
+            self._skeleton,
+            tracker.layout.names,
+            size,
+            own_keypoints,
+            tuple(others),
+            session.placement.level
+            if self._log.level is None
+            else np.eye(3),  # the log turned a fixed frame's positions
+        )
         self.findings = [*findings(facts, warnings), *(say("remark", text=text) for text in self.remarks)]
         return facts

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields
 from html import escape
 from typing import Any
@@ -24,17 +24,16 @@ def marked(text: str) -> str:
 
 def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence[int] = ()) -> str:
     """Return a table with a title, or nothing if there are no rows. numbers: columns that are right-aligned."""
-    lines = []
-    for row in rows:
-        cells = [
-            f'<td class="n">{marked(c)}</td>' if i in numbers else f"<td>{marked(c)}</td>" for i, c in enumerate(row)
-        ]
-        lines.append(f"<tr>{''.join(cells)}</tr>")
-    if not lines:
+
+    def line(tag: str, cells: Sequence[str], text: Callable[[str], str]) -> str:
+        kinds = (' class="n"' if i in numbers else "" for i in range(len(cells)))
+        return f"<tr>{''.join(f'<{tag}{kind}>{text(cell)}</{tag}>' for kind, cell in zip(kinds, cells))}</tr>"
+
+    body = "".join(line("td", row, marked) for row in rows)
+    if not body:
         return ""
-    cells = [f'<th class="n">{escape(c)}</th>' if i in numbers else f"<th>{escape(c)}</th>" for i, c in enumerate(head)]
-    top = f"<thead><tr>{''.join(cells)}</tr></thead>" if any(head) else ""
-    whole = f"<table>{top}<tbody>{''.join(lines)}</tbody></table>"
+    top = f"<thead>{line('th', head, escape)}</thead>" if any(head) else ""
+    whole = f"<table>{top}<tbody>{body}</tbody></table>"
     return f'<section tabindex="0"><h3>{escape(title)}</h3>{whole}</section>'  # the keyboard scrolls it on a phone
 
 
@@ -58,10 +57,7 @@ def figures(facts: Facts) -> str:
         depth = np.array([row.depth for row in tracks])
         rows += [
             ("Reprojection error", f"{_percentile(pixels, 50):.2f} px median, {_percentile(pixels, 99):.2f} px p99"),
-            (
-                "Distance of the pelvis",
-                f"{_percentile(depth, 50):.2f} m median, {depth.min():.2f} to {depth.max():.2f} m",
-            ),
+            ("Distance of the pelvis", f"{np.median(depth):.2f} m median, {depth.min():.2f} to {depth.max():.2f} m"),
             ("Initialised", "once" if facts.initialisations == 1 else f"{facts.initialisations} times"),
         ]
     rows += [
@@ -152,7 +148,7 @@ def bone_lengths(facts: Facts) -> str:
     """Return the table of bone lengths at the end."""
     rows = [
         (
-            f"{person}: {name}" if person else name,
+            ": ".join(filter(None, (person, name))),
             f"{length:.0f}",
             f"{change:+.1%}" if abs(change) > 5e-5 else "unchanged",
         )
@@ -179,3 +175,7 @@ def _plain(value: Any) -> str:
 
 def _percentile(values: np.ndarray, percentile: float) -> float:
     return float(np.percentile(values, percentile))
+
+
+TABLES = (figures, solver, timing, rejections, lost_spans, landmarks, bone_lengths, settings)
+"""The tables of the page; page.html has their places under the names of the functions."""

@@ -34,10 +34,10 @@ def openpose_files(folder: Path) -> list[Path]:
     return sorted(own or files, key=lambda file: natural_key(file.name))
 
 
-def read_openpose(folder: Path) -> KeypointFile:
+def read_openpose(folder: Path, hands: bool = True) -> KeypointFile:
     """Read a folder of OpenPose: `walk_000000000012_keypoints.json` with `people`, `pose_keypoints_2d`, `HANDS`.
 
-    The layout has hands if somebody's hand has points. Raises SourceError.
+    The layout has hands if somebody's hand has points, unless hands is False. Raises SourceError.
     """
     files = openpose_files(folder)
     layouts: dict[str, None] = {}
@@ -54,7 +54,7 @@ def read_openpose(folder: Path) -> KeypointFile:
         whole = [np.concatenate([points, _hands(person)]) for person, (_, points) in zip(people, rows)]
         found[number if counted and number is not None else order] = whole
     layout = _one(layouts, str(folder))
-    if any(points[-42:, :2].any() for frame in found.values() for points in frame):
+    if hands and any(points[-42:, :2].any() for frame in found.values() for points in frame):
         layout = WITH_HANDS.get(layout, layout)
     kept = slice(None if layout in WITH_HANDS.values() else -42)
     return KeypointFile(layout, on_frames({at: [detected(one[kept]) for one in frame] for at, frame in found.items()}))

@@ -14,7 +14,7 @@ from lassokin_ros.core.errors import CameraError
 from lassokin_ros.detector.backend import Detected, Detector
 from lassokin_ros.pipeline.camera.calibration_file import read_calibration
 from lassokin_ros.video.keypoint_files.arrays import read_arrays
-from lassokin_ros.video.keypoint_files.json_files import openpose_files, read_openpose, read_results
+from lassokin_ros.video.keypoint_files.json_files import WITH_HANDS, openpose_files, read_openpose, read_results
 from lassokin_ros.video.keypoint_files.keypoints import KeypointFile
 from lassokin_ros.video.keypoint_files.tables import read_table
 from lassokin_ros.video.sources import ASSUMED_FPS, Image, Source, SourceError, images_of, open_source, timing_of
@@ -52,7 +52,8 @@ def open_input(options: argparse.Namespace) -> tuple[Source, Detector | None]:
     Raises SourceError.
     """
     path = Path(options.source)
-    keypoints = _read(path)
+    layouts = [setting.partition(":=")[2] for setting in options.p if setting.startswith("landmarks:=")]
+    keypoints = _read(path, set(layouts) <= set(WITH_HANDS.values()))
     if keypoints is None:
         return open_source(options.source, options.fps, options.slow_motion), None
     if not any(map(len, keypoints.people)):
@@ -70,11 +71,11 @@ def open_input(options: argparse.Namespace) -> tuple[Source, Detector | None]:
     return source, StoredKeypoints(keypoints, seconds, size)
 
 
-def _read(path: Path) -> KeypointFile | None:
-    """Return the keypoints in a file or a folder, None if it has none. Raises SourceError."""
+def _read(path: Path, hands: bool) -> KeypointFile | None:
+    """Return the keypoints in a file or a folder, None if it has none. hands: see read_openpose. Raises SourceError."""
     suffix = path.suffix.lower()
     if os.path.isdir(path):
-        return read_openpose(path) if not images_of(path) and openpose_files(path) else None
+        return read_openpose(path, hands) if not images_of(path) and openpose_files(path) else None
     if not os.path.isfile(path):
         return None
     if suffix in PICKLED:

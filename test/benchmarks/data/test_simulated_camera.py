@@ -9,7 +9,7 @@ import pytest
 from benchmarks.accuracy import main
 from benchmarks.accuracy_run.experiment import Job, scene_of
 from benchmarks.common.report import data_folder
-from benchmarks.data.depth_sensor import DepthSensor
+from benchmarks.data.depth_images import DepthSensor
 from benchmarks.data.mocap import EVALUATED
 from benchmarks.data.simulated_camera import WANDERS, Condition, Told
 from lassokin_ros.core.body.landmarks import Layout

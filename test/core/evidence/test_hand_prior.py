@@ -6,8 +6,7 @@ from simulated.hands import BODY, LEFT, RIGHT
 
 from lassokin_ros.core.body.roles import FINGER_JOINTS
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.evidence.hand_prior import HAND_MOTION, OTHER_DEVIATION, WRIST_DEVIATION
-from lassokin_ros.core.evidence.pose_prior import PoseDistribution
+from lassokin_ros.core.evidence.pose_prior import HAND_MOTION, OTHER_DEVIATION, WRIST_DEVIATION, PoseDistribution
 from lassokin_ros.core.yaml_files import shipped_mapping
 from training.hand_prior import prior
 

@@ -9,7 +9,7 @@ from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, logarithm
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.hand_pose import HandPose
+from lassokin_ros.core.hypotheses.network_pose import HandPose
 from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.network.hand_network import HandEstimator
 from lassokin_ros.core.observation import HERE

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from cases import body, random_state
 from sequences import CONFIG, observations
+from simulated.hands import BODY
 
-from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.roles import LIMB_BONES, NETWORK_JOINTS
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
@@ -73,6 +75,15 @@ def test_the_distance_is_the_mean_of_the_joints_with_the_hips_aligned():
     assert distance(positions, moved) < 1e-12
     positions["left_wrist"] = positions["left_wrist"] + [0.0, 0.0, 0.3 * len(positions)]
     assert distance(positions, pose) == pytest.approx(0.3)
+
+
+def test_wrists_that_hands_turn_do_not_count():
+    hands = Kinematics(BODY, Layout.load("mediapipe75", BODY))
+    pose = hands.pose(random_state(np.random.default_rng(4), hands, 0.3))
+    positions = positions_of(pose)
+    positions["left_wrist"] = positions["left_wrist"] + [0.0, 0.0, 0.3]
+    assert distance(positions, pose, hands) < 1e-9
+    assert distance(positions, pose) == pytest.approx(0.3 / len(positions))
 
 
 @pytest.mark.parametrize("apart, proposed", [(0.9 * SAME_POSE, False), (1.1 * SAME_POSE, True)])

@@ -1,6 +1,5 @@
 """Hands through the whole session: bad ones hardly move the body, and are named; ~/hands; ids of 133 points."""
 
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -185,4 +184,5 @@ def test_a_body_without_hands_has_no_such_topic():
     one = Session(TrackerConfig(height=1.75), NodeSettings())
     messages = FrameMessages(BACKEND, one.tracker.skeleton, hands=HandPoints(one.tracker.skeleton, one.tracker.layout))
     assert topics.HANDS not in messages._builders
-    assert topics.HANDS_OUTPUT not in topics.person_outputs(True) and Counter(topics.person_outputs(False, True))
+    assert {topics.HANDS_OUTPUT, topics.GESTURE_OUTPUT}.isdisjoint(topics.person_outputs(True))
+    assert topics.GESTURE_OUTPUT not in topics.person_outputs(False, hands=True)

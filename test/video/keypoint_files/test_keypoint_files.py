@@ -149,6 +149,8 @@ def test_hands_of_openpose_are_tracked_with_fingers(tmp_path):
     found = [detector.detect(image.rgb, image.seconds)[0] for image in source.images]
     assert [int((one.confidence[25:] > 0).sum()) for one in found] == [42, 0, 42, 42]
     assert skeleton_of(detector.landmarks) == "body_hands"
+    _, detector = opened(tmp_path, "--fps", "10", "--image-size", "640x480", "-p", "landmarks:=body25b")
+    assert (detector.landmarks, len(detector.detect(None, 0.0)[0].pixels)) == ("body25", 25)
 
 
 def test_images_without_a_person_are_kept(tmp_path):
