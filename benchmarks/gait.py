@@ -39,8 +39,7 @@ from lassokin_ros.core.observation import Observation  # noqa: E402
 from lassokin_ros.core.recording import WHOLE_FILE, track_recording  # noqa: E402
 from lassokin_ros.measure.gait import DEVIATIONS, MOST_STEPS, SEEN, SURE, Gait, gait_of, measure_gait  # noqa: E402
 from lassokin_ros.measure.gait_events import SIDES, Walk, walk_of  # noqa: E402
-from lassokin_ros.measure.poses import MeasureError, Poses  # noqa: E402
-from lassokin_ros.measure.source import UNSMOOTHED  # noqa: E402
+from lassokin_ros.measure.poses import UNSMOOTHED, MeasureError, Poses  # noqa: E402
 
 WALKS = {
     "mocap/02_01": None,
@@ -70,8 +69,9 @@ LONGER, FARTHER = (0.0, 0.15, -0.15, 0.3, -0.2), (0.0, 0.03, -0.03, 0.05, -0.05)
 """Share by which the left swing takes longer, and m by which the left foot is farther in front."""
 HEEL_SHARE, TOE_SHARE = 0.125, 0.18
 SAME_S = 0.2
-UNSEEN = 1.15
-"""Factor of the deviations for a person who is none of the 13: Student's t, and the error of their own mean."""
+UNSEEN = 1.25
+"""Factor of the deviations for a person who is none of the 13: Student's t, the error of their own mean, and that few
+people's errors are far from Gaussian."""
 UNITS = {"step time": ("ms", 1000.0), "step length": ("mm", 1000.0), "stance": ("%", 100.0)}
 
 

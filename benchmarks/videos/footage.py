@@ -4,8 +4,8 @@
 
 Each draw takes a part of a shared video (`video/`) and a window of it, perhaps mirrored, with another brightness, at 12
 to 60 Hz. Cases: `still`; `flicker`, the brightness changes from image to image, with noise; `pan`, the window turns at
-5 to 60 degrees/s, to one side or to and fro; `shake`, as in a hand; `zoom`, by 1.1 to 1.5; `cut`, to another video;
-`same room`, to another window or camera of the scene; `punch-in`, the next image is 1.2 to 2 times larger;
+5 to 60 degrees/s, to one side or to and fro; `shake`, as in a hand; `zoom`, by 1.1 to 1.5; `cut`, to a video of
+the other camera; `reframed`, to another window of the same view; `punch-in`, the next image is 1.2 to 2 times larger;
 `dissolve`, to another video in 0.2 to 1 s. The boxes of people are those of the shared keypoints, of one person in each
 video. `--videos`: what is found in other videos, without boxes.
 
@@ -37,7 +37,7 @@ from lassokin_ros.video.camera import from_fov
 from lassokin_ros.video.footage.shots import Footage
 from lassokin_ros.video.sources import Image, open_source
 
-CASES = ("still", "flicker", "pan", "shake", "zoom", "cut", "same room", "punch-in", "dissolve")
+CASES = ("still", "flicker", "pan", "shake", "zoom", "cut", "reframed", "punch-in", "dissolve")
 COLUMNS = {"case": "<", "draws": "d", "cuts_percent": ".0f", "false_percent": ".0f", "moves_percent": ".0f",
            "unknown_percent": ".0f", "degrees": ".2f"}  # fmt: skip
 SIDE, FOV = 640, 60.0
@@ -47,11 +47,11 @@ SAME_CUT_S = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Video:
-    """A shared video at half its size: images, BGR, and the person's keypoints (f, l, 3) in px of them. room: scene."""
+    """A shared video at half its size: images, and the person's keypoints (f, l, 3) in px of them. view: its camera."""
 
     images: list[np.ndarray]
     keypoints: np.ndarray
-    room: str
+    view: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ def shared_videos() -> list[Video]:
             points = data["kp2d"][camera].astype(float)
             points[..., :2] *= images[0].shape[1] / data["image_size"][camera][0]
         count = min(len(images), len(points))
-        videos.append(Video(images[:count], points[:count], name.rsplit("_", 1)[0]))
+        videos.append(Video(images[:count], points[:count], name.rsplit("_", 1)[1]))
     return videos
 
 
@@ -144,8 +144,8 @@ def made(case: str, videos: Sequence[Video], seconds: float, random: np.random.G
     images = [np.clip(image + random.normal(0, noise, image.shape), 0, 255).astype(np.uint8) if noise else image
               for image, _ in shown]  # fmt: skip
     people, cuts = [[one] for _, one in shown], []
-    if case in ("cut", "same room", "dissolve", "punch-in"):
-        same = [k for k, one in enumerate(videos) if (one.room == video.room) == (case == "same room")]
+    if case in ("cut", "reframed", "dissolve", "punch-in"):
+        same = [k for k, one in enumerate(videos) if (one.view == video.view) == (case == "reframed")]
         second = first if case == "punch-in" else Window(videos[int(random.choice(same))], random)
         zoom = random.uniform(1.2, 2.0) if case == "punch-in" else 1.0
         fading = max(int(random.uniform(0.2, 1.0) * rate), 3) if case == "dissolve" else 1

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.detector.backend import Detected, DetectorError
-from lassokin_ros.detector.person_region import WHOLE, region_around
 from lassokin_ros.detector.pose_models import EXPECTED, LAYOUTS, recognise
 
 OPEN_SIDE = {True: 640, False: 192}
@@ -20,6 +19,17 @@ TYPES = {
     "tensor(int32)": np.int32,
     "tensor(uint8)": np.uint8,
 }
+TORSO = [5, 6, 11, 12]
+"""Shoulders and hips of COCO's keypoints, with which those of Halpe begin, too."""
+SURE = 0.3
+"""Least score of a point that counts."""
+TORSO_REACH, BODY_REACH = 1.9, 1.2
+"""Half the side of the region, in multiples of the distance of the torso's and of all points (as MoveNet's demo)."""
+LEAST_SIDE = 32
+"""px"""
+Region = tuple[slice, slice]
+"""Rows and columns."""
+WHOLE: Region = (slice(None), slice(None))
 
 
 class OnnxPose:
@@ -76,6 +86,27 @@ class OnnxPose:
     def _output_shapes(self) -> list[tuple[int, ...]]:
         """Run the model once: exported models often leave their shapes open."""
         return [output.shape for output in self._run(np.zeros((*self._size[::-1], 3)))]
+
+
+def region_around(points: np.ndarray, shape: tuple[int, ...]) -> Region:
+    """Return the region of the next image around a person; the whole image unless shoulders and hips are seen.
+
+    points: (k, 3), x, y in px and score. shape: (height, width, ...) of the image.
+    """
+    sure = points[:, 2] > SURE
+    shoulders, hips = sure[TORSO[:2]].any(), sure[TORSO[2:]].any()
+    if not (shoulders and hips):
+        return WHOLE
+    seen, torso = points[sure, :2], points[[i for i in TORSO if sure[i]], :2]
+    centre = torso.mean(axis=0)
+    reach = np.maximum(TORSO_REACH * np.abs(torso - centre).max(axis=0), BODY_REACH * np.abs(seen - centre).max(axis=0))
+    reach = np.maximum(reach, reach.max() / 2)  # arms that are about to be lifted stay inside
+    limits = np.array([shape[1], shape[0]])
+    first = np.clip(np.floor(centre - reach), 0, limits).astype(int)
+    last = np.clip(np.ceil(centre + reach), 0, limits).astype(int)
+    if (last - first).min() < LEAST_SIDE:
+        return WHOLE
+    return slice(first[1], last[1]), slice(first[0], last[0])
 
 
 def letterbox(image: np.ndarray, size: tuple[int, int], border: int) -> tuple[np.ndarray, float, np.ndarray]:

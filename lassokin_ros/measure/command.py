@@ -17,9 +17,8 @@ from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.measure import report
 from lassokin_ros.measure.gait import measure_gait
 from lassokin_ros.measure.page import gait_page
-from lassokin_ros.measure.poses import MeasureError, Poses
+from lassokin_ros.measure.poses import UNSMOOTHED, MeasureError, NotTracked, Poses, poses_of
 from lassokin_ros.measure.repetitions import JOINT, measure_repetitions
-from lassokin_ros.measure.source import UNSMOOTHED, NotTracked, poses_of
 from lassokin_ros.measure.squat import measure_squats
 
 PROGRAM = "lassokin measure"

@@ -27,9 +27,9 @@ VIEWS: Mapping[str, tuple[float, float]] = {ALONG: (0, 30), OBLIQUE: (30, 60), S
 """Degrees between the line of sight and the way."""
 TIME, LENGTH, STANCE = "step time", "step length", "stance"
 DEVIATIONS: Mapping[str, Mapping[str, tuple[float, float]]] = {
-    TIME: {SIDE: (0.033, 0.043), OBLIQUE: (0.052, 0.069), ALONG: (0.049, 0.062), SEVERAL: (0.033, 0.043)},
-    LENGTH: {SIDE: (0.042, 0.04), OBLIQUE: (0.08, 0.07), SEVERAL: (0.042, 0.04)},
-    STANCE: {SIDE: (0.041, 0.018), OBLIQUE: (0.05, 0.04), ALONG: (0.07, 0.037), SEVERAL: (0.041, 0.018)},
+    TIME: {SIDE: (0.036, 0.046), OBLIQUE: (0.056, 0.075), ALONG: (0.053, 0.068), SEVERAL: (0.036, 0.046)},
+    LENGTH: {SIDE: (0.045, 0.043), OBLIQUE: (0.087, 0.076), SEVERAL: (0.045, 0.043)},
+    STANCE: {SIDE: (0.04, 0.019), OBLIQUE: (0.053, 0.043), ALONG: (0.09, 0.043), SEVERAL: (0.04, 0.019)},
 }
 """Standard deviation of one step's measure, and of left - right for one step each: s, m, share of the stride.
 

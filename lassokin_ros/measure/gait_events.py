@@ -1,9 +1,11 @@
 """Foot strikes and toe-offs of a walk.
 
-A strike is the mean of two signs: the ankle is farthest in front of the pelvis (J. Zeni, J. Richards, J. Higginson, Two
-simple methods for determining gait events during treadmill and overground walking using kinematic data, Gait & Posture
-27, 2008), and the ankle's speed over the floor falls below a share of its peak in the swing. A toe leaves the floor
-where its speed rises above that share. The delays of these signs were fitted to captured foot contacts.
+A strike is the mean of two signs. The ankle is farthest in front of the pelvis (J. Zeni, J. Richards, J. Higginson,
+Two simple methods for determining gait events during treadmill and overground walking using kinematic data, Gait &
+Posture 27, 2008), and the ankle's speed over the floor falls below a share of its peak in the swing. A toe leaves the
+floor where its speed rises above that share. An error of the pelvis' place shifts all strikes of a walk. The times at
+which the ankles are farthest apart are free of it, and move all strikes, but say little of a difference of the sides.
+The delays of all signs were fitted to captured foot contacts.
 """
 
 from __future__ import annotations
@@ -30,10 +32,12 @@ SHARE, ANKLE_SHARE = 0.3, 0.45
 """Share of the swing's peak speed at a strike and a toe-off; at a toe-off of a skeleton without toes."""
 LEAST_PEAK = 0.5
 """m/s: least peak speed of a swing; the walking speed if that is larger."""
-PEAK_DELAY_S, SLOW_DELAY_S, OFF_DELAY_S = 0.038, 0.043, -0.050
-"""s from each sign to the event: the ankle in front, its speed falls; the toe's speed rises."""
+PEAK_DELAY_S, SLOW_DELAY_S, APART_DELAY_S, OFF_DELAY_S = 0.038, 0.043, -0.033, -0.050
+"""s from each sign to the event: the ankle in front, its speed falls, the ankles apart; the toe's speed rises."""
 SAME_S = 0.15
-"""s: largest time between the two signs of one strike."""
+"""s: largest time between two signs of one strike."""
+SHIFT = 0.33
+"""Share of the median difference to the times of the ankles apart by which all strikes are moved."""
 SHORTEST_S = 0.6
 
 
@@ -42,7 +46,7 @@ class Walk:
     """A part of a motion without a gap, m samples at `RATE`, filtered; level frame as of `Poses`.
 
     seconds: (m,). ankles: (m, 3) m of each side. hips: (m, 3) m, their middle. travel: (m, 2) horizontal unit vectors
-    x, z. strikes, offs: s, of each side, in order. apart: s, between the two signs of each strike.
+    x, z. strikes, offs: s, of each side, in order.
     """
 
     seconds: np.ndarray
@@ -51,7 +55,6 @@ class Walk:
     travel: np.ndarray
     strikes: dict[str, np.ndarray]
     offs: dict[str, np.ndarray]
-    apart: dict[str, np.ndarray]
 
     def at(self, values: np.ndarray, seconds: float) -> np.ndarray:
         """Return a row of values (m, c) at a time, interpolated."""
@@ -68,18 +71,23 @@ def walk_of(piece: Poses) -> Walk | None:
     moved = Poses(seconds, piece.names, places, np.zeros(len(seconds), dtype=bool))
     hips = moved.middle("hip")
     travel, speed = _travel(moved)
-    strikes, offs, apart = {}, {}, {}
-    for side in SIDES:
-        ankle = moved.place(f"{side}_ankle")
+    ankles = {side: moved.place(f"{side}_ankle") for side in SIDES}
+    ahead = {side: ((ankle - hips)[:, [0, 2]] * travel).sum(axis=1) for side, ankle in ankles.items()}
+    strikes, offs, moved_by = {}, {}, list[float]()
+    for side, other in zip(SIDES, SIDES[::-1]):
         toe = moved.place(f"{side}_foot") if f"{side}_foot" in piece.names else None
-        ahead = ((ankle - hips)[:, [0, 2]] * travel).sum(axis=1)
-        pace = np.where(speed > TRAVELS, speed, _belt(ahead))
-        swing = np.gradient(ahead) * RATE + pace
+        pace = np.where(speed > TRAVELS, speed, _belt(ahead[side]))
+        swing = np.gradient(ahead[side]) * RATE + pace
         lead = None if toe is None else np.gradient(((toe - hips)[:, [0, 2]] * travel).sum(axis=1)) * RATE + pace
         slow, off = _crossings(swing, lead, max(LEAST_PEAK, float(np.median(pace))))
-        strikes[side], apart[side] = _strikes(ahead, slow, LEAST_SWING * _leg(moved, side))
-        strikes[side], offs[side] = strikes[side] + seconds[0], off + seconds[0]
-    return Walk(seconds, {side: moved.place(f"{side}_ankle") for side in SIDES}, hips, travel, strikes, offs, apart)
+        least = LEAST_SWING * _leg(moved, side)
+        strikes[side] = _mean_of(_peaks(ahead[side], least) + PEAK_DELAY_S, slow + SLOW_DELAY_S)
+        if all(piece.shown(side).all() for side in SIDES):
+            apart = _peaks(ahead[side] - ahead[other], least) + APART_DELAY_S
+            moved_by += list(_mean_of(strikes[side], apart) - strikes[side])
+        offs[side] = off + seconds[0]
+    shift = seconds[0] + 2 * SHIFT * float(np.median(moved_by)) if moved_by else seconds[0]
+    return Walk(seconds, ankles, hips, travel, {side: at + shift for side, at in strikes.items()}, offs)
 
 
 def filtered(values: np.ndarray) -> np.ndarray:
@@ -113,19 +121,21 @@ def _belt(ahead: np.ndarray) -> float:
     return float(np.median(back[back > 0])) if (back > 0).any() else 0.0
 
 
-def _strikes(ahead: np.ndarray, slow: np.ndarray, swing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the strikes, s after the first sample, and the time between their two signs, s.
+def _peaks(ahead: np.ndarray, swing: float) -> np.ndarray:
+    """Return where an ankle is farthest in front, s after the first sample. swing: m, least way between two peaks.
 
-    ahead: (m,) m of the ankle before the pelvis. slow: s, where its speed falls. swing: m, least way between strikes.
+    ahead: (m,) m of the ankle before the pelvis, or before the other ankle.
     """
     peaks = find_peaks(ahead, prominence=swing, distance=int(SHORTEST_STRIDE_S * RATE))[0]
-    front = np.array([_vertex(ahead, peak) for peak in peaks]) / RATE + PEAK_DELAY_S
-    slow = slow + SLOW_DELAY_S
-    if not len(front) or not len(slow):
-        return front, np.full(len(front), np.inf)
-    nearest = slow[np.abs(slow[None] - front[:, None]).argmin(axis=1)]
-    apart = np.abs(nearest - front)
-    return np.where(apart < SAME_S, 0.5 * (front + nearest), front), apart
+    return np.array([_vertex(ahead, peak) for peak in peaks]) / RATE
+
+
+def _mean_of(front: np.ndarray, sign: np.ndarray) -> np.ndarray:
+    """Return the strikes (k,) s, each the mean with the nearest time of another sign, if that is near."""
+    if not len(front) or not len(sign):
+        return front
+    nearest = sign[np.abs(sign[None] - front[:, None]).argmin(axis=1)]
+    return np.where(np.abs(nearest - front) < SAME_S, 0.5 * (front + nearest), front)
 
 
 def _crossings(swing: np.ndarray, toe: np.ndarray | None, least: float) -> tuple[np.ndarray, np.ndarray]:

@@ -1,13 +1,18 @@
-"""A person's joints over time, from a file that `--export` wrote."""
+"""A person's joints over time, from a file that `--export` wrote, or from a video, which is tracked first."""
 
 from __future__ import annotations
 
+import io
+from collections.abc import Mapping, Sequence
+from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 
+from lassokin_ros.common.summary_output import print_note
 from lassokin_ros.core.errors import LassokinError
 
 NEEDED = (
@@ -16,12 +21,18 @@ NEEDED = (
     "start_ns",
 )
 SIDES, LEG = ("left", "right"), ("hip", "knee", "ankle")
+UNSMOOTHED: Mapping[str, float] = {"smoothing": 0.02, "smoothing_lag": 0.0}
+"""Settings that keep fast motion: the smoothing with later frames that files get flattens the swing of the knees."""
 LONGEST_GAP_S, HIDDEN_S = 0.25, 0.4
 """s without a frame, and without keypoints of a leg, over which nothing is measured: an event in it may be missed."""
 
 
 class MeasureError(LassokinError, ValueError):
     """A motion cannot be read, or shows nothing that can be measured."""
+
+
+class NotTracked(Exception):
+    """`lassokin track` failed, and has said why on stderr. The argument is its exit code."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,3 +158,42 @@ def read_poses(path: Path, person: str | None) -> Poses:
     names, wrong = tuple(map(str, data["joint_names"])), data["likely_wrong"][mine]
     seen, contacts = data["joint_observed"][mine], data["joint_contacts"][mine]
     return Poses(seconds, names, positions, wrong, smoothing, seen, contacts, cameras, lens, height)
+
+
+def poses_of(source: str, person: str | None, track: Sequence[str]) -> Poses:
+    """Return the motion of an export, or of a video or of keypoints, which are tracked first.
+
+    person: the id in an export, or the --person of `track`. track: options of `lassokin track`, for a video. Raises
+    MeasureError; NotTracked if the video is not tracked, of which `track` has said the reason on stderr.
+    """
+    path = Path(source)
+    if _is_motion(path):
+        if track:
+            raise MeasureError(f"'{source}' is tracked already; expected no {track[0]}, which is for a video")
+        return read_poses(path, person)
+    from lassokin_ros.video.command import main as track_command
+
+    with TemporaryDirectory() as folder:
+        motion = Path(folder) / "motion.npz"
+        settings = [text for name, value in UNSMOOTHED.items() for text in ("-p", f"{name}:={value}")]
+        who = [] if person is None else ["--person", person]
+        with redirect_stdout(io.StringIO()) as summary:
+            code = track_command([source, *settings, *who, *track, "--export", str(motion)])
+        lines = [line for line in summary.getvalue().splitlines() if not line.startswith("written ")]
+        print_note("\n".join(lines))
+        if code:
+            raise NotTracked(code)
+        if not motion.is_file():
+            raise MeasureError(f"nobody was tracked in '{source}'")
+        return read_poses(motion, None)
+
+
+def _is_motion(path: Path) -> bool:
+    """Whether a file is an export, not a source of `track`: any .npz but one of keypoints alone."""
+    if path.suffix != ".npz" or not is_zipfile(path):
+        return path.suffix in (".npz", ".npy")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return "joint_positions" in file
+    except (OSError, ValueError):
+        return True

@@ -6,7 +6,7 @@ import argparse
 import errno
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,13 @@ QUIET = {"GLOG_minloglevel": "3", "TF_CPP_MIN_LOG_LEVEL": "3", "OPENCV_FFMPEG_LO
 """Environment variables that keep libraries (MediaPipe, FFmpeg, Rerun) from writing to stderr beside our line."""
 WINDOW = Path()
 """Value of --view without a file."""
+SOURCES = """video file, folder of images, number or device of a webcam, address of a stream (rtsp://, http://), or
+keypoints: JSON of OpenPose (folder), AlphaPose or COCO, a table of DeepLabCut or MediaPipe, .npz"""
+CAMERAS = """lenses and poses of the cameras of several videos: TOML of Pose2Sim, Anipose or caliscope, a camchain of
+Kalibr, OpenCV's stereo calibration, files of Panoptic or Qualisys, a folder of EasyMocap or OpenCap; without it, the
+places are found from the person"""
+PERSON = """with a detector that finds several people: largest (default for files), nearest, all, or a number of the
+list that is printed, 1 for the largest"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -42,11 +49,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         print(f"{PROGRAM}: the name '{error.filename}' is too long for a file", file=sys.stderr)
         return USAGE_ERROR
-    except LassokinError as error:
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
-        return USAGE_ERROR
-    except ModuleNotFoundError as error:
-        print(f"{PROGRAM}: {error}; install it with: pip install '.[replay]'", file=sys.stderr)
+    except (LassokinError, ModuleNotFoundError) as error:
+        remedy = "; install it with: pip install '.[replay]'" * isinstance(error, ModuleNotFoundError)
+        print(f"{PROGRAM}: {error}{remedy}", file=sys.stderr)
         return USAGE_ERROR
     except (Interrupted, KeyboardInterrupt):
         print(f"{PROGRAM}: interrupted; nothing was written", file=sys.stderr)
@@ -77,92 +82,48 @@ def _run(options: argparse.Namespace) -> Tracked:
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the options."""
     result = argparse.ArgumentParser(prog=PROGRAM, description="Track a person in a video, without ROS.")
-    result.add_argument(
-        "sources",
-        nargs="+",
-        metavar="VIDEO|0|IMAGES",
-        help="video file, folder of images, number or device of a webcam, address of a stream (rtsp://, http://), or "
-        "keypoints: JSON of OpenPose (folder), AlphaPose or COCO, a table of DeepLabCut or MediaPipe, .npz",
-    )
-    result.add_argument("--height", type=float, help="height of the person, m (same as -p height:=...)")
-    result.add_argument("--fov", type=float, metavar="DEG", help="field of view along the longer side of the image")
-    result.add_argument("--image-size", metavar="WxH", help="size of the images of a file of keypoints, px")
-    result.add_argument("--fisheye", action="store_true", help="--fov is that of a fisheye lens")
-    result.add_argument(
-        "--camera-info", type=Path, metavar="YAML", help="calibration file of ROS (ost.yaml), OpenCV or Kalibr"
-    )
-    result.add_argument(
-        "--cameras",
-        type=Path,
-        metavar="FILE",
-        help="lenses and poses of the cameras of several videos: TOML of Pose2Sim, Anipose or caliscope, a camchain of "
-        "Kalibr, OpenCV's stereo calibration, files of Panoptic or Qualisys, a folder of EasyMocap or OpenCap; without "
-        "it, the places are found from the person",
-    )
-    result.add_argument(
-        "--save-cameras", type=Path, metavar="TOML", help="write lenses and places of several cameras, for --cameras"
-    )
-    result.add_argument(
-        "--offsets",
-        metavar="S,S,...",
-        help="s by which each of several videos begins after the first one; without it, they are found from the person",
-    )
-    result.add_argument(
-        "--detector",
-        default="mediapipe",
-        metavar="NAME",
-        help="mediapipe (default), mediapipe_hands, or a .task or .onnx file",
-    )
-    result.add_argument(
-        "--hands",
-        dest="detector",
-        action="store_const",
-        const="mediapipe_hands",
-        help="track fingers, too; short for --detector mediapipe_hands",
-    )
-    result.add_argument(
-        "--person",
-        metavar="WHO",
-        help="with a detector that finds several people: largest (default for files), nearest, all, or a number of the "
-        "list that is printed, 1 for the largest",
-    )
-    result.add_argument(
-        "--fps", type=float, help="images per second, in place of a file's own times (of a folder of images: 30 Hz)"
-    )
-    result.add_argument(
-        "--slow-motion",
-        type=float,
-        default=1.0,
-        metavar="FACTOR",
-        help="how many times slower the file plays than it was",
-    )
-    result.add_argument("--params-file", type=Path, action="append", default=[], metavar="YAML")
-    result.add_argument("-p", action="append", default=[], metavar="name:=value", help="a parameter of the tracker")
-    result.add_argument("--report", type=Path, metavar="HTML", help="write a page with plots and the skeleton in 3D")
-    result.add_argument(
-        "--export",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="FILE",
-        help=".csv, .npz, .bvh, .amass.npz, .trc, .c3d or .glb",
-    )
-    result.add_argument("--video", type=Path, metavar="MP4", help="write the images with the skeleton as a video")
-    result.add_argument(
-        "--view",
-        nargs="?",
-        type=Path,
-        const=WINDOW,
-        metavar="RRD",
-        help="show all in the viewer Rerun, or record it for it",
-    )
-    result.add_argument(
-        "--causal",
-        action="store_true",
-        help="track a file as a camera's images: in one pass, without smoothing by later frames",
-    )
-    result.add_argument("--force", action="store_true", help="replace outputs that exist")
+    _add_inputs(result.add_argument)
+    _add_outputs(result.add_argument)
     return result
+
+
+def _add_inputs(add: Callable[..., object]) -> None:
+    """Add the options of videos, cameras and people."""
+    add("sources", nargs="+", metavar="VIDEO|0|IMAGES", help=SOURCES)
+    add("--height", type=float, help="height of the person, m (same as -p height:=...)")
+    add("--fov", type=float, metavar="DEG", help="field of view along the longer side of the image")
+    add("--image-size", metavar="WxH", help="size of the images of a file of keypoints, px")
+    add("--fisheye", action="store_true", help="--fov is that of a fisheye lens")
+    add("--camera-info", type=Path, metavar="YAML", help="calibration file of ROS (ost.yaml), OpenCV or Kalibr")
+    add("--cameras", type=Path, metavar="FILE", help=CAMERAS)
+    saved = "write lenses and places of several cameras, for --cameras"
+    add("--save-cameras", type=Path, metavar="TOML", help=saved)
+    offsets = "s by which each of several videos begins after the first one; without it, they are found from the person"
+    add("--offsets", metavar="S,S,...", help=offsets)
+    names = "mediapipe (default), mediapipe_hands, or a .task or .onnx file"
+    add("--detector", default="mediapipe", metavar="NAME", help=names)
+    hands = "track fingers, too; short for --detector mediapipe_hands"
+    add("--hands", dest="detector", action="store_const", const="mediapipe_hands", help=hands)
+    add("--person", metavar="WHO", help=PERSON)
+    rate = "images per second, in place of a file's own times (of a folder of images: 30 Hz)"
+    add("--fps", type=float, help=rate)
+    slower = "how many times slower the file plays than it was"
+    add("--slow-motion", type=float, default=1.0, metavar="FACTOR", help=slower)
+    add("--params-file", type=Path, action="append", default=[], metavar="YAML")
+    add("-p", action="append", default=[], metavar="name:=value", help="a parameter of the tracker")
+    causal = "track a file as a camera's images: in one pass, without smoothing by later frames"
+    add("--causal", action="store_true", help=causal)
+
+
+def _add_outputs(add: Callable[..., object]) -> None:
+    """Add the options of files that are written."""
+    add("--report", type=Path, metavar="HTML", help="write a page with plots and the skeleton in 3D")
+    forms = ".csv, .npz, .bvh, .amass.npz, .trc, .c3d or .glb"
+    add("--export", type=Path, action="append", default=[], metavar="FILE", help=forms)
+    add("--video", type=Path, metavar="MP4", help="write the images with the skeleton as a video")
+    view = "show all in the viewer Rerun, or record it for it"
+    add("--view", nargs="?", type=Path, const=WINDOW, metavar="RRD", help=view)
+    add("--force", action="store_true", help="replace outputs that exist")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import reduce
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -17,6 +16,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.video.camera import common_content, content_size
 
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 ASSUMED_FPS, HIGHEST_FPS = 30.0, 240.0
@@ -30,10 +30,6 @@ LOOKED_AT = 10
 MOST_SLOW_MOTION = 100.0
 LARGEST_PIXEL_RATIO = 3.0
 """Width of a pixel by its height, or the reverse, that is believed."""
-BLACK, NOISE = 32, 0.02
-"""Grey value of a black bar's pixels at most (codecs have noise), and the share of pixels that may be brighter."""
-LEAST_BAR, UNEVEN_BAR = 0.02, 0.01
-"""Least width of a bar, and the largest difference of the two, as shares of the image."""
 SPREAD = (0.2, 0.4, 0.6, 0.8)
 """Places in a file, as shares, at which further images are looked at for black bars."""
 
@@ -147,36 +143,6 @@ def printable(path: Path) -> str:
     return str(path).encode(errors="backslashreplace").decode()
 
 
-def content_size(image: np.ndarray) -> tuple[int, int]:
-    """Return the (width, height) px between black bars of equal width on two opposite sides of an image.
-
-    A letterboxed video has them. The optical axis stays in the middle, but the field of view is that of the content.
-    Dark surroundings on all four sides are no bars: they are those of a lit stage.
-    """
-    bright = image.max(axis=2) > BLACK
-    size = []
-    for axis in (0, 1):  # columns, rows
-        filled = np.flatnonzero(bright.mean(axis=axis) > NOISE)
-        full = image.shape[1 - axis]
-        first, last = (int(filled[0]), full - 1 - int(filled[-1])) if len(filled) else (0, 0)
-        are_bars = min(first, last) > LEAST_BAR * full and abs(first - last) <= UNEVEN_BAR * full
-        size.append(full - first - last if are_bars else full)
-    full_width, full_height = image.shape[1], image.shape[0]
-    around = size[0] < full_width and size[1] < full_height
-    return (full_width, full_height) if around else (size[0], size[1])
-
-
-def _common_content(first: np.ndarray, others: Iterator[np.ndarray]) -> tuple[int, int]:
-    """Return the content of some images: only what is black in all of them is a bar.
-
-    others: read if the first image has bars, or shows nothing.
-    """
-    size = first.shape[1], first.shape[0]
-    if content_size(first) == size and first.max() > BLACK:
-        return size
-    return content_size(reduce(np.maximum, (image for image in others if image.shape == first.shape), first))
-
-
 def _video(path: Path, timing: Timing) -> Source:
     cv2 = _opencv()
     capture = cv2.VideoCapture(str(path))
@@ -192,7 +158,7 @@ def _video(path: Path, timing: Timing) -> Source:
     if fault and timing.fps is None:
         remark = f"'{path.name}' {fault}: {rate:g} images per second are assumed; set the rate by --fps"
         timing = Timing(rate, timing.slow_motion)
-    size, content = (first.shape[1], first.shape[0]), _common_content(first, _spread(cv2, path, count))
+    size, content = (first.shape[1], first.shape[0]), common_content(first, _spread(cv2, path, count))
     begin = _begin(cv2, capture) / timing.slow_motion if timing.fps is None else 0.0
     images, rate = _frames(cv2, capture, first, rate, timing), (timing.fps or rate) * timing.slow_motion
     return Source(path.name, size, content, rate, count, images, begin=begin, remark=remark)
@@ -413,7 +379,7 @@ def _folder(path: Path, fps: float) -> Source:
             yield Image(number / fps, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 
     others = (cv2.imread(str(files[int(share * len(files))])) for share in SPREAD)
-    content = _common_content(first, (image for image in others if image is not None))
+    content = common_content(first, (image for image in others if image is not None))
     return Source(path.name, (first.shape[1], first.shape[0]), content, fps, len(files), images())
 
 

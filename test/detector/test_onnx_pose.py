@@ -12,8 +12,7 @@ from onnx_graph import COCO, Graph
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.detector.backend import DetectorError, make_detector
-from lassokin_ros.detector.onnx_pose import OnnxPose
-from lassokin_ros.detector.person_region import WHOLE, region_around
+from lassokin_ros.detector.onnx_pose import WHOLE, OnnxPose, region_around
 from lassokin_ros.detector.pose_models import recognise
 
 pytest.importorskip("cv2")

@@ -14,9 +14,8 @@ from benchmarks.gait import contacts, cut
 from lassokin_ros.measure.command import main
 from lassokin_ros.measure.gait import LENGTH, STANCE, TIME, Sides, measure_gait
 from lassokin_ros.measure.gait_events import walk_of
-from lassokin_ros.measure.poses import MeasureError, Poses, read_poses
+from lassokin_ros.measure.poses import MeasureError, Poses, poses_of, read_poses
 from lassokin_ros.measure.report import asymmetry_text, gait_lines, sides_text, trust_lines
-from lassokin_ros.measure.source import poses_of
 from lassokin_ros.replay.motion import ASSUMED
 
 STRIDE_S = 120 / 108

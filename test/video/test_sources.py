@@ -16,8 +16,8 @@ import pytest
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.video import sources
-from lassokin_ros.video.camera import choose_camera
-from lassokin_ros.video.sources import SourceError, content_size, natural_key, open_source
+from lassokin_ros.video.camera import choose_camera, content_size
+from lassokin_ros.video.sources import SourceError, natural_key, open_source
 
 cv2 = pytest.importorskip("cv2")
 

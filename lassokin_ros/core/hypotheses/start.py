@@ -109,11 +109,12 @@ class Starts:
         self._frame_model, self._vertical, kinematics = frame_model, vertical, frame_model.kinematics
         self.initialiser = Initialiser(kinematics, prior, frame_model)
         self.network_pose: NetworkPose | HandPose | None = None
+        propose = MirroredLimbs(kinematics).propose
         if network_places is not None:
             self.network_pose = NetworkPose(network_places, kinematics, self.initialiser.mean_pose)
+            propose = self.network_pose.propose
         elif with_hands and HandPose.fits(kinematics):
             self.network_pose = HandPose(kinematics, self.initialiser.mean_pose)
-        propose = MirroredLimbs(kinematics).propose if self.network_pose is None else self.network_pose.propose
         self._other_pose = OtherPose(self.initialiser, frame_model, propose)
         self.reinitialisation = Reinitialisation()
         self.reset()

@@ -93,7 +93,7 @@ def test_two_cameras_place_the_person_in_the_map():
     assert {one.frame.frame_id for one in play.results} == {MAP}
     assert play.error() < 20  # one camera: more than 60
     assert play.results[-1].frame.estimate.cameras == 2
-    (other,) = play.results[-1].frame.others
+    (_, other) = play.results[-1].frame.images
     assert (play.results[-1].frame.camera.name, other.camera.name) == ("left", "right")
     assert not any(one.frame.doubt.likely_wrong for one in play.results)
     assert np.median([one.error.mean() for one in Play([LEFT], NodeSettings(fixed_frame=MAP)).run().results]) > 0.04
@@ -186,7 +186,7 @@ def test_a_jump_of_the_fixed_frame_moves_the_person_with_it(degrees, metres, eye
         seen = odometry[0].pose_at(one.seconds).into_camera(one.frame.estimate.pose.positions)
         assert np.linalg.norm(seen - before.into_camera(play.truth(one.seconds).positions[0]), axis=1).mean() < 0.1
         assert np.linalg.norm(one.frame.velocity) < 0.5 and np.abs(one.frame.joint_velocities).max() < 3.0
-        assert np.abs(one.frame.joint_states()[1]).max() < 10.0 and not one.frame.judge().doubt.likely_wrong
+        assert np.abs(one.frame.velocities).max() < 10.0 and not one.frame.doubt.likely_wrong
     assert play.session.placement.jumps.words in status(play, diagnostics).message
 
 

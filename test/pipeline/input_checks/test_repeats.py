@@ -55,7 +55,7 @@ class Watched:
         now_ns = START_NS + i * PERIOD_NS
         frames = self.session.frames(message, now_ns)
         self.diagnostics.count_message(frames, now_ns, i / 30, 0.001)
-        self.state.update(self.session.presence_at(now_ns), now_ns, 1.0, 3.0)
+        self.state.update(self.session.scene.presence_at(now_ns), now_ns, 1.0, 3.0)
         return frames
 
     def status(self, i):

@@ -89,7 +89,10 @@ def test_a_cut_begins_a_shot_and_a_flash_or_a_dissolve_none():
     assert found.cuts == [12 / 30] and [len(shot.times) for shot in found.shots] == [12, 12]
     assert found.begins_at(12 / 30) and not found.begins_at(11 / 30)
     assert found.remarks()[0].startswith("A new shot begins at 0.40 s.")
+    dark = [first // 7, second // 7]  # with nearly the same colours
+    assert followed([dark[0]] * 10 + [dark[1]] * 10).cuts == [10 / 30]
     white, black = np.full_like(first, 255), np.zeros_like(first)
+    assert not followed([black] * 5 + [first] * 10).cuts
     for other in (white, black, second):
         assert not followed([first] * 10 + [other] + [first] * 10).cuts
     mixed = [cv2.addWeighted(first, 1 - step / 11, second, step / 11, 0) for step in range(1, 11)]
