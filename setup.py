@@ -25,7 +25,7 @@ VIEW = ["rerun-sdk>=0.23.1", *VIDEO]
 DEMO = [*ROS, *REPLAY]
 TEST = [
     "pytest>=7.4,<9.2",  # 3.8 of pytest-xdist groups nothing under pytest 9.2
-    "pytest-xdist>=3.6",
+    "pytest-xdist>=3.7",  # keeps the order of groups
     "hypothesis>=6.100",
     *ROBOT,
     "yourdfpy>=0.0.56",

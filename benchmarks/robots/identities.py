@@ -165,8 +165,8 @@ def away(data: Path, seeds: int) -> Iterator[Record]:
             states: list[tuple[float, str]] = []
             for t, _ in scene.play(session):
                 now_ns = START_NS + round(t * 1e9)
-                limits = session.reported_lost_after, session.config.forget_after
-                state.update(session.presence_at(now_ns), now_ns, *limits, session.scene_known_empty(now_ns))
+                limits = session.scene.lost_after, session.config.forget_after
+                state.update(session.scene.presence_at(now_ns), now_ns, *limits, session.scene_known_empty(now_ns))
                 if t > 1.0 and (not states or states[-1][1] != state.value):
                     states.append((t, state.value))
             gone_s = next(t for t, name in states if name != "tracking")

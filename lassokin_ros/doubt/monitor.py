@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from functools import partial
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -193,6 +192,21 @@ class Judgement(NamedTuple):
     seconds: float = math.nan
 
 
+class Pending:
+    """The judgement of a frame, which is made when it is read, together with those of the frames before."""
+
+    def __init__(self, doubts: LiveDoubts, signs: Signs) -> None:
+        self._doubts, self.signs = doubts, signs
+        self.judgement: Judgement | None = None
+
+    def read(self) -> Judgement:
+        """Return the judgement, at any later time."""
+        if self.judgement is None:
+            self._doubts.judge()
+        assert self.judgement is not None
+        return self.judgement
+
+
 class LiveDoubts:
     """Judges the frames of one person in their order, when one of the judgements is read.
 
@@ -205,29 +219,24 @@ class LiveDoubts:
     ) -> None:
         """See DoubtMonitor."""
         self._monitor = DoubtMonitor(landmarks, joints, observe)
-        self._waiting: deque[tuple[Signs, list[Judgement]]] = deque()
+        self._waiting: deque[Pending] = deque()
 
     def reset(self) -> None:
         """Forget the earlier frames. They can still be read."""
-        self._judge()
+        self.judge()
         self._monitor.reset()
 
-    def add(self, signs: Signs) -> Callable[[], Judgement]:
-        """Add the next frame. Return the function that gives its judgement, at any later time."""
-        judged: list[Judgement] = []
-        self._waiting.append((signs, judged))
+    def add(self, signs: Signs) -> Pending:
+        """Add the next frame."""
+        pending = Pending(self, signs)
+        self._waiting.append(pending)
         if len(self._waiting) >= MOST_WAITING:
-            self._judge()
-        return partial(self._judgement, judged)
+            self.judge()
+        return pending
 
-    def _judgement(self, judged: list[Judgement]) -> Judgement:
-        if not judged:
-            self._judge()
-        return judged[0]
-
-    def _judge(self) -> None:
+    def judge(self) -> None:
         """Judge the frames that wait."""
         while self._waiting:
-            signs, judged = self._waiting.popleft()
-            doubt = self._monitor.update(signs)
-            judged.append(Judgement(doubt, tuple(reasons(self._monitor.recent)), self._monitor.seconds))
+            pending = self._waiting.popleft()
+            doubt = self._monitor.update(pending.signs)
+            pending.judgement = Judgement(doubt, tuple(reasons(self._monitor.recent)), self._monitor.seconds)

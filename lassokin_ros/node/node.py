@@ -18,6 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 from lassokin_ros.common.version import version
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.evidence.evidence import Evidence
+from lassokin_ros.node.inputs.camera_publishers import DuplicateNode
 from lassokin_ros.node.inputs.keypoint_input import KeypointInput
 from lassokin_ros.node.inputs.polled_subscription import ignore_events
 from lassokin_ros.node.inputs.rep155_inputs import Rep155Inputs
@@ -41,7 +42,6 @@ from lassokin_ros.pipeline.outputs.status.diagnostics import NEAR_LIMIT, NEAR_LI
 from lassokin_ros.pipeline.outputs.status.presence_state import LOST, NOBODY, TRACKING
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.people.people_tracker import FORGOTTEN
-from lassokin_ros.pipeline.people.per_body_session import PerBodySession
 from lassokin_ros.pipeline.people.roster import GONE
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import ALL, OFF, NodeSettings
@@ -49,8 +49,6 @@ from msg_adapters.backends import RclpyBackend
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
 
 DIAGNOSTICS_PERIOD_S = 1.0
-LEFTOVER_S = 25.0
-"""s: the graph contains the publishers of a killed process for up to 20 s."""
 UNUSED_MESSAGES = 60
 """Number of messages whose keypoints are all below `min_confidence`. If there are as many before the first result, the
 log reports it."""
@@ -76,11 +74,9 @@ class TrackerNode(Node):
         super().__init__(node_name, **options)
         settings = declare(self)
         self._live_parameters = LiveParameters(self, settings, self._tune)
-        self._session = (PerBodySession if settings[1].topic_per_body else Session)(*settings, evidence)
+        self._session = Session(*settings, evidence)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
-        self._reported_unstamped = self._reported_misplaced = False
-        self._reported_unused, self._duplicate_checks = False, 0
-        self._has_evidence, self._reported_faults = bool(evidence), set[str]()
+        self._said, self._has_evidence = set[str](), bool(evidence)
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._session, name, time.monotonic())
@@ -146,13 +142,15 @@ class TrackerNode(Node):
         self._inputs = SceneInputs(self, self._session, self._diagnostics, self._on_depth, on_error)
         self._keypoints: list[KeypointInput] = []
         self._bodies: Rep155Inputs | None = None
-        if isinstance(self._session, PerBodySession):
+        if config.topic_per_body:
             qos = sensor_data(config.queue_depth)
             self._bodies = Rep155Inputs(self, config.keypoints_type, qos, self._on_bodies, self._on_body)
         else:
             for name, camera in self._session.cameras.items():
                 topic, process = topics.of_camera(topics.KEYPOINTS, name), partial(self.work_on, camera=name)
                 self._keypoints.append(KeypointInput(self, topic, config, camera.counts, self._inputs.poll, process))
+        shared = config.rep155 and not config.topic_per_body  # the list of bodies has an absolute name
+        self._duplicate = DuplicateNode(self, topics.REP155_TRACKED_OUTPUT.name if shared else topics.STATE)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
         self.create_service(SetBool, "~/lock", self._on_lock)
@@ -182,16 +180,15 @@ class TrackerNode(Node):
         self._answer("images that waited", partial(self._session.due, now_ns), now_ns)
 
     def _on_bodies(self, ids: Sequence[str]) -> Sequence[str]:
-        assert isinstance(self._session, PerBodySession)
         self._session.keep(ids)
-        self._outputs.keep(self._session.ids, self._now_ns())
-        return self._session.ids
+        kept = self._session.ids or []
+        self._outputs.keep(kept, self._now_ns())
+        return kept
 
     def _on_body(self, person: str, message: Any) -> None:
-        assert isinstance(self._session, PerBodySession)
         self._inputs.poll()
         now_ns = self._followed_clock_ns()
-        self._answer("a keypoint message", partial(self._session.push_of, person, message, now_ns), now_ns)
+        self._answer("a keypoint message", partial(self._session.push, message, now_ns, body=person), now_ns)
 
     def work_on(self, message: Any, received_ns: int = 0, camera: str = "") -> None:
         """Process one keypoint message and publish the answers. Never raises.
@@ -256,32 +253,29 @@ class TrackerNode(Node):
                 line = f"keypoints rejected ({frame.rejection}): {frame.detail}"
                 self._warning.log(str(frame.rejection), line, DIFFERENT_FAULTS)
         self._log_unused_confidence()
-        if self._has_evidence:
-            self._log_evidence_faults()
-        if self._session.counts["unstamped"] and not self._reported_unstamped:  # only once
-            self._reported_unstamped = True
-            self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")
-        if not self._reported_misplaced and frames and frames[0].accepted and self._session.placement.places is None:
+        for name, fault in self._session.evidence_faults.items() if self._has_evidence else ():
+            self._say_once(name, fault, self.get_logger().error)
+        if self._session.counts["unstamped"]:
+            words = "keypoints without a stamp: outputs carry the time of their arrival"
+            self._say_once("unstamped", words, self.get_logger().warning)
+        if "misplaced" not in self._said and frames and frames[0].accepted and self._session.placement.places is None:
             camera = self._session.first.camera.at(frames[0].stamp_ns).intrinsics.frame_id
-            if words := _misplaced(frames[0].frame_id, camera):
-                self._reported_misplaced = True
-                self.get_logger().warning(words)
+            self._say_once("misplaced", _misplaced(frames[0].frame_id, camera), self.get_logger().warning)
 
-    def _log_evidence_faults(self) -> None:
-        for name, fault in self._session.evidence_faults.items():
-            if name not in self._reported_faults:
-                self._reported_faults.add(name)
-                self.get_logger().error(fault)
+    def _say_once(self, key: str, words: str, log: Callable[[str], Any]) -> None:
+        if words and key not in self._said:
+            self._said.add(key)
+            log(words)
 
     def _log_unused_confidence(self) -> None:
         """Log once if nobody was tracked yet, because all confidences are slightly below `min_confidence`."""
         session, limit = self._session, self._session.tracker.config.min_confidence
-        if self._reported_unused or session.answered or session.counts[UNUSED] < UNUSED_MESSAGES:
+        if session.results.answered or session.counts[UNUSED] < UNUSED_MESSAGES:
             return
         if session.inputs.unused_confidence >= NEAR_LIMIT * limit:
-            self._reported_unused = True
             figures = f"{session.inputs.unused_confidence:.2f}, min_confidence {limit:g}"
-            self.get_logger().warning(f"nobody was tracked yet: {NEAR_LIMIT_ADVICE} ({figures})")
+            words = f"nobody was tracked yet: {NEAR_LIMIT_ADVICE} ({figures})"
+            self._say_once("unused", words, self.get_logger().warning)
 
     def _update_presence(self) -> None:
         """Poll the inputs, and update the list of people while no keypoints arrive (see `presence_at`).
@@ -291,10 +285,10 @@ class TrackerNode(Node):
         self._inputs.poll()
         now_ns = self._followed_clock_ns()
         self._as_of_ns, self._checked_ns = self._checked_ns, now_ns
-        ids = self._session.presence_at(self._as_of_ns).ids
+        ids = self._session.scene.presence_at(self._as_of_ns).ids
         if ids is not None:
             self._outputs.keep(ids, now_ns)
-        self._session.detector_connected = self._inputs_connected()
+        self._session.scene.detector_connected = self._inputs_connected()
         self._outputs.check(self._as_of_ns)
         self._outputs.repeat(self._as_of_ns, time.monotonic())
 
@@ -311,8 +305,10 @@ class TrackerNode(Node):
         if self._state_publisher is not None:
             self._state_publisher.update()
             concerns.append(self._state_publisher.fault)
-        now, presence = time.monotonic(), self._session.presence_at(self._as_of_ns)
-        concerns += [self._inputs.check(now), self._duplicate_node()]
+        now, presence = time.monotonic(), self._session.scene.presence_at(self._as_of_ns)
+        concerns += [self._inputs.check(now), words := self._duplicate.check(now)]
+        if words:
+            self._warning.log("duplicate_node", words)
         for keypoints, camera in zip(self._keypoints, self._session.cameras.values()):
             keypoints.check(now, camera.received > 0)
         concern = "; ".join(filter(None, concerns))
@@ -320,22 +316,6 @@ class TrackerNode(Node):
         self._diagnostics_out.publish(self._status.fill(self._now_ns(), "", [line]))
         for words in self._diagnostics.inputs:
             self._warning.log(words[:KEY_LENGTH], words)
-
-    def _duplicate_node(self) -> str:
-        """Return that another node publishes the same topics; empty if there is none."""
-        config = self._session.config
-        shared = config.rep155 and not config.topic_per_body  # the list of bodies has an absolute name
-        topic = self.resolve_topic_name(topics.REP155_TRACKED_OUTPUT.name if shared else topics.STATE)
-        several = self.count_publishers(topic) > 1
-        self._duplicate_checks = self._duplicate_checks + 1 if several else 0
-        if self._duplicate_checks * DIAGNOSTICS_PERIOD_S < LEFTOVER_S:
-            return ""
-        words = (
-            f"another node publishes {topic}, too: give one of the nodes another name (-r __node:=NAME), namespace "
-            "(-r __ns:=/NAME) or remapping"
-        )
-        self._warning.log("duplicate_node", words)
-        return words
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget()
@@ -368,21 +348,11 @@ class TrackerNode(Node):
         return response
 
     def _on_save_skeleton(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            path = self._file("skeleton.yaml")
-            written = save_all(self._session.calibrations(), path, self._now_ns())
-            response.success, response.message = True, f"written: {', '.join(str(path.absolute()) for path in written)}"
-        except LassokinError as error:
-            response.success, response.message = False, str(error)
-        return response
+        path = self._file("skeleton.yaml")
+        return _written(response, lambda: save_all(self._session.calibrations(), path, self._now_ns()))
 
     def _on_save_cameras(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            path = save_cameras(self._session, self._file("cameras.sh"))
-            response.success, response.message = True, f"written: {path.absolute()}"
-        except LassokinError as error:
-            response.success, response.message = False, str(error)
-        return response
+        return _written(response, lambda: [save_cameras(self._session, self._file("cameras.sh"))])
 
     def _file(self, ending: str) -> Path:
         """Return where the answer of a service is written."""
@@ -398,19 +368,24 @@ class TrackerNode(Node):
 
     def _forget(self) -> None:
         self._session.reset()
-        self._end_outputs()
-
-    def _end_outputs(self) -> None:
-        """Publish that the people who were tracked before the reset have left."""
-        self._outputs.forget(self._now_ns())
+        self._outputs.forget(self._now_ns())  # the people who were tracked have left
 
     def _tune(self, settings: Settings) -> None:
         height = self._session.tracker.config.height
         self._session.tune(*settings)
         if settings[0].height != height:
-            self._end_outputs()
+            self._outputs.forget(self._now_ns())
             lock = f"; {FORGOTTEN}" if self._session.locked == GONE else ""
             self.get_logger().info(f"height is now {settings[0].height_text}: the state is forgotten{lock}")
+
+
+def _written(response: Trigger.Response, write: Callable[[], Sequence[Path]]) -> Trigger.Response:
+    """Answer a service that writes files."""
+    try:
+        response.success, response.message = True, f"written: {', '.join(str(path.absolute()) for path in write())}"
+    except LassokinError as error:
+        response.success, response.message = False, str(error)
+    return response
 
 
 def _misplaced(frame_id: str, camera: str) -> str:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
+from lassokin_ros.core.observation import Rejection
 from lassokin_ros.core.output.fixed_lag import TOLERANCE
 from lassokin_ros.core.record import record
-from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
+from lassokin_ros.pipeline.image_sets import LATE
+from lassokin_ros.pipeline.people.people_tracker import PERSON_ABSENT
+
+ABSENCES = (Rejection.TOO_FEW_LANDMARKS.value, Rejection.UNPLACED.value, PERSON_ABSENT)
+"""Rejections of the images of a camera that does not see the person."""
 
 
 @record
@@ -41,6 +48,38 @@ class Answer:
 def frames_of(answers: Iterable[Answer]) -> list[FrameResult]:
     """Return the results of all answers, in their order."""
     return [frame for answer in answers for frame in answer.frames]
+
+
+class Results:
+    """Counts the results of messages. answered: True after the first accepted one of a person."""
+
+    def __init__(self, counts: Counter[str], several_cameras: bool) -> None:
+        """counts: see `Session.counts`."""
+        self._counts, self._several = counts, several_cameras
+        self.answered = False
+
+    def count(self, frames: list[FrameResult]) -> list[FrameResult]:
+        """Count the results of an instant, as one accepted or rejected message, and return them."""
+        self.answered = self.answered or any(frame.accepted for frame in frames)
+        rejection = next((frame.rejection for frame in frames if not frame.accepted), None)
+        if frames or not self._several:
+            self._counts["accepted" if rejection is None else f"rejected: {rejection}"] += 1
+        if repeated_s(frames) > 0:
+            self._counts["duplicated"] += 1
+        return frames
+
+    def without_absences(self, frames: Iterable[FrameResult], elsewhere: bool) -> list[FrameResult]:
+        """Leave out the rejections of one of several cameras that only did not see the person.
+
+        elsewhere: whether another camera sees the person.
+        """
+        kept = []
+        for frame in frames:
+            if frame.rejection == Rejection.LATE.value:
+                self._counts[LATE] += 1
+            elif not elsewhere or frame.rejection not in ABSENCES:
+                kept.append(frame)
+        return kept
 
 
 class AnswersInOrder:

@@ -3,30 +3,32 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.height import FEWEST
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
 from lassokin_ros.pipeline.depth.depth_check import MISFIT, DepthCheck
 from lassokin_ros.pipeline.depth.depth_images import DepthImages, key_of_camera
+from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.input_checks.hands import HandCheck
 from lassokin_ros.pipeline.input_checks.image_size import ImageSize
-from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
 from lassokin_ros.pipeline.input_checks.messages import (
     LEADING_SLASH,
+    LandmarkIds,
     check_layout,
     has_leading_slash,
     without_skipped,
 )
-from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS, checked_positions, people_shown
-from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
-from lassokin_ros.pipeline.input_checks.stamps import StampWatch
+from lassokin_ros.pipeline.input_checks.repeats import OwnDepth
+from lassokin_ros.pipeline.input_checks.stamps import StampRate, StampWatch
 from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.seen import Image, people_in
 from lassokin_ros.pipeline.settings import NODE, NodeSettings
@@ -54,10 +56,18 @@ class CameraImages:
     """The inputs of one camera, and what is known about them."""
 
     def __init__(
-        self, name: str, tracker_config: TrackerConfig, config: NodeSettings, layout: Layout, counts: Counter[str]
+        self,
+        name: str,
+        tracker_config: TrackerConfig,
+        config: NodeSettings,
+        layout: Layout,
+        counts: Counter[str],
+        body: str = "",
     ) -> None:
-        """name: of the camera, empty if it is the only one. counts: of all messages, see `Session.counts`."""
-        self.name, self.counts = name, counts
+        """name: of the camera, empty if it is the only one. counts: of all messages, see `Session.counts`. body: id of
+        the person whose topic it is, see `of_body`.
+        """
+        self.name, self.counts, self.body = name, counts, body
         self.tracker_config, self.config, self._layout = tracker_config, config, layout
         self._adapter = keypoint_adapter(config.keypoints_type)
         self.camera = Camera(config.rectified)
@@ -95,6 +105,12 @@ class CameraImages:
         self._unplaced = CameraPose(name)
         self._optical_frame: str | None = None  # frame_id of the camera_info of the last image
 
+    def of_body(self, body: str) -> CameraImages:
+        """Return the inputs of the topic of one body in these images, with stamps and checks of their own."""
+        own = CameraImages(self.name, self.tracker_config, self.config, self._layout, self.counts, body)
+        own.camera, own.depth, own.depth_check = self.camera, self.depth, self.depth_check
+        return own
+
     def image(self, message: Any, arrival_ns: int) -> tuple[Image, bool]:
         """Return the image of a keypoint message, and whether time jumped back so that everybody must be forgotten.
 
@@ -121,7 +137,8 @@ class CameraImages:
         keypoints, sampled = self._with_depth(self.own_depth.checked(keypoints, stamp_ns), stamp_ns, view)
         people = self.hands.checked(people_in(keypoints, len(self._layout.names), view.lens, sampled))
         numbers = keypoints.persons is not None, self._has_persistent_numbers(keypoints)
-        image = Image(people, stamp_ns, self.frame_id, view.lens, *numbers, stamped, self._unplaced, shown)
+        how = (*numbers, stamped, self._unplaced, shown)
+        image = Image(people, stamp_ns, self.frame_id, view.lens, *how, body=self.body)
         jumped = self._is_back_in_time(image, arrival_ns)
         if jumped:
             self._check_jump(image)
@@ -135,6 +152,15 @@ class CameraImages:
         changed = self._optical_frame not in (None, view.intrinsics.frame_id)
         self._optical_frame = view.intrinsics.frame_id
         return image, jumped or changed
+
+    def compare(self, images: Sequence[Image], frames: Sequence[FrameResult]) -> None:
+        """Compare the results of an instant with the keypoints of one of several cameras, and with the depth image."""
+        if self.config.several_cameras:
+            self.residuals += [px for frame in frames for px in _residuals(frame, self.name)]
+        if self.tracker_config.smoothing_lag == 0:
+            for image in images:
+                if image.camera.name == self.name:
+                    self.depth_check.update(image.people, frames, self.name)
 
     def key(self, count: str) -> str:
         """Return the key of the count of this camera alone; count: the key of that of all cameras."""
@@ -218,3 +244,14 @@ class CameraImages:
         if persons is None or not keypoints.persistent or self.config.person_ids == NODE:
             return False
         return len(persons) == 0 or bool(persons.min() >= 0)
+
+
+def _residuals(frame: FrameResult, camera: str) -> Iterator[float]:
+    """Yield how far an accepted body is from the keypoints of a camera, px, the median."""
+    estimate = frame.estimate
+    if not frame.accepted or estimate is None or estimate.pose is None:
+        return
+    for one in frame.images:
+        apart = np.linalg.norm(project(one.camera.into_camera(estimate.pose.landmarks)) - one.points, axis=1)
+        if one.camera.name == camera and np.isfinite(apart).any():
+            yield one.lens.focal * float(np.median(apart[np.isfinite(apart)]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -15,9 +15,11 @@ from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import HERE, CameraPose, Observation
 from lassokin_ros.core.output.uncertainty import JointUncertainty
 from lassokin_ros.core.record import record
+from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.doubt.doubt import Doubt
-from lassokin_ros.doubt.monitor import Judgement
+from lassokin_ros.doubt.monitor import Judgement, Pending
 from lassokin_ros.pipeline.camera.lens import Lens
+from lassokin_ros.pipeline.people.joint_angles import Angles
 
 BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """Axes of the frame `body` (REP-103: x front, y left, z up), as columns in the root joint's frame (x left, y up,
@@ -26,7 +28,11 @@ z front)."""
 
 @record
 class ImageOfPerson:
-    """A person in the image of a camera: where the camera is, its lens, the landmarks as in FrameResult."""
+    """A person in the image of a camera.
+
+    camera: which one, and where it is in the frame of the skeleton. detected: (l, 2) px, the landmarks from the
+    detector, NaN = missing; None without landmarks. points: (l, 2), their normalised image coordinates.
+    """
 
     camera: CameraPose
     lens: Lens
@@ -51,25 +57,20 @@ class FrameResult:
     estimate: the tracker's result. None if the message was refused before tracking.
     rejection: None for an accepted result, else a short key for counting. `detail` gives the reason in words.
     person: the id of the person. Empty if one person is followed.
-    detected: (l, 2) px, the landmarks from the detector, NaN = missing. None without landmarks.
-    points: (l, 2) normalised image coordinates of `detected`. None if the message was refused before tracking.
-    lens: the lens of the image. None if the message was refused before tracking.
-    camera: which camera took the image, and where it is in the frame of the skeleton.
-    others: the images of further cameras that were processed together with this one.
+    images: those that were processed together; empty if the message was refused before tracking.
     observations: what the tracker was given. Empty if the message was refused before tracking.
     skeleton: the skeleton with the lengths used for this result. None if the message was refused before tracking.
     earlier: s since the result before, and its joint positions (n, 3) m; see `joint_velocities`. None after
     initialisation, and for a step of the stamps below 1 ms.
     velocity: (3,) m/s, velocity of the pelvis, and its covariance (3, 3) m^2/s^2, see `walking_velocity.py`. None if
     rejected.
-    measure: computes the joint uncertainty, see `uncertainty`.
-    observe: computes which joints are observed, see `observed`.
-    joint_states: computes `positions` and `velocities`.
+    tracker: the person's, for what is computed on request: `uncertainty` and `observed`. None if rejected.
+    angles: those of the joints, see `positions`. None if rejected.
     label: the id in the messages about all people, if it is not `person`.
     detector_id: the person's number from the detector; -1 if it has none that lasts.
     guessed: True if the person was found again by place after an absence, and may be somebody else.
     held_s: s, by stamps, how long the result waited for later messages (`smoothing_lag`).
-    judge: gives the doubt about the pose, see `LiveDoubts.add`; none if rejected.
+    pending: the doubt about the pose, see `judgement`. None if rejected.
     doubts: why the place or the size of the person is doubted, in words; empty if they are not.
     """
 
@@ -79,24 +80,19 @@ class FrameResult:
     rejection: str | None = None
     detail: str = ""
     person: str = ""
-    detected: np.ndarray | None = None
-    points: np.ndarray | None = None
-    lens: Lens | None = None
-    camera: CameraPose = HERE
-    others: Sequence[ImageOfPerson] = ()
+    images: Sequence[ImageOfPerson] = ()
     observations: Sequence[Observation] = ()
     skeleton: Skeleton | None = None
     earlier: tuple[float, np.ndarray] | None = None
     velocity: np.ndarray | None = None
     velocity_covariance: np.ndarray | None = None
-    measure: Callable[[Estimate], JointUncertainty] | None = None
-    observe: Callable[[Estimate], np.ndarray] | None = None
-    joint_states: Callable[[], tuple[np.ndarray, np.ndarray]] | None = None
+    tracker: Tracker | None = None
+    angles: Angles | None = None
     label: str = ""
     detector_id: int = -1
     guessed: bool = False
     held_s: float = 0.0
-    judge: Callable[[], Judgement] = Judgement
+    pending: Pending | None = None
     doubts: tuple[str, ...] = ()
 
     @property
@@ -105,48 +101,61 @@ class FrameResult:
         return self.rejection is None
 
     @property
-    def images(self) -> tuple[ImageOfPerson, ...]:
-        """The images of all cameras that were processed together. Empty if refused before tracking."""
-        if self.lens is None or self.points is None:
-            return ()
-        return (ImageOfPerson(self.camera, self.lens, self.detected, self.points), *self.others)
+    def camera(self) -> CameraPose:
+        """Which camera took the first image, and where it is in the frame of the skeleton."""
+        return self.images[0].camera if self.images else HERE
+
+    @property
+    def lens(self) -> Lens | None:
+        """The lens of the first image; None if the message was refused before tracking."""
+        return self.images[0].lens if self.images else None
+
+    @property
+    def detected(self) -> np.ndarray | None:
+        """(l, 2) px: the landmarks from the detector in the first image, NaN = missing. None without landmarks."""
+        return self.images[0].detected if self.images else None
+
+    @property
+    def points(self) -> np.ndarray | None:
+        """(l, 2) normalised image coordinates of `detected`. None if the message was refused before tracking."""
+        return self.images[0].points if self.images else None
 
     @property
     def positions(self) -> np.ndarray | None:
         """(3 + 3 n,) in the order of urdf.joint_names, m and rad. None if rejected."""
-        return self._joint_state[0]
+        return None if self.angles is None else self.angles.read[0]
 
     @property
     def velocities(self) -> np.ndarray | None:
         """(3 + 3 n,) in the same order, m/s and rad/s. None if rejected."""
-        return self._joint_state[1]
-
-    @cached_property
-    def _joint_state(self) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """Computed at the first access. The angles are continuous to the frame that was read last."""
-        return (None, None) if self.joint_states is None else self.joint_states()
+        return None if self.angles is None else self.angles.read[1]
 
     @cached_property
     def uncertainty(self) -> JointUncertainty:
         """Joint uncertainty, computed at the first access. Raises ValueError if the result was rejected."""
-        if self.measure is None or self.estimate is None:
+        if self.tracker is None or self.estimate is None:
             raise ValueError("this result was rejected; only an accepted result has an uncertainty")
-        return self.measure(self.estimate)
+        return self.tracker.uncertainty(self.estimate)
+
+    @property
+    def judgement(self) -> Judgement:
+        """The doubt in its context, made at the first access. Without a doubt if rejected."""
+        return Judgement() if self.pending is None else self.pending.read()
 
     @property
     def doubt(self) -> Doubt:
         """The doubt about this frame. Without a doubt if rejected."""
-        return self.judge().doubt
+        return self.judgement.doubt
 
     @property
     def doubtful(self) -> tuple[str, ...]:
         """Why the frames of the last moments are doubted, see `Judgement`, and the place or the size."""
-        return self.doubts + self.judge().reasons
+        return self.doubts + self.judgement.reasons
 
     @property
     def doubtful_s(self) -> float:
         """s for which the person's pose has been doubtful without a break; NaN if it is not."""
-        return self.judge().seconds
+        return self.judgement.seconds
 
     @property
     def likely_wrong(self) -> float:
@@ -182,9 +191,9 @@ class FrameResult:
     @cached_property
     def observed(self) -> np.ndarray:
         """(n,) bool, the joints that the keypoints observe. Raises ValueError if the result was rejected."""
-        if self.observe is None or self.estimate is None:
+        if self.tracker is None or self.estimate is None:
             raise ValueError("this result was rejected; only an accepted result has observed joints")
-        return self.observe(self.estimate)
+        return self.tracker.observed(self.estimate)
 
     @property
     def contacts(self) -> np.ndarray:
@@ -196,14 +205,13 @@ class FrameResult:
     @property
     def reprojected(self) -> np.ndarray | None:
         """(l, 2) px, the landmarks of the estimated pose projected into the image. None if the result was rejected."""
-        if self.estimate is None or self.estimate.pose is None or self.lens is None:
+        if self.estimate is None or self.estimate.pose is None or not self.images:
             return None
-        return self.in_image(self.estimate.pose.landmarks)
+        return self.images[0].project(self.estimate.pose.landmarks)
 
     def in_image(self, points: np.ndarray) -> np.ndarray:
         """Project points (k, 3) m in the frame of the skeleton to pixels (k, 2). The result must be accepted."""
-        assert self.lens is not None
-        return self.lens.distort(project(self.camera.into_camera(points)))
+        return self.images[0].project(points)
 
 
 def repeated_s(frames: Sequence[FrameResult]) -> float:

@@ -42,24 +42,9 @@ def observation_from_pixels(
     depths have another unit, such as ms, fractions of the image, percent or mm.
     """
     seconds = _seconds(stamp)
-    try:
-        points = np.asarray(points, dtype=float)
-        measured = None if depth is None else np.asarray(depth, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise KeypointError(f"points or depth are no arrays of numbers: {error}; expected (l, 3) and (l,)") from None
+    points, measured = _arrays(points, depth)
     if points.size == 0:
         return Observation(seconds, np.empty((0, 2)), np.empty(0), lens.focal, camera=camera)
-    if points.ndim == 3 and len(points) == 1:
-        points = points[0]
-    if points.ndim != 2 or points.shape[1] != 3:
-        several = ", of one person" if points.ndim == 3 else ""
-        raise KeypointError(f"points have the shape {points.shape}; expected (l, 3){several}: x, y px, confidence")
-    if measured is not None and measured.shape != (len(points),):
-        raise KeypointError(f"depth has the shape {measured.shape}; expected ({len(points)},), one per point")
-    if measured is not None and np.count_nonzero(measured > FARTHEST_M) > 0.5 * np.count_nonzero(measured > 0):
-        raise KeypointError(
-            f"most depths are above {FARTHEST_M:g} m, up to {np.nanmax(measured):g}; expected m: divide mm by 1000"
-        )
     keypoints = Keypoints(None, "", np.arange(len(points)), points[:, :2], points[:, 2], depth=measured)
     try:
         keypoints = checked_positions(keypoints, lens)
@@ -76,6 +61,29 @@ def observation_from_pixels(
         depth_of_surface=depth is not None,
         camera=camera,
     )
+
+
+def _arrays(given: np.ndarray, depth: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return the points (l, 3) of one person, or none, and the depth (l,). Raises KeypointError."""
+    try:
+        points = np.asarray(given, dtype=float)
+        measured = None if depth is None else np.asarray(depth, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise KeypointError(f"points or depth are no arrays of numbers: {error}; expected (l, 3) and (l,)") from None
+    if points.size == 0:
+        return points, measured
+    if points.ndim == 3 and len(points) == 1:
+        points = points[0]
+    if points.ndim != 2 or points.shape[1] != 3:
+        several = ", of one person" if points.ndim == 3 else ""
+        raise KeypointError(f"points have the shape {points.shape}; expected (l, 3){several}: x, y px, confidence")
+    if measured is not None and measured.shape != (len(points),):
+        raise KeypointError(f"depth has the shape {measured.shape}; expected ({len(points)},), one per point")
+    if measured is not None and np.count_nonzero(measured > FARTHEST_M) > 0.5 * np.count_nonzero(measured > 0):
+        raise KeypointError(
+            f"most depths are above {FARTHEST_M:g} m, up to {np.nanmax(measured):g}; expected m: divide mm by 1000"
+        )
+    return points, measured
 
 
 def _seconds(stamp: object) -> float:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
+from lassokin_ros.pipeline.camera.camera_selection import View
 from lassokin_ros.pipeline.camera_images import CameraImages
 from lassokin_ros.pipeline.image_sets import ImageSets
 from lassokin_ros.pipeline.seen import Image
@@ -25,14 +27,26 @@ class Inputs:
         patience: float,
         may_reach: Callable[[str, int | None], bool] | None,
     ) -> None:
-        """cameras: by name. patience: see `Session`. may_reach: whether TF may still give the pose of a frame_id at a
-        stamp, ns; None if the poses of the cameras are not needed.
+        """cameras: by name. With a topic per body, the messages are those of bodies, see `keep`. patience: see
+        `Session`. may_reach: whether TF may still give the pose of a frame_id at a stamp, ns; None if the poses of the
+        cameras are not needed.
         """
         self._cameras, self._config = cameras, config
+        self.streams = {} if config.topic_per_body else dict(cameras)
+        """The inputs of each topic of keypoints, by the name of the camera or the id of the body."""
+        self._waits_of = partial(_waits_of, config=config, patience=patience, may_reach=may_reach)
         self._sets = ImageSets(config.camera_wait) if config.several_cameras else None
-        self._waiting = {
-            name: Waiting(_waits_of(camera, config, patience, may_reach)) for name, camera in cameras.items()
-        }
+        self._waiting = {name: Waiting(self._waits_of(stream)) for name, stream in self.streams.items()}
+
+    def keep(self, bodies: Sequence[str]) -> None:
+        """Set whose topics there are, with a topic per body."""
+        for gone in self.streams.keys() - set(bodies):
+            del self.streams[gone], self._waiting[gone]
+        first = next(iter(self._cameras.values()))
+        for body in bodies:
+            if body not in self.streams:
+                self.streams[body] = stream = first.of_body(body)
+                self._waiting[body] = Waiting(self._waits_of(stream))
 
     @property
     def nobody_in_view(self) -> bool:
@@ -55,6 +69,11 @@ class Inputs:
         return any(one.camera.view is not None for one in self._cameras.values())
 
     @property
+    def view(self) -> View | None:
+        """The camera of the newest camera_info of the first camera; None before it."""
+        return next(iter(self._cameras.values())).camera.view
+
+    @property
     def camera_fault(self) -> str:
         """Why the last camera_info was refused, in words; empty if it was accepted."""
         return next((one.camera.fault for one in self._cameras.values() if one.camera.fault), "")
@@ -72,8 +91,8 @@ class Inputs:
 
     def set_clock_back(self, step_ns: int) -> None:
         """See `Session.set_clock_back`."""
-        for camera in self._cameras.values():
-            camera.arrival_ns -= step_ns
+        for stream in self.streams.values():
+            stream.arrival_ns -= step_ns
         for waiting in self._waiting.values():
             waiting.set_clock_back(step_ns)
         if self._sets is not None:
@@ -93,14 +112,14 @@ class Inputs:
         if self._sets is not None:
             self._sets.reset()
 
-    def add(self, camera: str, message: Any, arrival_ns: int) -> None:
-        """Add a keypoint message of a camera, None for one that could not be deserialised."""
-        self._waiting[camera].add(message, arrival_ns)
+    def add(self, stream: str, message: Any, arrival_ns: int) -> None:
+        """Add a keypoint message of a stream, None for one that could not be deserialised."""
+        self._waiting[stream].add(message, arrival_ns)
 
-    def ready(self, camera: str, now_ns: int | None) -> list[tuple[Any, int]]:
-        """Take the messages of a camera that wait no longer, with their arrivals. now_ns: None if nothing follows."""
-        view = self._cameras[camera].camera.view
-        return self._waiting[camera].ready(now_ns, "" if view is None else view.intrinsics.frame_id)
+    def ready(self, stream: str, now_ns: int | None) -> list[tuple[Any, int]]:
+        """Take the messages of a stream that wait no longer, with their arrivals. now_ns: None if nothing follows."""
+        view = self.streams[stream].camera.view
+        return self._waiting[stream].ready(now_ns, "" if view is None else view.intrinsics.frame_id)
 
     def sets_with(self, image: Image, arrival_ns: int) -> Sequence[Sequence[Image]]:
         """Return the sets of images of one instant to track now; a camera alone does not wait. image: the newest."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -44,7 +45,7 @@ class Image:
     messages have no person numbers: all keypoints are those of one person; lasting: True if the numbers stay the same
     from message to message; stamped: False if the stamp is the time of arrival; camera: which camera, and where it is;
     shown: number of people who are in the image, also of those whose keypoints cannot be used. identified: True if the
-    numbers are the people's own, in the images of all cameras.
+    numbers are the people's own, in the images of all cameras. body: id of the only person, with a topic per body.
     """
 
     people: Sequence[Seen]
@@ -57,6 +58,12 @@ class Image:
     camera: CameraPose = HERE
     shown: int = 0
     identified: bool = False
+    body: str = ""
+
+    @property
+    def source(self) -> str:
+        """Whose messages it is from: the body's, or the camera's."""
+        return self.body or self.camera.name
 
 
 @record
@@ -72,6 +79,13 @@ class Sight:
 def key_of(points: np.ndarray) -> bytes:
     """Return what identifies the points of a person in all images of a camera: they differ by noise at least."""
     return hashlib.blake2b(points.tobytes(), digest_size=8).digest()
+
+
+def identified(image: Image, numbers: Mapping[tuple[str, bytes], int]) -> Image:
+    """Return an image with those people whose numbers are known, by camera and `key_of`."""
+    known = [(seen, numbers.get((image.camera.name, key_of(seen.points)))) for seen in image.people]
+    people = [replace(seen, number=number) for seen, number in known if number is not None]
+    return replace(image, people=people, numbered=True, lasting=True, identified=True)
 
 
 def people_in(keypoints: Keypoints, count: int, lens: Lens, sampled: Keypoints | None = None) -> list[Seen]:

@@ -12,38 +12,30 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.evidence import Evidence
-from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.bone_lengths import Calibration
 from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.core.learned.height import HeightEstimator
-from lassokin_ros.core.observation import Rejection, Status
+from lassokin_ros.core.observation import Status
 from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.pipeline.answers import Answer, AnswersInOrder, frames_of
+from lassokin_ros.pipeline.answers import Answer, AnswersInOrder, Results, frames_of
 from lassokin_ros.pipeline.camera.camera_places import GivenPoses
 from lassokin_ros.pipeline.camera.placement import Placement
 from lassokin_ros.pipeline.camera_images import UNREADABLE, UNREADABLE_WORDS, CameraImages
-from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
-from lassokin_ros.pipeline.image_sets import LATE, LONGEST_LATE_NS, stamp_of_set
+from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.image_sets import LONGEST_LATE_NS, stamp_of_set
 from lassokin_ros.pipeline.inputs import Inputs
-from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.choice import NoPersonError
-from lassokin_ros.pipeline.people.out_of_view import Absent, OutOfView
-from lassokin_ros.pipeline.people.people_tracker import PERSON_ABSENT, PeopleTracker
-from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.people.people_tracker import PeopleTracker
+from lassokin_ros.pipeline.people.roster import people_to_track
 from lassokin_ros.pipeline.scene import Scene
-from lassokin_ros.pipeline.seen import Image, key_of
+from lassokin_ros.pipeline.seen import Image, identified
 from lassokin_ros.pipeline.settings import LASTING, NodeSettings
-from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 from msg_adapters.errors import AdapterError
 
 
@@ -67,16 +59,7 @@ class Session:
         """
         self.config = node_config.checked()
         self.config.check_with(tracker_config)
-        skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
-        check_names(skeleton)
-        up = np.array([0.0, 0.0, 1.0]) if self.config.fixed_frame else None
-        with naming_help(tracker_config.skeleton):
-            own = [
-                TrackedPerson(replace(tracker_config, height=float(body.height)), body, evidence, up, number)
-                for number, body in (bodies or {}).items()
-            ]
-            others = range(self.config.max_people - len(own))
-            self._trackable = [*own, *(TrackedPerson(tracker_config, skeleton, evidence, up) for _ in others)]
+        self._trackable = people_to_track(tracker_config, self.config, evidence, bodies or {})
         self.tracker = self._trackable[0].tracker
         self.enabled = True
         """If False, keypoints are counted and not processed."""
@@ -85,26 +68,26 @@ class Session:
         messages with keypoints outside the image."""
         self.identities: Mapping[tuple[str, bytes], int] | None = None
         """The numbers of the people in images that were seen before, by camera and `key_of`: nobody else is there."""
-        self.answered = False
-        """True after the first accepted result for a person."""
-        rules = self.config.follow, self.config.lock, self.config.several_cameras, self.config.person_ids == LASTING
-        self.people = PeopleTracker(self._trackable, self.counts, *rules)
+        listed = self.config.topic_per_body
+        follow, lock, lasting = self.config.follow, self.config.lock and not listed, self.config.person_ids == LASTING
+        several = self.config.several_cameras
+        self.results = Results(self.counts, several)
+        """Which results there were."""
+        self.people = PeopleTracker(self._trackable, self.counts, follow, lock, several, lasting, listed)
         names, layout = self.config.camera_names, self.tracker.layout
         self.cameras = {name: CameraImages(name, tracker_config, self.config, layout, self.counts) for name in names}
-        """The inputs of each camera by name; the name of the only camera is empty."""
+        """The inputs of each camera by name; the name of the only camera is empty. With a topic per body they are those
+        of the last body."""
         self.first = self.cameras[names[0]]
         """The inputs of the only camera, or of the first one."""
         self.placement = Placement(self.config, self._trackable, self.counts, poses)
         """Where the cameras are, and which of them are used."""
-        self._out_of_view = OutOfView(np.array([0.0, -1.0, 0.0]) if up is None else up)
         places = self.placement.places
         self.inputs = Inputs(self.cameras, self.config, patience, None if places is None else places.may_reach)
         """What waits for depth images, TF and other cameras."""
         self._order, self._ready = AnswersInOrder(), list[Answer]()
-        self.detector_connected = True
-        """False if nobody publishes keypoints of a camera. Set by the node; a recording has no such knowledge."""
-        self.scene = Scene(names)
-        """What the newest messages tell."""
+        self.scene = Scene(self.config, self.people, self.inputs, self.placement)
+        """What the newest messages tell, and who is present."""
 
     def use_backward(self, frames: Mapping[int | None, Mapping[int, Backward]]) -> None:
         """See `TrackedPerson.use_backward`. frames: by the person's number in the messages, None without a number."""
@@ -121,92 +104,48 @@ class Session:
         """Id of the locked person, or GONE; None if nobody is locked."""
         return self.people.locked
 
-    def lock(self, now_ns: int) -> str:
-        """Lock the person whom `follow` names in the newest image, and return the id. now_ns: as for `presence_at`.
-
-        Raises NoPersonError if there is none, also if the image is older than `stale_after`.
-        """
-        if not self.enabled:
-            raise NoPersonError("nobody was locked: the node is disabled; call ~/set_enabled with true, then lock")
-        if self.scene.latest is None:
-            raise NoPersonError("nobody was locked: no usable keypoints arrived since the start or the last reset")
-        _, arrival_ns = self.scene.latest
-        age_s = (now_ns - arrival_ns) * 1e-9 if arrival_ns else 0.0
-        if age_s > self.config.stale_after:
-            raise NoPersonError(
-                f"nobody was locked: the newest keypoints arrived {age_s:.1f} s ago; expected at most stale_after "
-                f"{self.config.stale_after:g} s: start the detector, then lock"
-            )
-        return self.people.lock()
-
     @property
     def status(self) -> Status:
         """Tracking status. With several people, the best status among them."""
         return self.people.status
 
-    def presence_at(self, now_ns: int) -> Presence:
-        """Return the presence at a time up to which no message has arrived; now_ns: ns of the arrival clock.
+    def lock(self, now_ns: int) -> str:
+        """Lock the person whom `follow` names in the newest image, and return the id. now_ns: of the arrival clock.
 
-        The state does not change. Only the stamp of the next message can remove people, because a paused recording
-        looks like a silent detector.
+        Raises NoPersonError if there is none, also if the image is older than `stale_after`.
         """
-        if self.scene.latest is None or self.scene.latest[1] == 0:  # none yet, or it came before a simulated clock
-            return Presence(self.status, self.ids)
-        stamp_ns = self.scene.stamp_at(now_ns)
-        assert stamp_ns is not None
-        return self.people.presence_at(stamp_ns, self.config.forget_after, self.config.stale_after)
+        limit, age_s = self.config.stale_after, self.scene.age_s(now_ns)
+        if self.config.topic_per_body:
+            raise NoPersonError("lock failed: each person has a topic of keypoints, and the detector says who is who")
+        if not self.enabled:
+            raise NoPersonError("nobody was locked: the node is disabled; call ~/set_enabled with true, then lock")
+        if age_s is None:
+            raise NoPersonError("nobody was locked: no usable keypoints arrived since the start or the last reset")
+        if age_s > limit:
+            raise NoPersonError(
+                f"nobody was locked: the newest keypoints arrived {age_s:.1f} s ago; expected at most stale_after "
+                f"{limit:g} s: start the detector, then lock"
+            )
+        return self.people.lock()
+
+    def keep(self, bodies: Sequence[str]) -> None:
+        """Set the ids of the people present by the detector's list, with a topic per body. The others are forgotten.
+
+        Of too many people the first ones are kept.
+        """
+        self.people.keep(bodies)
+        assert self.people.ids is not None
+        self.inputs.keep(self.people.ids)
+        self.scene.keep(self.people.ids)
+
+    def scene_known_empty(self, now_ns: int) -> bool:
+        """See `Scene.known_empty`. Of a disabled session nothing is known."""
+        return self.enabled and self.scene.known_empty(now_ns)
 
     def set_clock_back(self, step_ns: int) -> None:
         """Keep the ages of all messages: the clock of arrivals was set back by `step_ns` ns since the last call."""
         self.scene.set_clock_back(step_ns)
         self.inputs.set_clock_back(step_ns)
-
-    @property
-    def reported_lost_after(self) -> float:
-        """Time without a result after which a person is reported as lost, s."""
-        return min(self.config.stale_after, self.tracker.config.lost_after)
-
-    def scene_known_empty(self, now_ns: int) -> bool:
-        """Return True if it is known that nobody is in view who is not tracked, at a time in ns of the arrival clock.
-
-        It is known from usable messages of all cameras in the last `stale_after`, if none of them shows somebody, be it
-        a person who was tracked, or one who is too near; and not from keypoints that could not be used, such as those
-        of a frozen detector. With `silent_when_empty` it is known from silence, too, while all detectors are connected.
-        Nobody must have left the view, see `absent_at`. If a person is locked, nobody else counts.
-        """
-        if not (self.enabled and self.inputs.has_camera) or self.locked is not None:
-            return False
-        stamp_ns, places = self.image_at(now_ns)[0], self.placement.places
-        if self.config.silent_when_empty and self.detector_connected and places is not None:
-            self._out_of_view.look(places.others((), stamp_ns), stamp_ns, self.config.forget_after)
-        if self.absent_at(stamp_ns):
-            return False
-        return self.scene.known_empty(now_ns, self.config, self.detector_connected)
-
-    def absent_at(self, stamp_ns: int) -> list[Absent]:
-        """Return who was tracked, and may be where no camera has looked since; nobody if it is unknown where they look.
-
-        stamp_ns: ns.
-        """
-        return self._out_of_view.at(stamp_ns, self.config.nobody_after)
-
-    def untracked_at(self, stamp_ns: int) -> int:
-        """Return the number of people who are in the newest images and are not tracked, at a stamp in ns.
-
-        Of several cameras, it is that of the camera with most of them. It is at least 1 while one of them is silent,
-        or its messages cannot be used, because somebody may be before it.
-        """
-        return self.scene.untracked_at(stamp_ns, self.config, self.reported_lost_after)
-
-    def image_at(self, now_ns: int) -> tuple[int, str]:
-        """Return stamp (ns) and frame_id for an output at a time in ns of the arrival clock, if no message arrives.
-
-        The stamp advances with the clock, and keeps the delay of the last message.
-        """
-        stamp_ns, image = self.scene.stamp_at(now_ns), self.scene.image
-        if stamp_ns is None or image is None:
-            return now_ns, self.placement.frame_id(self.first.camera.view)
-        return stamp_ns, image[1]
 
     @property
     def trackers(self) -> dict[str, Tracker]:
@@ -241,13 +180,7 @@ class Session:
         self.inputs.reset()
         if self.placement.places is not None:
             self.placement.places.faults.clear()
-        self.forget_people(unlock)
-
-    def forget_people(self, unlock: bool = True) -> None:
-        """Forget all people and the stamps. unlock: see PeopleTracker.reset."""
         self._forget_people(unlock)
-        for camera in self.cameras.values():
-            camera.reset()
 
     def begin_take(self) -> list[Answer]:
         """Note that the next image is of another shot; return the answers of everything that waits.
@@ -258,14 +191,17 @@ class Session:
         self._forget_people(unlock=True, same_person=True)
         return answers
 
-    def _forget_people(self, unlock: bool, same_person: bool = False) -> None:
+    def _forget_people(self, unlock: bool, same_person: bool = False, but: CameraImages | None = None) -> None:
+        """Forget all people, see PeopleTracker.reset, and the stamps of other people's messages but those of `but`."""
         self.people.reset(unlock, same_person)
         self.inputs.reset_sets()
         self._order.reset()
         self.placement.reset()
-        self._out_of_view.reset()
         self.scene.reset()
         self.counts["resets"] += 1
+        for stream in () if same_person else self.inputs.streams.values():
+            if stream is not but:
+                stream.reset()
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
         """Apply settings that can change while running, from the next message on. Another height resets.
@@ -277,11 +213,12 @@ class Session:
         for tracked in self._trackable:
             tracked.tracker.tune(tracker_config)
         self.config = config
-        for camera in self.cameras.values():
-            camera.tracker_config, camera.config = tracker_config, config
+        for stream in [*self.cameras.values(), *self.inputs.streams.values()]:
+            stream.tracker_config, stream.config = tracker_config, config
             if tracker_config.smoothing_lag > 0:
-                camera.depth_check.reset()  # it is not updated, see _check_depth
-        self.people.tune(self.config.follow, self.config.lock)
+                stream.depth_check.reset()  # it is not updated, see `compare`
+        self.people.tune(config.follow, config.lock and not config.topic_per_body)
+        self.scene.tune(config)
         self.placement.use_floor(config.floor)
         self.inputs.tune(config)
         if resized:
@@ -304,23 +241,23 @@ class Session:
             return error.reason
         return None
 
-    def push(self, message: Any, arrival_ns: int, camera: str = "") -> list[Answer]:
+    def push(self, message: Any, arrival_ns: int, camera: str = "", body: str = "") -> list[Answer]:
         """Take a keypoint message, or `Keypoints`, and return the answers that are due, in the order of their stamps.
 
         message: None for one that could not be deserialised. arrival_ns: ns, the stamp of a message that has none.
-        camera: its name, empty for the only one. A message may wait for its depth image, for those of other cameras and
-        for `smoothing_lag`: call `due` at `due_at_ns`.
+        camera: its name, empty for the only one. body: id of the person, with a topic per body; who is not present is
+        ignored. A message may wait for its depth image, for those of other cameras and for `smoothing_lag`: call `due`
+        at `due_at_ns`.
         """
-        name = camera or self.first.name
-        self.inputs.add(name, message, arrival_ns)
-        return self._released(name, arrival_ns)
+        return self._push(message, arrival_ns, camera, body, arrival_ns)
 
     def push_depth(self, message: Any, arrival_ns: int, camera: str = "") -> list[Answer]:
         """Take a depth image, None for one that could not be deserialised; see `push` and `DepthImages.fault`."""
         name = camera or self.first.name
         if message is not None and (depth := self.cameras[name].depth) is not None:
             depth.add(message, arrival_ns)
-        return self._released(name, arrival_ns)
+        of_camera = [stream for stream, one in self.inputs.streams.items() if one.name == name]
+        return [answer for stream in of_camera for answer in self._released(stream, arrival_ns)]
 
     def push_transforms(self, message: Any, static: bool = False) -> None:
         """Take a message of /tf, or of /tf_static; None for one that could not be deserialised."""
@@ -329,7 +266,7 @@ class Session:
 
     def due(self, now_ns: int) -> list[Answer]:
         """Return the answers of images whose wait has ended. now_ns: ns of the arrival clock."""
-        answers = [answer for name in self.cameras for answer in self._released(name, now_ns)]
+        answers = [answer for name in self.inputs.streams for answer in self._released(name, now_ns)]
         if self.enabled:
             answers += self._track_sets(self.inputs.due_sets(now_ns), now_ns)
         return answers
@@ -341,7 +278,7 @@ class Session:
 
     def finish(self) -> list[Answer]:
         """Return the answers of everything that waits. No message follows."""
-        answers = [answer for name in self.cameras for answer in self._released(name, None)]
+        answers = [answer for name in self.inputs.streams for answer in self._released(name, None)]
         for images in self.inputs.due_sets(None):
             answers += self._track_sets([images], images[0].stamp_ns)
         return answers + self._order.flush(self.people.flush())
@@ -354,65 +291,58 @@ class Session:
         (frame,) = self.frames(message, arrival_ns)
         return frame
 
-    def frames(self, message: Any, arrival_ns: int, camera: str = "") -> list[FrameResult]:
+    def frames(self, message: Any, arrival_ns: int, camera: str = "", body: str = "") -> list[FrameResult]:
         """Return the results of all answers of `push`, without a wait for depth images."""
-        name = camera or self.first.name
-        self.inputs.add(name, message, arrival_ns)
-        return frames_of(self._released(name, None))
+        return frames_of(self._push(message, arrival_ns, camera, body, None))
 
-    def _released(self, camera: str, now_ns: int | None) -> list[Answer]:
-        """Return the answers of messages of a camera that wait no longer. now_ns: None if nothing follows."""
+    def _push(self, message: Any, arrival_ns: int, camera: str, body: str, now_ns: int | None) -> list[Answer]:
+        name = body or camera or self.first.name
+        if name not in self.inputs.streams:
+            return []
+        self.inputs.add(name, message, arrival_ns)
+        return self._released(name, now_ns)
+
+    def _released(self, stream: str, now_ns: int | None) -> list[Answer]:
+        """Return the answers of messages of a stream that wait no longer. now_ns: None if nothing follows."""
         answers, self._ready = self._ready, []
-        for message, arrival_ns in self.inputs.ready(camera, now_ns):
+        for message, arrival_ns in self.inputs.ready(stream, now_ns):
             self.counts["received"] += 1
             if self.enabled:
-                answers += self._answers(message, arrival_ns, self.cameras[camera])
+                answers += self._answers(message, arrival_ns, self.inputs.streams[stream])
             else:
                 self.counts["ignored while disabled"] += 1
         return answers
 
     def _answers(self, message: Any, arrival_ns: int, camera: CameraImages) -> list[Answer]:
         """Return the answers of a message and those of earlier ones that are due."""
+        if camera.body:
+            self.cameras[camera.name] = self.first = camera
         try:
             image, changed = camera.image(message, arrival_ns)
         except AdapterError as error:
-            self.scene.refuse([camera.name])
+            self.scene.refuse([camera.body or camera.name])
             detail = f"camera '{camera.name}': {error}" if camera.name else str(error)
             return self._refusal(camera.stamp_ns, camera.frame_id, arrival_ns, error.reason, detail)
         if self.identities is not None:
-            image = self._identified(image, self.identities)
+            image = identified(image, self.identities)
         before = []
         if changed:
             before = self._order.flush(self.people.flush())
-            self._forget_people(unlock=False)
-            for other in self.cameras.values():
-                if other is not camera:
-                    other.reset()
+            if camera.body:
+                self.people.forget(camera.body)
+                self.counts["resets"] += 1
+            else:
+                self._forget_people(unlock=False, but=camera)
         return before + self._track_sets(self.inputs.sets_with(image, arrival_ns), arrival_ns)
-
-    def _identified(self, image: Image, identities: Mapping[tuple[str, bytes], int]) -> Image:
-        """Return an image with those whose numbers are known."""
-        known = [(seen, identities.get((image.camera.name, key_of(seen.points)))) for seen in image.people]
-        people = [replace(seen, number=number) for seen, number in known if number is not None]
-        return replace(image, people=people, numbered=True, lasting=True, identified=True)
 
     def _track_sets(self, sets: Sequence[Sequence[Image]], arrival_ns: int) -> list[Answer]:
         """Return the answers of several sets of images. Each set counts as one accepted or rejected message."""
         return [answer for images in sets for answer in self._track(images, arrival_ns)]
 
     def _refusal(self, stamp_ns: int, frame_id: str, arrival_ns: int, reason: str, detail: str) -> list[Answer]:
-        frames = self._counted([FrameResult(stamp_ns, frame_id, None, reason, detail)])
+        frames = self.results.count([FrameResult(stamp_ns, frame_id, None, reason, detail)])
         answer = Answer(stamp_ns, frame_id, arrival_ns, frames, refused=True)
         return self._order.add(answer, self.tracker.config.smoothing_lag)
-
-    def _counted(self, frames: list[FrameResult]) -> list[FrameResult]:
-        self.answered = self.answered or any(frame.accepted for frame in frames)
-        rejection = next((frame.rejection for frame in frames if not frame.accepted), None)
-        if frames or not self.config.several_cameras:
-            self.counts["accepted" if rejection is None else f"rejected: {rejection}"] += 1
-        if repeated_s(frames) > 0:
-            self.counts["duplicated"] += 1
-        return frames
 
     def _track(self, images: Sequence[Image], arrival_ns: int) -> list[Answer]:
         """Return the answers that the images of one instant make due."""
@@ -422,68 +352,31 @@ class Session:
             placed = self.placement.agreeing(placed)
             if not placed:
                 return []
-            away = self._out_of_view.ids
+            away = self.scene.out_of_view
             frames = self.people.update(placed, frame_id, self.config.forget_after, away)
         except AdapterError as error:
-            self.scene.refuse(image.camera.name for image in images)
+            self.scene.refuse(image.source for image in images)
             return self._refusal(stamp_ns, images[0].frame_id, arrival_ns, error.reason, str(error))
-        self.scene.use(images, placed, arrival_ns, self.people, self.reported_lost_after)
-        if self.placement.places is not None:
-            self._out_of_view.update(frames, placed, self.config.forget_after, self.placement.jumps.newest)
+        self.scene.use(images, placed, arrival_ns, frames)
         if self.placement.tf_offset is not None:
             self.placement.tf_offset.update(frames)
-        if self.config.several_cameras:
-            frames = self._without_absences(frames, stamp_ns)
-            self._note_residuals(frames)
-        self._check_depth(images, frames)
-        older_ns = 0 if self.scene.latest is None else self.scene.latest[0] - stamp_ns
-        late = self.config.several_cameras and older_ns < LONGEST_LATE_NS
-        if older_ns <= 0 or (not late and self.people.tracked_at(stamp_ns)):  # a stamp that was ahead is left behind
-            self.scene.latest, self.scene.image = (stamp_ns, arrival_ns), (stamp_ns, frame_id)
-        if not self.config.several_cameras and all(frame.accepted for frame in frames):
-            self.first.stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
-            self.first.stamps.follow(stamp_ns, arrival_ns, images[0].stamped)
-        frames = self._counted(frames)
-        matters = not self.config.several_cameras or not self._tracked_lately(stamp_ns)
-        assert self.scene.image is not None
-        of = (stamp_ns, frame_id) if frames else self.scene.image  # an image that is late tells nothing of now
+        several, tracked = self.config.several_cameras, self.people.tracked_at(stamp_ns)
+        if several:
+            frames = self.results.without_absences(frames, self._tracked_lately(stamp_ns))
+        for camera in self.cameras.values():
+            camera.compare(images, frames)
+        apart = several or images[0].body  # the stamps of cameras, and of bodies, need no common order
+        newest = self.scene.arrive(stamp_ns, arrival_ns, frame_id, tracked, LONGEST_LATE_NS if apart else 0)
+        if not several and all(frame.accepted for frame in frames):
+            stamps = self.inputs.streams[images[0].source].stamps
+            stamps.seen(stamp_ns, tracked)
+            stamps.follow(stamp_ns, arrival_ns, images[0].stamped)
+        frames = self.results.count(frames)
+        matters = not several or not self._tracked_lately(stamp_ns)
+        of = (stamp_ns, frame_id) if frames else newest  # an image that is late tells nothing of now
         stamps_ns = [image.stamp_ns for image in images]
         answer = Answer(*of, arrival_ns, frames, stamps_ns, matters=matters)
         return self._order.add(answer, self.tracker.config.smoothing_lag)
 
-    def _without_absences(self, frames: list[FrameResult], stamp_ns: int) -> list[FrameResult]:
-        """Leave out the rejections of a camera that only did not see the person whom another camera sees."""
-        kept = []
-        for frame in frames:
-            if frame.rejection == Rejection.LATE.value:
-                self.counts[LATE] += 1
-            elif frame.rejection not in (Rejection.TOO_FEW_LANDMARKS.value, Rejection.UNPLACED.value, PERSON_ABSENT):
-                kept.append(frame)
-            elif self.status is not Status.TRACKING or not self._tracked_lately(stamp_ns):
-                kept.append(frame)
-        return kept
-
     def _tracked_lately(self, stamp_ns: int) -> bool:
-        limit = self.tracker.config.lost_after
-        return any(person.unseen_s(stamp_ns) <= limit for person in self.people.tracked.values())
-
-    def _note_residuals(self, frames: Sequence[FrameResult]) -> None:
-        """Keep how far the bodies are from the keypoints of each camera."""
-        for frame in frames:
-            estimate = frame.estimate
-            if not frame.accepted or estimate is None or estimate.pose is None:
-                continue
-            for one in frame.images:
-                landmarks = one.camera.into_camera(estimate.pose.landmarks)
-                apart = np.linalg.norm(project(landmarks) - one.points, axis=1)
-                seen = apart[np.isfinite(apart)]
-                if len(seen):
-                    self.cameras[one.camera.name].residuals.append(one.lens.focal * float(np.median(seen)))
-
-    def _check_depth(self, images: Sequence[Image], frames: Sequence[FrameResult]) -> None:
-        """Compare the depth image of each camera with the tracked people."""
-        if self.tracker.config.smoothing_lag > 0:
-            return
-        for image in images:
-            name = image.camera.name
-            self.cameras[name].depth_check.update(image.people, frames, name)
+        return any(person.unseen_s(stamp_ns) <= self.people.lost_after for person in self.people.tracked.values())

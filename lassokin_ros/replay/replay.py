@@ -227,7 +227,7 @@ def _figures(tracker: Playback) -> Figures:
 
 
 def _warning(figures: Figures, tracker: Playback) -> str:
-    if tracker.session.answered or not figures.frames_in:
+    if tracker.session.results.answered or not figures.frames_in:
         return ""
     first = _first_rejection(tracker)
     found = f"none of {figures.frames_in} keypoint messages gave a skeleton"

@@ -10,6 +10,7 @@ from lassokin_ros.archive.process_pool import WorkerPool
 from lassokin_ros.archive.tasks import Task
 
 
+@pytest.mark.usefixtures("forked_workers")
 @pytest.mark.parametrize("dead", [True, False], ids=["dead", "dying"])
 def test_a_process_that_dies_while_idle_is_replaced(tmp_path, dead):
     tasks = [Task(str(i), argparse.Namespace(output=tmp_path / str(i))) for i in range(2)]

@@ -52,7 +52,7 @@ def test_the_real_node_passes_two_seconds(monkeypatch, clock_hz=200.0):
     assert rows["messages sent"]["end"] == rows["messages received"]["end"] == "60"
     assert rows["messages neither received nor counted"]["end"] == "0"
     late = int(rows.get(f"messages {OVERTAKEN}", {"end": 0})["end"])  # on a machine that is busy with other work
-    assert late < 50 <= int(rows["messages answered for everybody"]["end"]) + late
+    assert late < 60 and int(rows["messages answered for everybody"]["end"]) + late >= 50
     assert rows["exit code at SIGINT, lines on stderr"]["end"].startswith("0,")
 
 

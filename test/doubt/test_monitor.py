@@ -39,9 +39,9 @@ def test_the_time_of_reading_does_not_matter(read_every):
     for number, signs in enumerate(frames(), 1):
         found.append(doubts.add(signs))
         if number % read_every == 0:
-            found[-1]()
+            found[-1].read()
     expected = list(one_by_one())
-    assert repr([judge() for judge in found]) == repr(expected)  # NaN is not equal to NaN
+    assert repr([judge.read() for judge in found]) == repr(expected)  # NaN is not equal to NaN
     assert sum(one.doubt.likely_wrong for one in expected) > 30 and expected[-1].doubt.unseen == ("left arm",)
 
 
@@ -55,9 +55,9 @@ def test_frames_before_a_reset_can_be_read_after_it():
     doubts = LiveDoubts(LANDMARKS, JOINTS, observe)
     judges = [doubts.add(signs) for signs, _ in zip(frames(), range(14))]
     doubts.reset()
-    assert judges[-1]().reasons and judges[0]() == judges[0]()
+    assert judges[-1].read().reasons and judges[0].read() == judges[0].read()
     begun = [doubts.add(signs) for signs, _ in zip(frames(), range(5))]
-    assert not any(judge().reasons for judge in begun)
+    assert not any(judge.read().reasons for judge in begun)
 
 
 LIMB_JOINTS = ("pelvis", *(joint for chain in LIMBS.values() for joint in chain))

@@ -5,12 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lassokin_ros.core.observation import HERE
 from lassokin_ros.pipeline.camera.lens import Lens
-from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
+from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson, repeated_s
 
 POSITIONS = np.array([[0.0, 0, 2], [1.0, 0, 2]])
 LANDMARKS = np.array([[0.0, 0.5, 2], [1.0, 1, 4]])
 LENS = Lens(np.array([[100.0, 0, 50], [0, 200, 60], [0, 0, 1]]))
+
+IMAGES = [ImageOfPerson(HERE, LENS, None, None)]
 
 
 def estimate(repeated=0.0):
@@ -24,20 +27,21 @@ def test_velocities_are_differences_over_time():
 
 
 def test_landmarks_are_projected_to_pixels():
-    assert FrameResult(1, "a", estimate(), lens=LENS).reprojected.tolist() == [[50, 110], [75, 110]]
+    assert FrameResult(1, "a", estimate(), images=IMAGES).reprojected.tolist() == [[50, 110], [75, 110]]
     assert FrameResult(1, "a", estimate()).reprojected is None
-    assert FrameResult(1, "a", lens=LENS).reprojected is None
-    assert FrameResult(1, "a", SimpleNamespace(pose=None), lens=LENS).reprojected is None
+    assert FrameResult(1, "a", images=IMAGES).reprojected is None
+    assert FrameResult(1, "a", SimpleNamespace(pose=None), images=IMAGES).reprojected is None
 
 
 def test_measurements_are_those_of_the_estimate_and_computed_once():
     calls = []
-    frame = FrameResult(1, "a", estimate(), measure=lambda e: calls.append(e) or "deviations", observe=lambda e: "seen")
+    tracker = SimpleNamespace(uncertainty=lambda e: calls.append(e) or "deviations", observed=lambda e: "seen")
+    frame = FrameResult(1, "a", estimate(), tracker=tracker)
     assert frame.uncertainty == frame.uncertainty == "deviations" and calls == [frame.estimate]
     assert frame.observed == "seen"
 
 
-@pytest.mark.parametrize("given", [{}, {"estimate": estimate()}, {"measure": str, "observe": str}])
+@pytest.mark.parametrize("given", [{}, {"estimate": estimate()}, {"tracker": SimpleNamespace()}])
 def test_a_rejected_result_has_no_measurements(given):
     frame = FrameResult(1, "a", rejection="old_stamp", **given)
     assert not frame.accepted and FrameResult(1, "a").accepted

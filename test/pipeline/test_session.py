@@ -183,12 +183,12 @@ def test_reset_forgets_the_depth_images():
 
 
 def test_presence_goes_on_with_the_clock_of_arrivals(session):
-    assert session.presence_at(10**15).status is Status.SEARCHING
-    lost_after_ns = round(session.reported_lost_after * 1e9)
-    assert session.reported_lost_after == session.config.stale_after < session.tracker.config.lost_after
+    assert session.scene.presence_at(10**15).status is Status.SEARCHING
+    lost_after_ns = round(session.scene.lost_after * 1e9)
+    assert session.scene.lost_after == session.config.stale_after < session.tracker.config.lost_after
     session.frames(message(0), 7 * 10**9)
     for after_ns, status in ((-(10**9), "tracking"), (lost_after_ns, "tracking"), (lost_after_ns + 10**6, "lost")):
-        presence = session.presence_at(7 * 10**9 + after_ns)
+        presence = session.scene.presence_at(7 * 10**9 + after_ns)
         assert (presence.status.value, presence.ids) == (status, None)
     assert session.status is Status.TRACKING
 
@@ -196,16 +196,16 @@ def test_presence_goes_on_with_the_clock_of_arrivals(session):
 def test_silence_informs_only_if_it_is_set(session):
     """Whether it is known that nobody is in view: by the last usable message, or by the silence of a live detector."""
     quiet = replace(session.config, silent_when_empty=True)
-    assert not session.scene_known_empty(SECOND) and session.image_at(9) == (9, FRAME)
+    assert not session.scene_known_empty(SECOND) and session.scene.image_at(9) == (9, FRAME)
     session.frames(message(0), 6 * SECOND)
     session.frames(message(1, confidence=np.zeros(17)), 7 * SECOND)
     assert session.scene_known_empty(7 * SECOND + SECOND // 3) and not session.scene_known_empty(8 * SECOND)
-    assert session.image_at(8 * SECOND) == (START_NS + PERIOD_NS + SECOND, FRAME)
+    assert session.scene.image_at(8 * SECOND) == (START_NS + PERIOD_NS + SECOND, FRAME)
     session.tune(session.tracker.config, quiet)
     assert session.scene_known_empty(8 * SECOND)
-    session.detector_connected = False
+    session.scene.detector_connected = False
     assert not session.scene_known_empty(8 * SECOND)
-    session.detector_connected = True
+    session.scene.detector_connected = True
     assert session.frames(message(0), 9 * SECOND)[0].rejection == "old_stamp"
     assert not session.scene_known_empty(9 * SECOND)  # the last message was refused
     session.enabled = False
@@ -226,8 +226,8 @@ def test_silence_after_a_person_does_not_say_that_nobody_is_there(max_people):
         now_ns = START_NS + index * PERIOD_NS
         if index < len(PIXELS):
             session.frames(message(index, now_ns), now_ns)
-        limits = session.reported_lost_after, config.forget_after, session.scene_known_empty(now_ns)
-        if state.update(session.presence_at(now_ns), now_ns, *limits):
+        limits = session.scene.lost_after, config.forget_after, session.scene_known_empty(now_ns)
+        if state.update(session.scene.presence_at(now_ns), now_ns, *limits):
             states.append(state.value)
     assert states == ["tracking", "lost"]
 

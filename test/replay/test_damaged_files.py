@@ -240,11 +240,3 @@ def test_the_work_is_done_without_stderr(recording, tmp_path):
     done = subprocess.run(shell, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 0 and "frames" in done.stdout
     assert (tmp_path / "out" / "metadata.yaml").is_file()
-
-
-def test_an_output_path_that_is_a_file_is_kept(recording, tmp_path, capsys):
-    (tmp_path / "out").write_text("mine")
-    for more in ([], ["--force"]):
-        assert main([str(recording), "--output", str(tmp_path / "out"), *more]) == 2
-        assert "exists" in capsys.readouterr().err
-    assert (tmp_path / "out").read_text() == "mine"

@@ -1,5 +1,5 @@
-"""The pose of the depth network, or of the hand network for a hand alone, as a body state: the start of a first fit,
-and another pose beside the tracked one.
+"""The pose of the depth network as a body state: the start of a first fit, and another pose beside the tracked one. Of
+a hand alone that of the hand network: the start.
 
 The pelvis is oriented by hips and shoulders, the bones of the limbs by the directions between the network's positions.
 All other joints are as in the prior's mean pose.
@@ -14,7 +14,7 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.body.roles import LIMB_BONES, SIDES, of_body
-from lassokin_ros.core.body.rotations import least_turn, logarithm
+from lassokin_ros.core.body.rotations import least_turn
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.image.frame_data import FrameData
@@ -24,8 +24,6 @@ from lassokin_ros.core.network.hand_network import POINTS, hand_index
 
 SAME_POSE = 0.08
 """m: mean distance of the network's joints from the tracked ones below which they are the same pose."""
-SAME_ORIENTATION = 0.6
-"""rad: rotation from the tracked hand below which the network's is the same pose."""
 PALM = np.array([index for index, point in enumerate(POINTS) if point == "wrist" or point.endswith("1")])
 """The wrist and the first joint of each finger. That of the thumb is near the wrist and does not move either."""
 
@@ -46,8 +44,8 @@ class NetworkPose:
         self._relative = np.eye(len(shared))
         self._relative[:, [shared.index("left_hip"), shared.index("right_hip")]] -= 0.5
 
-    def state(self) -> BodyState | None:
-        """The pose, (n, 3, 3), with translation 0; None without an estimate for the newest frame."""
+    def state(self, frame: FrameData | None = None) -> BodyState | None:
+        """The pose for the newest frame, (n, 3, 3), with translation 0; None without an estimate. frame: not used."""
         places = self._places()
         if places is None:
             return None
@@ -147,17 +145,6 @@ class HandPose:
             rotations[0] = _rotation(self._palm, places)
             return BodyState(rotations, np.zeros(3))
         return None
-
-    def propose(self, tracked: EvaluatedState, frame: FrameData, turn: int) -> BodyState | None:
-        """The pose with the mean and with the tracked fingers, a batch of two, if the tracked hand points elsewhere."""
-        state = self.state(frame)
-        if state is None:
-            return None
-        apart = logarithm(tracked.state.rotations[0].T @ state.rotations[0])
-        if apart.dot(apart) < SAME_ORIENTATION**2:
-            return None
-        kept = np.concatenate([state.rotations[:1], tracked.state.rotations[1:]])
-        return BodyState(np.stack([state.rotations, kept]), np.zeros((2, 3)))
 
 
 def _rotation(given: np.ndarray, places: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Several publishers of camera_info: their cameras may differ."""
+"""Topics with several publishers: of camera_info, their cameras may differ; of an output, two nodes have one name."""
 
 from __future__ import annotations
 
@@ -38,3 +38,25 @@ class CameraPublishers:
         names = sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in found)
         listed = ", ".join(names[:LISTED]) + (", ..." if len(names) > LISTED else "")
         return f"{self._topic} has {len(found)} publishers: {listed}; expected that of the keypoints' camera alone"
+
+
+class DuplicateNode:
+    """Watches for another node that publishes one of this node's topics. Call `check` periodically."""
+
+    def __init__(self, node: Node, topic: str) -> None:
+        """topic: name before remapping, that no other node may publish."""
+        self._node, self._topic = node, node.resolve_topic_name(topic)
+        self._since: float | None = None
+
+    def check(self, now: float) -> str:
+        """Return that there is another node, after LEFTOVER_S; else empty. now: s, steady clock."""
+        if self._node.count_publishers(self._topic) < 2:
+            self._since = None
+            return ""
+        self._since = now if self._since is None else self._since
+        if now - self._since < LEFTOVER_S:
+            return ""
+        return (
+            f"another node publishes {self._topic}, too: give one of the nodes another name (-r __node:=NAME), "
+            "namespace (-r __ns:=/NAME) or remapping"
+        )

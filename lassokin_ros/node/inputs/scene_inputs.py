@@ -19,7 +19,6 @@ from lassokin_ros.node.inputs.polled_subscription import SimulatedTime
 from lassokin_ros.node.inputs.transform_input import TransformInput
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
-from lassokin_ros.pipeline.people.per_body_session import PerBodySession
 from lassokin_ros.pipeline.session import Session
 
 
@@ -29,7 +28,7 @@ class SceneInputs:
     def __init__(
         self,
         node: Node,
-        session: Session | PerBodySession,
+        session: Session,
         diagnostics: Diagnostics,
         on_depth: Callable[[str, Any], None],
         on_error: Callable[[str, Exception], None],

@@ -72,7 +72,7 @@ class TfOffset:
     def update(self, frames: Sequence[FrameResult]) -> None:
         """Use the results of an instant. People whom several cameras see at once are left out."""
         for frame in frames:
-            if not frame.accepted or frame.others or not self._places.moves(frame.camera.name):
+            if not frame.accepted or len(frame.images) > 1 or not self._places.moves(frame.camera.name):
                 continue
             assert frame.estimate is not None and frame.estimate.pose is not None
             now_ns, camera, key = frame.stamp_ns, frame.camera, (frame.camera.name, frame.label or frame.person)

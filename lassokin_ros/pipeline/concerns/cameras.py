@@ -38,7 +38,7 @@ def camera_concerns(session: Session, sending: Sequence[str], silent_s: Callable
         return
     if shared := session.placement.places.shared_frame:
         yield say("cameras_share_frame", fault=shared)
-    silent = session.config.silent_when_empty and session.detector_connected
+    silent = session.config.silent_when_empty and session.scene.detector_connected
     for name, camera in session.cameras.items():
         if camera.camera.view is None:
             yield say("camera_without_info", camera=name)

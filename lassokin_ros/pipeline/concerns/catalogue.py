@@ -37,10 +37,10 @@ PAGE = Seen.SUMMARY | Seen.PAGE
 class Concern(NamedTuple):
     """One row. The words and the advice contain names of figures in braces; the advice says what to do."""
 
-    level: str
-    seen: Seen
     words: str
     advice: str = ""
+    level: str = PROBLEM
+    seen: Seen = LIVE
 
 
 class Raised(NamedTuple):
@@ -71,365 +71,301 @@ UNIT_ADVICE = "check that they are in mm (16UC1) or m (32FC1)"
 
 CONCERNS: dict[str, Concern] = {
     # Nothing is tracked.
-    "disabled": Concern(NOTE, NOW, "disabled by ~/set_enabled"),
-    "camera_refused": Concern(ERROR, NOW, "camera_info refused: {fault}{kept}"),
-    "no_usable_image": Concern(ERROR, NOW, "no images can be used: {fault}"),
-    "no_camera_info": Concern(PROBLEM, NOW, "waiting for camera_info"),
-    "no_keypoints": Concern(PROBLEM, NOW, "waiting for keypoints"),
+    "disabled": Concern("disabled by ~/set_enabled", level=NOTE, seen=NOW),
+    "camera_refused": Concern("camera_info refused: {fault}{kept}", level=ERROR, seen=NOW),
+    "no_usable_image": Concern("no images can be used: {fault}", level=ERROR, seen=NOW),
+    "no_camera_info": Concern("waiting for camera_info", seen=NOW),
+    "no_keypoints": Concern("waiting for keypoints", seen=NOW),
     "silent": Concern(
-        PROBLEM,
-        NOW,
         "no keypoints for more than {limit:g} s",
         "check the detector; if it sends nothing while nobody is in view, set silent_when_empty",
+        seen=NOW,
     ),
-    "frozen": Concern(PROBLEM, NOW, "keypoints are frozen: the same ones for more than {limit:g} s", FROZEN_ADVICE),
-    "near_limit": Concern(NOTE, NOW, "confidences nearly reach min_confidence", "lower it if somebody is in view"),
+    "frozen": Concern("keypoints are frozen: the same ones for more than {limit:g} s", FROZEN_ADVICE, seen=NOW),
+    "near_limit": Concern(
+        "confidences nearly reach min_confidence", "lower it if somebody is in view", level=NOTE, seen=NOW
+    ),
     "untrackable": Concern(
-        PROBLEM,
-        LIVE,
         "the keypoints show somebody who is not tracked: a person needs {landmarks} "
         "landmarks or more (min_landmarks) at or above min_confidence {confidence:g}",
         "step back until more of the body is in view, or lower min_confidence",
     ),
     "locked_absent": Concern(
-        PROBLEM, LIVE, "{person} is locked and not seen: nobody else is followed until ~/lock is called with false"
+        "{person} is locked and not seen: nobody else is followed until ~/lock is called with false"
     ),
-    "locked_forgotten": Concern(
-        PROBLEM, LIVE, "the locked person was forgotten: nobody is followed until ~/lock is called"
-    ),
+    "locked_forgotten": Concern("the locked person was forgotten: nobody is followed until ~/lock is called"),
     "numbers_jump": Concern(
-        PROBLEM,
-        LIVE,
         "the detector's person numbers change owners (number {number} has moved to another person), and are not used",
         "turn on tracking in the detector, or set person_ids to node",
     ),
     "numbers_index": Concern(
-        PROBLEM,
-        LIVE,
         "the detector's person numbers have been 0, 1, ... or 1, 2, ... in each "
         "image: they may be places in a list, and identify nobody who was out of sight",
         "set person_ids to lasting if they identify people, else to node",
     ),
     "unused_lock": Concern(
-        PROBLEM,
-        LIVE,
         "lock is true, but nobody is locked: each person has a topic of keypoints, and the detector says who is who",
         "set lock to false",
     ),
     # Messages.
-    "rejected": Concern(PROBLEM, NOW, "{what} rejected ({reason})", "{remedy}"),
+    "rejected": Concern("{what} rejected ({reason})", "{remedy}", seen=NOW),
     "overtaken": Concern(
-        PROBLEM, NOW, "messages overtaken by newer", "free the processor; with a detector in batches raise queue_depth"
+        "messages overtaken by newer", "free the processor; with a detector in batches raise queue_depth", seen=NOW
     ),
-    "lost_on_the_way": Concern(PROBLEM, NOW, "messages lost on the way", "check the network and the processor's load"),
+    "lost_on_the_way": Concern("messages lost on the way", "check the network and the processor's load", seen=NOW),
     "unscored": Concern(
-        PROBLEM,
-        LOGGED,
         "the keypoints have positions, but all confidences are 0 or NaN",
         "fill them in the detector (0 to 1; 1 if it has none)",
+        seen=LOGGED,
     ),
     "turnover": Concern(
-        PROBLEM,
-        LIVE,
         "people come and leave within a second",
         "if the message's person numbers change from image to image, set person_ids to node",
     ),
     "ids_from_1": Concern(
-        PROBLEM,
-        LOGGED,
         "landmark 0 ({landmark}) was in no message, all others were",
         "if the detector counts landmarks from 1, subtract 1 from the ids",
+        seen=LOGGED,
     ),
     # Hands.
     "hands_exchanged": Concern(
-        PROBLEM,
-        LIVE,
         "hands lie at the wrist of the other side; they are used there",
         "exchange left and right of the hands in the detector: it may expect mirrored images",
     ),
     "hands_alike": Concern(
-        PROBLEM, LIVE, "both hands have the same points; one of them is not used", "check the detector of the hands"
+        "both hands have the same points; one of them is not used", "check the detector of the hands"
     ),
     "hands_far": Concern(
-        PROBLEM,
-        LIVE,
         "hands are far from the wrists of the body, and not used",
         "somebody else's hands, or check that both are pixels of the same image",
     ),
     "hands_order": Concern(
-        PROBLEM,
-        LIVE,
         "the hands' points are in another order: the thumb is not the first finger; they are taken as index, middle, "
         "ring, pinky and thumb, or not used if they do not fit this",
         "send the wrist, then thumb, index, middle, ring and pinky finger, each from its root to the tip",
     ),
     # Stamps and clocks.
-    "future": Concern(
-        PROBLEM, LIVE, "stamps lie {seconds:.3g} s in the future", "synchronise the clocks of the machines"
-    ),
+    "future": Concern("stamps lie {seconds:.3g} s in the future", "synchronise the clocks of the machines"),
     "late": Concern(
-        PROBLEM,
-        LIVE,
         "keypoints are {seconds:.2g} s old when they arrive",
         "the detector queues images or is too slow; let it drop old images",
     ),
     "past": Concern(
-        PROBLEM,
-        LIVE,
         "stamps lie hours in the past",
         "synchronise the clocks of the machines, or play a recording with `ros2 bag play --clock` and set use_sim_time",
     ),
     "stamp_rate": Concern(
-        PROBLEM,
-        LOGGED,
         "by their stamps the keypoints have {rate}, but they arrive at {arrivals:.3g} Hz",
         "check the unit of header.stamp (for a time t in ns, sec is t // 10**9 and nanosec is t % "
         "10**9); if a recording is played faster or slower, use `ros2 bag play --clock` and set use_sim_time",
+        seen=LOGGED,
     ),
     "slow_for_stale_after": Concern(
-        PROBLEM,
-        LIVE,
         "keypoints come every {period:.2g} s, and {limits}: people are reported as lost in between",
         "set {which} to two or three periods",
     ),
     "unstamped": Concern(
-        PROBLEM,
-        ONCE | PAGE,
         "keypoints without a stamp: outputs carry the time of their arrival{count}",
         "let the detector copy the stamp of the image",
+        seen=ONCE | PAGE,
     ),
     "stamps_jump": Concern(
-        PROBLEM,
-        PAGE,
         "The stamps are not monotonic: at {time:.1f} s they jump {way} by "
         "{seconds:.1f} s{more} (a looped bag, or a second clock?); tracking was reset there, and the time axis of this "
         "page continues",
+        seen=PAGE,
     ),
     # Images and cameras.
-    "camera_unlikely": Concern(PROBLEM, LIVE, "{fault}"),
+    "camera_unlikely": Concern("{fault}"),
     "camera_silent": Concern(
-        PROBLEM,
-        LIVE,
         "no keypoints of camera '{camera}' for more than {limit:g} s",
         "check its detector, and the topic {camera}/keypoints",
     ),
-    "camera_without_info": Concern(
-        PROBLEM, LIVE, "no camera_info of camera '{camera}'", "remap {camera}/camera_info to its topic"
-    ),
-    "camera_unplaced": Concern(PROBLEM, LIVE, "{fault}"),
-    "cameras_share_frame": Concern(PROBLEM, LIVE, "{fault}"),
-    "image_size": Concern(PROBLEM, LOGGED, "{fault}"),
-    "camera_wrong": Concern(PROBLEM, LIVE, "{fault}"),
-    "camera_clock": Concern(PROBLEM, LIVE, "{fault}"),
+    "camera_without_info": Concern("no camera_info of camera '{camera}'", "remap {camera}/camera_info to its topic"),
+    "camera_unplaced": Concern("{fault}"),
+    "cameras_share_frame": Concern("{fault}"),
+    "image_size": Concern("{fault}", seen=LOGGED),
+    "camera_wrong": Concern("{fault}"),
+    "camera_clock": Concern("{fault}"),
     "tf_clock": Concern(
-        PROBLEM,
-        LIVE,
         "while the camera{camera} turns, people move as if the stamps of its keypoints were {ms:.0f} ms (+- "
         "{deviation:.0f}) too {way} for TF; nothing is changed",
         "let the driver stamp the exposure, by the clock of those who publish TF",
     ),
     "camera_late": Concern(
-        PROBLEM,
-        LIVE,
         "keypoints of '{last}' arrive {apart:.2f} s later after their stamps than those of '{first}'",
         "its clock differs, or its detector is slower; then set wait to that",
     ),
     "other_camera": Concern(
-        PROBLEM,
-        LOGGED,
         "{topic} is of another camera: its frame_id is '{camera}', that of the keypoints '{keypoints}'",
         "remap {topic} to the camera of the detector, or give both the frame_id of its optical frame",
+        seen=LOGGED,
     ),
     "frame_jumped": Concern(
-        PROBLEM,
-        LOGGED,
         "TF: the {cameras} jumped in fixed_frame '{frame}' by {step} from one "
         "image to the next, and people with it; expected a frame without jumps",
         "was odometry reset, or the robot localised anew?",
+        seen=LOGGED,
     ),
     "outside": Concern(
-        PROBLEM,
-        LIVE,
         "keypoints lie outside the image of {width} x {height} px of camera_info{when}",
         "if the whole person is in view, check that they are " + PIXELS_ADVICE,
     ),
-    "partly_outside": Concern(NOTE, PAGE, "In {share:.0%} of the images the person is partly outside of the image"),
+    "partly_outside": Concern(
+        "In {share:.0%} of the images the person is partly outside of the image", level=NOTE, seen=PAGE
+    ),
     "turned": Concern(
-        NOTE,
-        NOW,
         "the body has pointed to the side in the image {when} (the depth network gets a turned image)",
         "the person lies, or the camera or the image is turned (then set camera_roll), or the detector's x and y are "
         "exchanged",
+        level=NOTE,
+        seen=NOW,
     ),
     "upside_down": Concern(
-        PROBLEM,
-        LIVE,
         "the body has pointed down in the image {when}",
         UPRIGHT_ADVICE + "; for a camera that hangs upside down set camera_roll to 3.14",
     ),
     "no_optical_frame": Concern(
-        PROBLEM,
-        LIVE,
         "people stand upright in the image of a camera that looks up or down in fixed_frame by TF",
         "expected keypoints and camera_info in the camera's optical frame (z forward, x right, y down), and a "
         "fixed_frame with z up; one of them is the other kind of frame",
     ),
-    "turned_in_frame": Concern(NOTE, NOW, "the body has pointed to the side {when}", TURNED_ADVICE),
-    "turned_down_in_frame": Concern(PROBLEM, LIVE, "the body has pointed down {when}", TURNED_ADVICE),
+    "turned_in_frame": Concern("the body has pointed to the side {when}", TURNED_ADVICE, level=NOTE, seen=NOW),
+    "turned_down_in_frame": Concern("the body has pointed down {when}", TURNED_ADVICE),
     # Depth and size.
     "no_depth_images": Concern(
-        PROBLEM,
-        LIVE,
-        "no depth images on {topic}: tracking without measured depth",
-        "check that the depth camera publishes there",
+        "no depth images on {topic}: tracking without measured depth", "check that the depth camera publishes there"
     ),
-    "depth_unused": Concern(PROBLEM, LIVE, "{fault}"),
+    "depth_unused": Concern("{fault}"),
     "depth_unmatched": Concern(
-        PROBLEM,
-        LIVE,
         "most keypoint messages had no depth image of their time",
         "check that both have the stamp of the camera, and that depth images arrive before the keypoints",
     ),
     "depth_not_near": Concern(
-        PROBLEM,
-        LIVE,
         "the depth images have no depth near the person at the keypoints",
         UNIT_ADVICE + " and registered to the colour image, and that the person is within the camera's range",
     ),
     "own_depth_not_near": Concern(
-        PROBLEM,
-        LIVE,
         "the keypoints' own depths are not near the person",
         "check that they are in m, along the optical axis from the camera (not from the hips, as MediaPipe's z), and "
         "that the person is within its range",
     ),
     "depth_frozen": Concern(
-        PROBLEM,
-        LOGGED,
         "the depth images on {topic} are frozen: the same one for more than "
         "{limit:g} s, with new stamps, so they are not used",
         "check the depth camera",
+        seen=LOGGED,
     ),
     "own_depth_frozen": Concern(
-        PROBLEM,
-        LOGGED,
         "the depths in the keypoint messages are frozen: the same ones for more than {limit:g} s, with new stamps",
         "check the depth camera of the detector",
+        seen=LOGGED,
     ),
-    "own_depth_unused": Concern(PROBLEM, LOGGED, "{fault}"),
+    "own_depth_unused": Concern("{fault}", seen=LOGGED),
     "height_assumed": Concern(
-        PROBLEM,
-        LIVE,
         "nothing measures the height: {height:g} m is assumed, so that distances are uncertain by a quarter",
         "set height, the topic of depth images, or floor with fixed_frame",
     ),
     "height_by_floor": Concern(
-        PROBLEM,
-        LIVE,
         "with a tilt known to {tilt:g} rad the floor gives the height "
         "to {percent:.0f} % from here, more than {limit:.0f} %: {height:g} m is assumed",
         "come nearer, raise the camera, or set height",
     ),
     "height_wrong": Concern(
-        PROBLEM,
-        LIVE,
         "{source} not fit the size of the given body (height {height:g} m), but one of about {measured:.1f} m",
         "set height to that of the person, or to 0 to measure it, and check {check}",
     ),
     # The pose.
     "no_body": Concern(
-        PROBLEM,
-        LIVE,
         "keypoints are more than {distance:.2f} m off the best body",
         "check that the detector's landmarks are those of `landmarks: {landmarks}`, in pixels of the raw image",
     ),
     "somebody_else": Concern(
-        PROBLEM,
-        LIVE,
         "the followed person was re-identified by position only, and may be somebody else",
         "check that it is the same person, and call ~/lock",
     ),
-    "likely_wrong": Concern(DOUBT, LIVE, "the pose{whose} is likely wrong {when}: {reasons}"),
-    "unseen": Concern(NOTE, NOW | PAGE, "not seen: {limbs}; without keypoints their pose is a guess"),
+    "likely_wrong": Concern("the pose{whose} is likely wrong {when}: {reasons}", level=DOUBT),
+    "unseen": Concern("not seen: {limbs}; without keypoints their pose is a guess", level=NOTE, seen=NOW | PAGE),
     "tracked": Concern(
-        GOOD, PAGE, "{share:.1%} of the frames were tracked, and {where}nothing suggests a wrong pose{unjudged}"
+        "{share:.1%} of the frames were tracked, and {where}nothing suggests a wrong pose{unjudged}",
+        level=GOOD,
+        seen=PAGE,
     ),
-    "nothing_received": Concern(PROBLEM, PAGE, "The topic {topic} has no messages"),
-    "nothing_tracked": Concern(PROBLEM, PAGE, "Nothing was tracked: none of {count} messages produced a skeleton"),
+    "nothing_received": Concern("The topic {topic} has no messages", seen=PAGE),
+    "nothing_tracked": Concern("Nothing was tracked: none of {count} messages produced a skeleton", seen=PAGE),
     "nobody_found": Concern(
-        PROBLEM,
-        PAGE,
         "Nobody was tracked in {count} images. The detector needs a person who is "
         "in view, and about a tenth of the image high or more",
+        seen=PAGE,
     ),
     "probably_nobody": Concern(
-        DOUBT,
-        PAGE,
         "probably nobody is in the images: a skeleton fits {share:.0%} of them, never for longer than {longest:.1f} s",
+        level=DOUBT,
+        seen=PAGE,
     ),
-    "refused": Concern(PROBLEM, PAGE, "{count} {what} rejected: {name}", "{remedy}"),
-    "untracked": Concern(PROBLEM, PAGE, "{who} tracked {when}: {reasons}"),
-    "absent": Concern(NOTE, PAGE, "{who} in view {when}"),
-    "more_spans": Concern(NOTE, PAGE, "{count} more such spans, {seconds:.1f} s in total"),
+    "refused": Concern("{count} {what} rejected: {name}", "{remedy}", seen=PAGE),
+    "untracked": Concern("{who} tracked {when}: {reasons}", seen=PAGE),
+    "absent": Concern("{who} in view {when}", level=NOTE, seen=PAGE),
+    "more_spans": Concern("{count} more such spans, {seconds:.1f} s in total", level=NOTE, seen=PAGE),
     "gaps": Concern(
-        NOTE,
-        PAGE,
         "{count}, {seconds:.1f} s in total, the longest {longest:.1f} s; tracking continued from the previous pose",
+        level=NOTE,
+        seen=PAGE,
     ),
     "reprojection": Concern(
-        PROBLEM,
-        PAGE,
         "The median reprojection error is {median:.1f} px, with noise_px {noise:g}",
         "check `noise_px`, camera_info (resolution, `rectified`) and `landmarks`",
+        seen=PAGE,
     ),
     "poor_fit": Concern(
-        DOUBT,
-        PAGE,
         "The skeleton lies {median:.0f} px from the detected points in the median, "
         "{share:.1%} of its size in the image: the pose follows them poorly",
+        level=DOUBT,
+        seen=PAGE,
     ),
     "far_landmarks": Concern(
-        PROBLEM,
-        PAGE,
         "Landmarks far from their reprojection: {listed} (median of all: {usual:.0f} px)",
         "check that `landmarks` is the layout of your detector",
+        seen=PAGE,
     ),
-    "distance": Concern(PROBLEM, PAGE, "The median distance of the person is {metres:.2g} m", "check {what}"),
-    "slow": Concern(NOTE, PAGE, "The keypoint rate is {rate:.1f} Hz", "20 Hz or more gives better tracking"),
-    "repeated": Concern(NOTE, PAGE, "{count} of {received} {what}: {why}, or the image is frozen", FROZEN_ADVICE),
+    "distance": Concern("The median distance of the person is {metres:.2g} m", "check {what}", seen=PAGE),
+    "slow": Concern("The keypoint rate is {rate:.1f} Hz", "20 Hz or more gives better tracking", level=NOTE, seen=PAGE),
+    "repeated": Concern(
+        "{count} of {received} {what}: {why}, or the image is frozen", FROZEN_ADVICE, level=NOTE, seen=PAGE
+    ),
     "initialised_again": Concern(
-        NOTE, PAGE, "{who} was re-initialised {times}, at {listed}; the skeleton may jump there"
+        "{who} was re-initialised {times}, at {listed}; the skeleton may jump there", level=NOTE, seen=PAGE
     ),
     "too_many": Concern(
-        NOTE, PAGE, "{count} {what} contain more people than max_people {most}", "raise it to follow them"
+        "{count} {what} contain more people than max_people {most}", "raise it to follow them", level=NOTE, seen=PAGE
     ),
     "by_figures": Concern(
-        NOTE,
-        PAGE,
         "in {share:.0%} of the frames an error above 100 mm is likely by the tracker's "
         "own figures; they are marked on the slider and in the plots",
+        level=NOTE,
+        seen=PAGE,
     ),
     "bent_knees": Concern(
-        DOUBT,
-        PAGE,
         "even the straighter knee stays bent, by {degrees:.0f} degrees in the median. "
         "If the person stands or walks upright, this is an error: legs that are too long for the trunk, or an "
         "ambiguous view of them",
+        level=DOUBT,
+        seen=PAGE,
     ),
     "bones": Concern(
-        NOTE,
-        PAGE,
         "calibration changed the bone to {joint} from {before:.0f} to {after:.0f} mm, and people differ less",
         "another error may hide in it; check height, and that the landmarks are the layout's",
+        level=NOTE,
+        seen=PAGE,
     ),
     "uncertain": Concern(
-        NOTE,
-        PAGE,
         "The joints are off by about {millimetres:.0f} mm relative to the pelvis, mostly "
         "in depth (mean of the stated deviations)",
         "measured depth or the person's bone lengths make them more exact",
+        level=NOTE,
+        seen=PAGE,
     ),
-    "remark": Concern(NOTE, PAGE, "{text}"),
+    "remark": Concern("{text}", level=NOTE, seen=PAGE),
 }
 """The catalogue: one row per concern."""
 

@@ -271,7 +271,7 @@ def untrackable(period: Period) -> Iterator[Raised]:
 
 def likely_wrong(period: Period) -> Iterator[Raised]:
     """Yield that poses of the period are likely wrong: by a sign, or most of them by their figures."""
-    judged = [(person, judge()) for person, judge in period.judged]
+    judged = [(person, pending.read()) for person, pending in period.judged]
     marked = [one for one in judged if one[1].doubt.likely_wrong]
     signs = [one for one in marked if one[1].doubt.has_sign]
     if signs or len(marked) > MOST_MARKED * period.tracked:

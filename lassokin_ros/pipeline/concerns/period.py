@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 
-from lassokin_ros.doubt.monitor import Judgement
+from lassokin_ros.doubt.monitor import Pending
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.session import Session
 
@@ -33,7 +33,7 @@ class Period:
         self.times_ms: list[float] = []
         self.delays: list[float] = []
         self.misfits: list[float] = []
-        self.judged: list[tuple[str, Callable[[], Judgement]]] = []
+        self.judged: list[tuple[str, Pending]] = []
         self.unused_confidence = 0.0
         self.tracked = self.with_depth = 0
         self.newest: Sequence[FrameResult] = () if before is None else before.newest
@@ -70,7 +70,7 @@ class Period:
         if accepted:
             self.newest = accepted
             self.misfits.append(max(map(misfit, accepted)))
-            self.judged += [(frame.person, frame.judge) for frame in accepted]
+            self.judged += [(frame.person, frame.pending) for frame in accepted if frame.pending is not None]
             self.tracked += 1
             self.with_depth += any(f.estimate.depth_measured for f in accepted if f.estimate is not None)
 

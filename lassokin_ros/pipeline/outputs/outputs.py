@@ -230,8 +230,10 @@ class Outputs:
     def _update_state(self) -> bool:
         """Derive the state, and write it if it has changed. Return True in this case."""
         session, now_ns = self._session, self._as_of_ns
-        limits = session.reported_lost_after, session.config.forget_after
-        changed = self._state.update(session.presence_at(now_ns), now_ns, *limits, session.scene_known_empty(now_ns))
+        limits = session.scene.lost_after, session.config.forget_after
+        changed = self._state.update(
+            session.scene.presence_at(now_ns), now_ns, *limits, session.scene_known_empty(now_ns)
+        )
         if changed:
             self._write_state()
         return changed
@@ -242,9 +244,9 @@ class Outputs:
         now_ns: as for `check`; without a clock (0) there is no stamp for ~/people and ~/markers. now: s, steady clock.
         """
         if now_ns > 0 and now - self._people_at >= REPEAT_S:
-            self._write_people(self._session.image_at(now_ns), now)
+            self._write_people(self._session.scene.image_at(now_ns), now)
         if now_ns > 0:
-            self.write_cameras(self._session.image_at(now_ns)[0], now)
+            self.write_cameras(self._session.scene.image_at(now_ns)[0], now)
         if now - self._state_at >= REPEAT_S and self._wants(self._state_out):
             self._write_state(now)
 
@@ -262,9 +264,9 @@ class Outputs:
     def _write_people(self, image: Image, now: float) -> None:
         if self._wants(self._people_out):
             session = self._session
-            limits = session.reported_lost_after, session.config.forget_after
-            more = session.untracked_at(image[0]), session.locked
-            absent = session.absent_at(image[0])
+            limits = session.scene.lost_after, session.config.forget_after
+            more = session.scene.untracked_at(image[0]), session.locked
+            absent = session.scene.absent_at(image[0])
             self._sink.write(self._people_out, self._newest.build(image, *limits, *more, absent))
             self._people_at = now
 

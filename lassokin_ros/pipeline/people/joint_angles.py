@@ -13,11 +13,13 @@ the skeleton's YAML file keep everyday postures away from gimbal lock.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.record import record
 
 LOCK = 1e-9
 """Cosine of the middle angle below which the first angle is lost in rounding errors."""
@@ -119,3 +121,20 @@ class JointStates:
         positions = np.concatenate([moment.state.translation, angles.ravel()])
         self._last = moment, positions
         return positions
+
+
+@record
+class Angles:
+    """The joint angles of one frame, computed at the first access. They are continuous to the frame that was read last.
+
+    before: the frame before, None for the first one.
+    """
+
+    states: JointStates
+    moment: Moment
+    before: Moment | None
+
+    @cached_property
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """See `JointStates.read`."""
+        return self.states.read(self.moment, self.before)

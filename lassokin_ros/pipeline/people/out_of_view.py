@@ -5,7 +5,7 @@ They are somewhere near their last place until a camera has looked there and see
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -89,16 +89,22 @@ class OutOfView:
             self._images[image.camera.name] = image
             for person, absent in list(self._absent.items()):
                 step_ns = min(image.stamp_ns - absent.looked_ns, LONGEST_STEP_NS)
-                if step_ns > 0 and self._looks_at(image, absent.expected(image.stamp_ns)):
+                if step_ns <= 0 or image.body not in ("", person):
+                    continue
+                if self._looks_at(image, absent.expected(image.stamp_ns)):
                     absent.looked_ns, absent.looked_s = image.stamp_ns, absent.looked_s + step_ns * 1e-9
                     if absent.looked_s >= min(empty_after_s, EMPTY_AFTER_S):
                         del self._absent[person]
+
+    def keep(self, ids: Collection[str]) -> None:
+        """Forget those who are not in the detector's list."""
+        self._absent = {person: one for person, one in self._absent.items() if person in ids}
 
     def look(self, cameras: Iterable[CameraPose], stamp_ns: int, empty_after_s: float) -> None:
         """Use the silence of a detector that sends nothing while nobody is in view. cameras: where they are now."""
         for pose in cameras:
             if (image := self._images.get(pose.name)) is not None and image.stamp_ns < stamp_ns:
-                self.update((), [replace(image, stamp_ns=stamp_ns, camera=pose)], empty_after_s, None)
+                self.update((), [replace(image, stamp_ns=stamp_ns, camera=pose, body="")], empty_after_s, None)
 
     @property
     def ids(self) -> list[str]:

@@ -51,12 +51,15 @@ class PeopleTracker:
         lock: bool = False,
         several_cameras: bool = False,
         sure: bool = False,
+        listed: bool = False,
     ) -> None:
         """people: one or more trackers. counts: receives the numbers of people who come and leave, and the rejections
         of single people. follow, lock: see NodeSettings. several_cameras: detectors' numbers are no ids, because each
         camera's detector has its own. sure: these numbers are people's, wherever they are (`person_ids: lasting`).
+        listed: each body has a topic, and the detector's list says who is there, see `keep`.
         """
-        self._roster = Roster(people, counts, follow)
+        self._roster = Roster(people, counts, follow, listed)
+        self._beyond = 0  # bodies of the list without a tracker
         self._who = WhoIsWho(self._roster, several_cameras, sure)
         self._lock_first, self._lock_next = lock, lock
         nowhere = np.full((people[0].tracker.kinematics.landmark_count, 2), np.nan)
@@ -76,6 +79,11 @@ class PeopleTracker:
     def tracked(self) -> dict[str, TrackedPerson]:
         """The people by id; the id of a single person is empty."""
         return {"" if self._roster.one else person.id: person.body for person in self._roster.people}
+
+    @property
+    def lost_after(self) -> float:
+        """s: see TrackerConfig."""
+        return self._roster.config_of.config.lost_after
 
     @property
     def status(self) -> Status:
@@ -99,7 +107,8 @@ class PeopleTracker:
 
         forget_after, stale_after: s, see NodeSettings.
         """
-        there = [one for one in self._roster.people if self._roster.one or one.body.unseen_s(stamp_ns) <= forget_after]
+        stay = self._roster.one or self._roster.listed
+        there = [one for one in self._roster.people if stay or one.body.unseen_s(stamp_ns) <= forget_after]
         statuses = {one: reported_status(one.body, stamp_ns, stale_after) for one in there}
         status = best(statuses.values())
         if self._roster.gone and not self._roster.one:
@@ -151,7 +160,7 @@ class PeopleTracker:
         self._roster.gone = self._roster.locked_id is not None and not unlock
         self._roster.locked, self._lock_next = None, self._lock_first and not self._roster.gone
         for person in list(self._roster.people):
-            if self._roster.one:
+            if self._roster.one or self._roster.listed:
                 self._roster.rename(person)
                 person.tracks, person.guessed = {}, False
                 if same_person:
@@ -232,6 +241,8 @@ class PeopleTracker:
         reason; of several people accepted results only are returned, and rejections are counted. out_of_view: see
         Roster.
         """
+        if self._roster.listed:
+            return self._of_body(images[0], frame_id)
         self._roster.out_of_view = out_of_view
         stamp_ns = self._roster.newest_ns = max(image.stamp_ns for image in images)
         for person in list(self._roster.people):
@@ -251,6 +262,28 @@ class PeopleTracker:
                     self.lock()
         left, self._roster.left = self._roster.left, []
         return left + results
+
+    def keep(self, ids: Sequence[str]) -> None:
+        """Set who is present by the detector's list. The others are forgotten. Of too many the first ones are kept."""
+        self._beyond = self._roster.keep(ids)
+
+    def forget(self, name: str) -> None:
+        """Forget what is known of a person of the detector's list, who stays in the list."""
+        for person in self._roster.people:
+            if person.id == name:
+                person.body.reset()
+
+    @property
+    def untracked_of_list(self) -> int:
+        """Number of people of the detector's list who were never tracked."""
+        return self._beyond + sum(person.body.status is Status.SEARCHING for person in self._roster.people)
+
+    def _of_body(self, image: Image, frame_id: str) -> list[FrameResult]:
+        """The results of an image of one person of the detector's list. A refused one gives one with the reason."""
+        self._roster.newest_ns = image.stamp_ns
+        sight = Sight(image.stamp_ns, [*image.people, self._nothing][0], image.lens, image.camera)
+        people = [person for person in self._roster.people if person.id == image.body]
+        return people[0].body.track([sight], frame_id, image.body) if people else []
 
     def _track(
         self, images: Sequence[Image], frame_id: str, sights: Mapping[Person, list[Sight]], forget_after: float
@@ -327,11 +360,8 @@ class PeopleTracker:
         Without it the message would be refused for too few landmarks. This reason would be misleading, because it
         suggests that the detector's confidences are too low.
         """
-        (person,), view, named = (
-            self._roster.people,
-            self._who.views[image.camera.name],
-            number_named(self._roster.follow),
-        )
+        (person,), view = self._roster.people, self._who.views[image.camera.name]
+        named = number_named(self._roster.follow)
         track = person.tracks.get(image.camera.name)
         unfound = not (self._roster.gone or person.tracks) and named is not None and bool(view.seen)
         if track is None and not (self._roster.gone or unfound):

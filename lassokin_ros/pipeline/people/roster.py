@@ -6,15 +6,23 @@ Trackers are created at the start and reused. An id is not used again for anothe
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
+import numpy as np
+
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.choice import NEAREST, preferred
 from lassokin_ros.pipeline.people.image_tracks import ImageTrack
 from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.seen import Image, Seen
+from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 
 GONE = "gone"
 """In place of the id of a locked person who was forgotten. No detection is assigned until unlock."""
@@ -24,7 +32,7 @@ REPLACEABLE_AFTER_S = 0.5
 
 @dataclass(eq=False)
 class Person:
-    """A person with a tracker. number: of the id; tracks: in the images of each camera.
+    """A person with a tracker. number: of the id; name: in place of it; tracks: in the images of each camera.
 
     guessed: found again by place after an absence, so that it may be somebody else.
     """
@@ -33,11 +41,12 @@ class Person:
     body: TrackedPerson
     tracks: dict[str, ImageTrack] = field(default_factory=dict)
     guessed: bool = False
+    name: str = ""
 
     @property
     def id(self) -> str:
         """The id. It is part of topic names, which must not begin with a digit."""
-        return f"p{self.number}"
+        return self.name or f"p{self.number}"
 
     @property
     def newest(self) -> ImageTrack | None:
@@ -51,7 +60,8 @@ class Roster:
     Attributes
     ----------
     people: those who have a tracker; idle: the trackers without a person.
-    one: True if there is one tracker. It always has a person, and ids are those of whom it follows.
+    listed: True if the detector's list says who is there, under which id.
+    one: True if there is one tracker, and no list. It always has a person, and ids are those of whom it follows.
     locked: the person whom the lock holds; gone: True if that person was forgotten.
     newest_ns: stamp of the newest images.
     left: results of people who left, which waited for `smoothing_lag`.
@@ -59,9 +69,12 @@ class Roster:
     renumbered: True if a number of the detector may be another person's than before.
     """
 
-    def __init__(self, bodies: Sequence[TrackedPerson], counts: Counter[str], follow: str) -> None:
+    def __init__(
+        self, bodies: Sequence[TrackedPerson], counts: Counter[str], follow: str, listed: bool = False
+    ) -> None:
         """counts: receives the numbers of people who come and leave. follow: see NodeSettings."""
-        self.one, self.follow, self.counts = len(bodies) == 1, follow, counts
+        self.listed, self.one = listed, len(bodies) == 1 and not listed
+        self.follow, self.counts = follow, counts
         self.idle = list(bodies)
         self.config_of = bodies[0].tracker  # all have the same settings
         self.people = [Person(1, self.idle.pop())] if self.one else []
@@ -102,6 +115,20 @@ class Roster:
         self._next = max(self._next, number + 1)
         self.counts["people come"] += 1
         return self.people[-1]
+
+    def keep(self, ids: Sequence[str]) -> int:
+        """Keep the people of the detector's list, and add those who are new. Return how many have no tracker."""
+        for person in [person for person in self.people if person.id not in ids]:
+            self.remove(person)
+        self.left.clear()
+        present, beyond = {person.id for person in self.people}, 0
+        for name in [name for name in dict.fromkeys(ids) if name not in present]:
+            if not self.idle:
+                beyond += 1
+                self.counts["people beyond max_people"] += 1
+            elif (newcomer := self.add(self._next, ())) is not None:
+                newcomer.name = name
+        return beyond
 
     def remove(self, person: Person) -> None:
         """Take the tracker from a person. The results that wait for `smoothing_lag` are kept in `left`."""
@@ -149,3 +176,19 @@ class Roster:
     def is_trackable(self, one: Seen) -> bool:
         """Return True for a detection with enough confident keypoints."""
         return is_trackable(one, self.config_of.config)
+
+
+def people_to_track(
+    config: TrackerConfig, node: NodeSettings, evidence: Sequence[Evidence], bodies: Mapping[int | None, Skeleton]
+) -> list[TrackedPerson]:
+    """Return the people of `bodies`, and others up to max_people; see `Session`. Raises a LassokinError."""
+    skeleton = load_skeleton(config.checked().skeleton, config.assumed_height)
+    check_names(skeleton)
+    up = np.array([0.0, 0.0, 1.0]) if node.fixed_frame else None
+    with naming_help(config.skeleton):
+        own = [
+            TrackedPerson(replace(config, height=float(body.height)), body, evidence, up, number)
+            for number, body in bodies.items()
+        ]
+        others = range(node.max_people - len(own))
+        return [*own, *(TrackedPerson(config, skeleton, evidence, up) for _ in others)]

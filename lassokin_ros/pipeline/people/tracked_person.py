@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from lassokin_ros.doubt.monitor import LiveDoubts
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.repeats import Repeats
 from lassokin_ros.pipeline.outputs.status.rejection_text import frozen_text, rejection_text
-from lassokin_ros.pipeline.people.joint_angles import SHORTEST_NS, JointStates, Moment
+from lassokin_ros.pipeline.people.joint_angles import SHORTEST_NS, Angles, JointStates, Moment
 from lassokin_ros.pipeline.seen import Sight
 
 FROZEN = "frozen"
@@ -33,6 +33,29 @@ FROZEN = "frozen"
 
 LONGEST_PREDICTION_S = 0.5
 """s: a person out of sight is predicted to move with constant velocity for this long, then to stand still."""
+
+
+class _Held(NamedTuple):
+    """A result that waits for `smoothing_lag`. stamp: s, of the tracker. The others are those of `signs_of`."""
+
+    result: FrameResult
+    stamp: float
+    points: np.ndarray
+    height: float
+    frame_turn: np.ndarray
+
+    def signs(self, estimate: Estimate) -> Signs:
+        """The signs of the estimate that is due."""
+        camera, lens = self.result.camera, self.result.lens
+        assert lens is not None
+        return signs_of(
+            estimate,
+            points=self.points,
+            focal=lens.focal,
+            height=self.height,
+            camera=camera,
+            frame_turn=self.frame_turn,
+        )
 
 
 class TrackedPerson:
@@ -82,8 +105,7 @@ class TrackedPerson:
         """Stamps in ns of the images with the person of the last accepted frame, by camera."""
         self._instant_ns = 0
         self._last: tuple[Moment, np.ndarray] | None = None  # and the positions of its joints
-        # Results held back by smoothing_lag: stamp in ns, stamp in s of the tracker, function that makes the result.
-        self._waiting: deque[tuple[int, float, Callable[..., FrameResult]]] = deque()
+        self._waiting: deque[_Held] = deque()
         self._place: np.ndarray | None = None
         self._landmarks: np.ndarray | None = None
         self._walk = WalkingVelocity()
@@ -113,64 +135,57 @@ class TrackedPerson:
         one result, that of these detections.
         """
         placed = [(sight, camera) for sight in sights for camera in (self._corrected(sight.camera),) if camera.known]
-        (first, camera), *others = placed or [(sights[0], sights[0].camera)]
+        placed = placed or [(sights[0], sights[0].camera)]
         stamp_ns = max(sight.stamp_ns for sight in sights)
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
         self._instant_ns = stamp_ns
         frozen = [self._frozen_s(sight) for sight in sights]
         observations = [self._observation(sight, bool(old)) for sight, old in zip(sights, frozen)]
-        frame = partial(
-            FrameResult,
+        tracker = self.tracker
+        body = tracker.skeleton  # calibration and a measured height change it for the next frame only
+        estimate = tracker.track(observations)
+        self.status = estimate.status
+        result = FrameResult(
             stamp_ns,
             frame_id,
+            estimate,
             person=person,
             **identity,
-            detected=first.seen.pixels,
-            points=first.seen.points,
-            lens=first.lens,
-            camera=camera,
-            others=tuple(ImageOfPerson(pose, o.lens, o.seen.pixels, o.seen.points) for o, pose in others),
+            images=[ImageOfPerson(pose, one.lens, one.seen.pixels, one.seen.points) for one, pose in placed],
             observations=observations,
-            skeleton=self.tracker.skeleton,  # calibration changes the lengths for the next frame only
+            skeleton=body,
         )
-        height = self.tracker.skeleton.height  # a measured one changes for the next frame only, too
-        estimate = self.tracker.track(observations)
-        self.status = estimate.status
         if estimate.rejection is not None:
-            if self.seen_ns is None:
-                self._origin_ns = None  # time starts at the first accepted frame
-            reason, detail = estimate.rejection.value, rejection_text(estimate, observations[0], self.tracker.config)
-            frozen_s = min(frozen)
-            if frozen_s:
-                self.status = Status.SEARCHING if self.seen_ns is None else Status.LOST
-                reason, detail = FROZEN, frozen_text(frozen_s, self.tracker.config)
-            due = self._due(self.tracker.published, stamp_ns)
-            return [*due, frame(estimate=estimate, rejection=reason, detail=detail)]
-        sight = None if others else camera
-        self._update_motion(stamp_ns, estimate, height, sight)
+            reason, detail = self._refused(estimate, observations[0], min(frozen))
+            due = self._due(tracker.published, stamp_ns)
+            return [*due, replace(result, rejection=reason, detail=detail)]
+        self._update_motion(stamp_ns, estimate, body.height, None if len(placed) > 1 else placed[0][1])
         self.seen_by = {sight.camera.name: sight.stamp_ns for sight in sights}
-        tracker, walk = self.tracker, self._walk
-        motion = {"velocity": walk.velocity, "velocity_covariance": walk.velocity_covariance}
-        doubts = tracker.learned.doubts
-        made = partial(frame, **motion, measure=tracker.uncertainty, observe=tracker.observed, doubts=doubts)
-        points, confident = first.seen.points, first.seen.confidence >= tracker.config.min_confidence
-        signs = partial(
-            signs_of,
-            points=np.where(confident[:, None], points, np.nan) if others else points,  # `visible` is of all cameras
-            focal=first.lens.focal,
-            height=tracker.skeleton.height,
-            camera=camera,
-            frame_turn=self._frame_turn,
+        result = replace(
+            result,
+            velocity=self._walk.velocity,
+            velocity_covariance=self._walk.velocity_covariance,
+            tracker=tracker,
+            doubts=tracker.learned.doubts,
         )
-        self._waiting.append((stamp_ns, estimate.stamp, partial(self._watched, made, signs)))
-        return self._due(self.tracker.published, stamp_ns)
+        seen = placed[0][0].seen
+        confident = seen.confidence >= tracker.config.min_confidence
+        several = len(placed) > 1  # `visible` is of all cameras
+        points = np.where(confident[:, None], seen.points, np.nan) if several else seen.points
+        held = _Held(result, estimate.stamp, points, tracker.skeleton.height, self._frame_turn)
+        self._waiting.append(held)
+        return self._due(tracker.published, stamp_ns)
 
-    def _watched(
-        self, made: Callable[..., FrameResult], signs: Callable[..., Signs], estimate: Estimate, **others: Any
-    ) -> FrameResult:
-        """Return the result of an estimate that is due, with the doubt about it. others: further fields."""
-        return made(estimate, judge=self._doubts.add(signs(estimate)), **others)
+    def _refused(self, estimate: Estimate, observation: Observation, frozen_s: float) -> tuple[str, str]:
+        """Return the reason and the words for a frame that the tracker refused. frozen_s: see `_frozen_s`."""
+        if self.seen_ns is None:
+            self._origin_ns = None  # time starts at the first accepted frame
+        if frozen_s:
+            self.status = Status.SEARCHING if self.seen_ns is None else Status.LOST
+            return FROZEN, frozen_text(frozen_s, self.tracker.config)
+        assert estimate.rejection is not None
+        return estimate.rejection.value, rejection_text(estimate, observation, self.tracker.config)
 
     def _observation(self, sight: Sight, frozen: bool) -> Observation:
         assert self._origin_ns is not None
@@ -219,9 +234,10 @@ class TrackedPerson:
         frames = []
         for estimate in estimates:
             assert estimate.state is not None and estimate.pose is not None
-            stamp_ns, stamp, frame = self._waiting.popleft()
-            while stamp < estimate.stamp:  # skip results lost by an error
-                stamp_ns, stamp, frame = self._waiting.popleft()
+            held = self._waiting.popleft()
+            while held.stamp < estimate.stamp:  # skip results lost by an error
+                held = self._waiting.popleft()
+            stamp_ns = held.result.stamp_ns
             moment, before, earlier = Moment(stamp_ns, estimate.state, estimate.initialised), None, None
             last_ns = stamp_ns if self._last is None else self._last[0].stamp_ns
             if last_ns < self._frame_moved_ns <= stamp_ns:
@@ -234,9 +250,15 @@ class TrackedPerson:
                 if stamp_ns - before.stamp_ns >= SHORTEST_NS:
                     earlier = (stamp_ns - before.stamp_ns) * 1e-9, places
             self._last = moment, estimate.pose.positions
-            states = partial(self._joint_states.read, moment, before)
-            held_s = (now_ns - stamp_ns) * 1e-9
-            frames.append(frame(estimate, joint_states=states, earlier=earlier, held_s=held_s))
+            made = replace(
+                held.result,
+                estimate=estimate,
+                pending=self._doubts.add(held.signs(estimate)),
+                angles=Angles(self._joint_states, moment, before),
+                earlier=earlier,
+                held_s=(now_ns - stamp_ns) * 1e-9,
+            )
+            frames.append(made)
         return frames
 
     def _update_motion(self, stamp_ns: int, estimate: Estimate, height: float, camera: CameraPose | None) -> None:

@@ -1,11 +1,11 @@
-"""The pose of a hand alone by the network: the start of the first frame, and another pose beside the tracked one."""
+"""The pose of a hand alone by the network: the start of the first frame."""
 
 import numpy as np
 import pytest
 from cases import one_view
 from simulated.hands import BODY, hand_tracker, kinematics_of, scene, seen
 
-from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, logarithm
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
@@ -36,19 +36,9 @@ def test_the_palm_is_where_the_network_places_it(side):
     assert np.median(angles) < 15 and max(angles) < 40
 
 
-def test_another_pose_is_proposed_if_the_hand_points_elsewhere():
+def test_without_the_network_there_is_no_pose():
     _, points = scene("left", 4.0)
-    frame, pose = frame_of("left", points[0]), hand_pose("left")
-    tracker = hand_tracker("left")
-    state = pose.state(frame)
-    assert pose.propose(tracker.frame_model.evaluate(state), frame, 0) is None
-    away = state.rotations.copy()
-    away[0] = away[0] @ exponential(np.array([2.0, 0.0, 0.0]))
-    tracked = tracker.frame_model.evaluate(BodyState(away, np.array([0.0, 0.0, 0.6])))
-    found = pose.propose(tracked, frame, 0)
-    assert found.rotations.shape == (2, 16, 3, 3) and np.allclose(found.rotations[:, 0], state.rotations[0])
-    assert np.array_equal(found.rotations[1, 1:], away[1:])
-    assert pose.state(one_view(points[0], np.full(21, 300.0))) is None  # without the network
+    assert hand_pose("left").state(one_view(points[0], np.full(21, 300.0))) is None
 
 
 def test_it_is_of_a_hand_alone():

@@ -34,6 +34,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue  # noqa:
 from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 
+from lassokin_ros.node.inputs.camera_publishers import LEFTOVER_S  # noqa: E402
 from lassokin_ros.node.message_types import message_class  # noqa: E402
 from lassokin_ros.node.node import UNUSED_MESSAGES  # noqa: E402
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN  # noqa: E402
@@ -379,20 +380,19 @@ def test_keypoints_without_a_stamp_are_reported_once(monkeypatch, capfd):
     assert capfd.readouterr().err.count("without a stamp") == 1
 
 
-def test_a_node_of_the_same_name_is_reported_after_a_while(monkeypatch):
+def test_a_node_of_the_same_name_is_reported_after_a_while():
     """Not at once: the graph contains the publishers of a killed node for some seconds."""
-    monkeypatch.setattr("lassokin_ros.node.node.LEFTOVER_S", 2.0)
     with node_in_this_process("/twins") as (node, _), node_in_this_process("/twins") as (other, _):
         peer_count = partial(node.count_publishers, "/twins/tracker/state")
         deadline = time.monotonic() + 120
         while peer_count() < 2 and time.monotonic() < deadline:
             time.sleep(0.01)
-        assert node._duplicate_node() == ""
-        assert node._duplicate_node().startswith("another node publishes /twins/tracker/state, too")
+        assert [node._duplicate.check(now) for now in (0.0, LEFTOVER_S - 1)] == ["", ""]
+        assert node._duplicate.check(LEFTOVER_S).startswith("another node publishes /twins/tracker/state, too")
         other.destroy_node()
         while peer_count() > 1 and time.monotonic() < deadline:
             time.sleep(0.01)
-        assert node._duplicate_node() == ""
+        assert node._duplicate.check(LEFTOVER_S + 1) == node._duplicate.check(LEFTOVER_S + 2) == ""
 
 
 @pytest.mark.parametrize(("confidence", "lines"), [(0.15, 1), (0.05, 0)])

@@ -13,7 +13,6 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.demo.synthetic import motion
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
-from lassokin_ros.pipeline.people.per_body_session import PerBodySession
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RosbagsBackend
@@ -65,10 +64,10 @@ def test_its_depth_images_are_compared_with_the_person():
 def test_it_sees_bodies_with_a_topic_each():
     backend = RosbagsBackend(detector_types())
     config = NodeSettings(cameras=("left",), keypoints_type=HRI, rep155=True, max_people=2)
-    session = PerBodySession(TrackerConfig(height=1.75, landmarks="hri18"), config)
+    session = Session(TrackerConfig(height=1.75, landmarks="hri18"), config)
     assert session.set_camera(camera_info(BACKEND), "left") is None
     session.keep(["abc"])
     pixels = pixels_of_motion(1, layout="hri18")[0]
     message = hri_skeleton(backend, START_NS, FRAME, pixels, np.full(18, 0.9), (WIDTH, HEIGHT))
-    (frame,) = session.frames_of("abc", message, START_NS)
+    (frame,) = session.frames(message, START_NS, body="abc")
     assert frame.accepted and frame.person == "abc"

@@ -93,7 +93,7 @@ def test_two_cameras_place_the_person_in_the_map():
     assert {one.frame.frame_id for one in play.results} == {MAP}
     assert play.error() < 20  # one camera: more than 60
     assert play.results[-1].frame.estimate.cameras == 2
-    (other,) = play.results[-1].frame.others
+    (_, other) = play.results[-1].frame.images
     assert (play.results[-1].frame.camera.name, other.camera.name) == ("left", "right")
     assert not any(one.frame.doubt.likely_wrong for one in play.results)
     assert np.median([one.error.mean() for one in Play([LEFT], NodeSettings(fixed_frame=MAP)).run().results]) > 0.04
@@ -104,6 +104,16 @@ def test_images_of_one_instant_share_a_lasso_and_others_have_their_own():
     assert len(together.results) == 60 and len(alternating.results) == 120
     assert together.session.counts[LATE] <= 2  # before the periods are known
     assert alternating.session.counts[LATE] == 0 and alternating.error() < 20
+
+
+@pytest.mark.parametrize("wait", [0.05, 0.5])
+def test_an_image_waits_for_that_of_another_camera_exactly_as_long_as_it_is_told(wait):
+    play = Play([LEFT, RIGHT], NodeSettings(cameras=("left", "right"), fixed_frame=MAP, wait=wait)).run(0.5, hz=10)
+    play.transforms(0, 0.5)
+    play.image(0, 0.5)
+    end_ns = START_NS + round(1e9 * (0.5 + 0.01 + wait))
+    assert play.session.due_at_ns == end_ns and not play.session.due(end_ns - 1)
+    assert len(play.session.due(end_ns)) == 1 and play.session.due_at_ns is None
 
 
 def test_without_a_fixed_frame_the_skeleton_is_in_the_frame_of_the_first_camera():
@@ -186,7 +196,7 @@ def test_a_jump_of_the_fixed_frame_moves_the_person_with_it(degrees, metres, eye
         seen = odometry[0].pose_at(one.seconds).into_camera(one.frame.estimate.pose.positions)
         assert np.linalg.norm(seen - before.into_camera(play.truth(one.seconds).positions[0]), axis=1).mean() < 0.1
         assert np.linalg.norm(one.frame.velocity) < 0.5 and np.abs(one.frame.joint_velocities).max() < 3.0
-        assert np.abs(one.frame.joint_states()[1]).max() < 10.0 and not one.frame.judge().doubt.likely_wrong
+        assert np.abs(one.frame.velocities).max() < 10.0 and not one.frame.doubt.likely_wrong
     assert play.session.placement.jumps.words in status(play, diagnostics).message
 
 

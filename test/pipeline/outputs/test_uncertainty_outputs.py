@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from importlib.util import find_spec
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -138,8 +139,10 @@ def test_uncertainty_is_computed_once_and_only_on_request(tracked):
     session, _ = tracked
     asked = []
     frame = session.process(cloud(rosbags_backend(), START_NS + 10**9, pixels_of_motion(1)[0]), 7)
-    measure = frame.measure
-    object.__setattr__(frame, "measure", lambda estimate: asked.append(1) or measure(estimate))
+    measure = frame.tracker.uncertainty
+    frame.tracker = SimpleNamespace(
+        uncertainty=lambda estimate: asked.append(1) or measure(estimate), observed=frame.tracker.observed
+    )
     messages = FrameMessages(rosbags_backend(), frame.skeleton)
     uncertain = (
         topics.JOINT_UNCERTAINTY,

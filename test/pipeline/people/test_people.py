@@ -120,24 +120,24 @@ def test_silence_is_reported_and_does_not_reset_the_state(people):
     )
     asked, left_alone = Session(*config), Session(*config)
     answers = {asked: [], left_alone: []}
-    assert asked.presence_at(10**18).status is Status.SEARCHING
+    assert asked.scene.presence_at(10**18).status is Status.SEARCHING
     for session, positions in answers.items():
         session.set_camera(camera_info(BACKEND))
         for i in range(30):
             message = crowd(BACKEND, stamp(i), [(of[i], np.full(17, 0.9)) for of in pixels[: 2 if i < 15 else 1]])
             positions += [f.positions.tolist() for f in session.frames(message, stamp(i) // 7)]
             for silent_s in (0.0, 10.0) if session is asked else ():
-                session.presence_at(stamp(i) // 7 + round(silent_s * 1e9))
+                session.scene.presence_at(stamp(i) // 7 + round(silent_s * 1e9))
     assert answers[asked] == answers[left_alone] and asked.counts == left_alone.counts
     arrival_ns = stamp(29) // 7
-    said = [asked.presence_at(arrival_ns + round(silent_s * 1e9)) for silent_s in (-5.0, 0.4, 0.7, 1.2)]
+    said = [asked.scene.presence_at(arrival_ns + round(silent_s * 1e9)) for silent_s in (-5.0, 0.4, 0.7, 1.2)]
     tracking, lost, gone = (Presence(status) for status in (Status.TRACKING, Status.LOST, Status.LOST))
     if people > 1:  # the second person was last seen half a second before the first
         tracking, lost = Presence(Status.TRACKING, ["p1", "p2"]), Presence(Status.LOST, ["p1"])
         gone = Presence(Status.SEARCHING, [])
     assert said == [tracking, tracking, lost, gone]
     asked.reset()
-    assert asked.presence_at(arrival_ns).status is Status.SEARCHING
+    assert asked.scene.presence_at(arrival_ns).status is Status.SEARCHING
 
 
 def test_rejected_messages_do_not_change_the_list_of_people():
@@ -146,13 +146,13 @@ def test_rejected_messages_do_not_change_the_list_of_people():
         assert session.process(crowd(BACKEND, stamp(i), [(pixels[i], np.full(17, 0.9))]), stamp(i)).accepted
     refused = session.process(crowd(BACKEND, stamp(4), [(pixels[4], np.full(17, 0.9))]), stamp(4) + 2 * 10**9)
     assert refused.rejection == "old_stamp"
-    assert session.presence_at(stamp(4) + 2 * 10**9).status is Status.LOST
+    assert session.scene.presence_at(stamp(4) + 2 * 10**9).status is Status.LOST
 
 
 def test_messages_before_the_first_clock_have_no_age():
     pixels, session = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
     assert session.process(crowd(BACKEND, stamp(0), [(pixels[0], np.full(17, 0.9))]), 0).accepted
-    assert session.presence_at(10**18).status is Status.TRACKING
+    assert session.scene.presence_at(10**18).status is Status.TRACKING
 
 
 def test_new_people_start_with_the_learned_vertical():
@@ -309,11 +309,11 @@ def test_whoever_is_in_the_image_and_not_tracked_is_counted(max_people, few):
         people = [(me[i], np.full(17, 0.9)), (other[i], seen)]
         here = people if i < 20 else people[:1]
         frames = session.frames(crowd(BACKEND, stamp(i), here, [4, 7][: len(here)]), stamp(i))
-        assert frames[-1].accepted and session.untracked_at(stamp(i)) == len(here) - 1
-    assert session.untracked_at(stamp(i) + 10**12) == 0
+        assert frames[-1].accepted and session.scene.untracked_at(stamp(i)) == len(here) - 1
+    assert session.scene.untracked_at(stamp(i) + 10**12) == 0
     session.frames(crowd(BACKEND, stamp(40), people, [4, 7]), stamp(40))
     session.reset()
-    assert session.untracked_at(stamp(40)) == 0
+    assert session.scene.untracked_at(stamp(40)) == 0
 
 
 def test_whoever_is_not_tracked_is_counted_with_results_that_come_later():
@@ -323,7 +323,7 @@ def test_whoever_is_not_tracked_is_counted_with_results_that_come_later():
     for i in range(20):
         people = [(me[i], np.full(17, 0.9)), (other[i], np.full(17, 0.6))]
         due = session.frames(crowd(BACKEND, stamp(i), people, [4, 7]), stamp(i))
-    assert due[0].stamp_ns <= stamp(14) and session.untracked_at(due[0].stamp_ns) == 1
+    assert due[0].stamp_ns <= stamp(14) and session.scene.untracked_at(due[0].stamp_ns) == 1
 
 
 @pytest.mark.parametrize("max_people", [1, 2])
@@ -334,11 +334,11 @@ def test_a_duplicate_or_a_part_of_a_tracked_person_is_nobody_else(max_people, pe
     for i in range(40):
         people = [(me[i], few)] if i % 5 == 4 else [(me[i], whole), (me[i] + 2.0, whole)]
         session.frames(crowd(BACKEND, stamp(i), people, persons[: len(people)]), stamp(i))
-        assert i < 3 or session.untracked_at(stamp(i)) == 0
-    lost = round((session.reported_lost_after + 0.1) * RATE)
+        assert i < 3 or session.scene.untracked_at(stamp(i)) == 0
+    lost = round((session.scene.lost_after + 0.1) * RATE)
     for i in range(40, 40 + lost):
         session.frames(crowd(BACKEND, stamp(i), [(me[39], few)], persons[:1]), stamp(i))
-    assert session.untracked_at(stamp(i)) == 1
+    assert session.scene.untracked_at(stamp(i)) == 1
 
 
 @pytest.mark.parametrize("hidden", ["no place", "low confidence"])

@@ -70,7 +70,7 @@ def test_the_points_of_a_bystander_are_not_published_as_the_persons():
         me = {42: (rig.pixels("right", index), np.full(17, 0.9))}
         frames = rig.send("left", index, bystander) + rig.send("right", index, me)
     (frame,) = frames
-    assert (frame.camera.name, frame.detector_id, frame.others) == ("right", 42, ())
+    assert (frame.camera.name, frame.detector_id, len(frame.images)) == ("right", 42, 1)
 
 
 def test_an_image_with_the_stamp_of_an_earlier_result_does_not_spoil_the_velocity():
@@ -135,12 +135,12 @@ def test_who_is_before_another_camera_and_not_tracked_is_counted(other):
             rig.send("right", index - 4, {1: (rig.pixels("right", index - 4), seen)}, late_ns=late_ns)
         rig.session.due(stamp_ns + 10**7)
         silent = other == "silent" and (index - 19) * PERIOD_NS > stale_ns
-        assert index < 2 or rig.session.untracked_at(stamp_ns) == silent
+        assert index < 2 or rig.session.scene.untracked_at(stamp_ns) == silent
     for index in range(60, 64):
         both = {1: (rig.pixels("right", index), seen), 2: (rig.pixels("right", index, (0.3, 1.2, 0.0)), seen)}
         rig.send("left", index, {1: (rig.pixels("left", index), np.full(17, 0.9))})
         rig.send("right", index, both)
-    assert rig.session.untracked_at(START_NS + index * PERIOD_NS) == 1
+    assert rig.session.scene.untracked_at(START_NS + index * PERIOD_NS) == 1
 
 
 @pytest.mark.parametrize("ahead_s", [20.0, 3600.0])
@@ -153,8 +153,8 @@ def test_a_stamp_of_an_empty_image_that_was_ahead_hides_nobody_who_comes(cameras
             people = {1: (rig.pixels(name, index), np.full(17, 0.9))} if index >= 10 else {}
             rig.send(name, index, people, later_ns=wrong_ns, late_ns=-wrong_ns)
     now_ns = START_NS + index * PERIOD_NS
-    assert rig.session.presence_at(now_ns).status.value == "tracking"
-    assert rig.session.image_at(now_ns)[0] == now_ns and rig.session.lock(now_ns) == "p1"
+    assert rig.session.scene.presence_at(now_ns).status.value == "tracking"
+    assert rig.session.scene.image_at(now_ns)[0] == now_ns and rig.session.lock(now_ns) == "p1"
 
 
 @pytest.mark.parametrize("fault", ["refused", "silent"])

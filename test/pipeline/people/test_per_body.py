@@ -23,8 +23,8 @@ from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.people_messages import id_of
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.people.choice import NoPersonError
-from lassokin_ros.pipeline.people.per_body_session import PerBodySession
 from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend, RosbagsBackend
 from msg_adapters.output_messages.builders import set_header
@@ -60,7 +60,7 @@ def skeleton2d(backend, stamp_ns, index, aside=0.0, confidence=0.9):
 
 @pytest.fixture
 def session():
-    result = PerBodySession(TRACKER, CONFIG)
+    result = Session(TRACKER, CONFIG)
     result.set_camera(camera_info(rosbags_backend()))
     return result
 
@@ -69,7 +69,7 @@ BACKEND = RosbagsBackend(detector_types())
 
 
 def feed(session, person, index, aside=0.0):
-    return session.frames_of(person, skeleton2d(BACKEND, START_NS + index * PERIOD_NS, index, aside), 7)
+    return session.frames(skeleton2d(BACKEND, START_NS + index * PERIOD_NS, index, aside), 7, body=person)
 
 
 def test_each_body_is_tracked_separately_with_the_same_stamps(session):
@@ -89,7 +89,7 @@ def test_each_body_has_the_detectors_id_in_the_messages_about_all_people(session
 
 
 def test_bodies_of_a_camera_with_a_name():
-    session = PerBodySession(TRACKER, replace(CONFIG, cameras=("left",)))
+    session = Session(TRACKER, replace(CONFIG, cameras=("left",)))
     session.set_camera(camera_info(rosbags_backend()), "left")
     session.keep(["abc"])
     assert feed(session, "abc", 0)[0].accepted
@@ -109,13 +109,13 @@ def test_listed_bodies_appear_and_leave(session):
 
 
 def test_listed_bodies_that_were_never_tracked_are_counted(session):
-    assert session.untracked_at(START_NS) == 0
+    assert session.scene.untracked_at(START_NS) == 0
     session.keep(["abc", "xyz", "third"])
-    assert session.untracked_at(START_NS) == 3
+    assert session.scene.untracked_at(START_NS) == 3
     feed(session, "abc", 0)
-    assert session.untracked_at(START_NS) == 2
+    assert session.scene.untracked_at(START_NS) == 2
     session.keep(["abc"])
-    assert session.untracked_at(START_NS) == 0
+    assert session.scene.untracked_at(START_NS) == 0
 
 
 def test_new_people_start_with_the_vertical_of_present_people(session):
@@ -123,7 +123,7 @@ def test_new_people_start_with_the_vertical_of_present_people(session):
     for i in range(10):
         feed(session, "abc", i)
     session.keep(["abc", "xyz"])
-    one, two = (session._present[person].tracker.learned.vertical for person in ("abc", "xyz"))
+    one, two = (session.trackers[person].learned.vertical for person in ("abc", "xyz"))
     assert two.learned_for == one.learned_for > 0 and np.array_equal(two.direction, one.direction)
     session.reset()
     assert two.learned_for == 0
@@ -137,7 +137,7 @@ def test_nobody_is_locked_because_the_detector_says_who_is_who(session):
 
 @pytest.mark.parametrize("event", ["height", "jump back"])
 def test_the_parameter_lock_locks_nobody(event):
-    session = PerBodySession(TRACKER, replace(CONFIG, lock=True))
+    session = Session(TRACKER, replace(CONFIG, lock=True))
     session.set_camera(camera_info(rosbags_backend()))
     session.keep(["abc"])
     assert all(feed(session, "abc", index)[0].accepted for index in (0, 41, 42, 43))
@@ -151,7 +151,7 @@ def test_the_parameter_lock_locks_nobody(event):
 def test_the_number_of_bodies_without_a_track_is_in_the_diagnostics(session):
     session.keep(["abc", "xyz"])
     feed(session, "abc", 0)
-    line = Diagnostics(session, "tracker", 0.0).line(1.0, session.presence_at(START_NS), "")
+    line = Diagnostics(session, "tracker", 0.0).line(1.0, session.scene.presence_at(START_NS), "")
     assert line.values["people in view, not tracked"] == "1"
 
 
@@ -170,7 +170,7 @@ def status_of(session, jump_after=100):
 
 def test_a_jump_moves_people_once_also_if_it_is_seen_later_with_another_person():
     """People without an image since then are moved with the frame; see PeopleMessages.update."""
-    session = PerBodySession(TRACKER, replace(CONFIG, fixed_frame="map"))
+    session = Session(TRACKER, replace(CONFIG, fixed_frame="map"))
     session.set_camera(camera_info(BACKEND))
     session.keep(["abc", "xyz"])
     for i in range(30):
@@ -184,7 +184,7 @@ def test_a_jump_moves_people_once_also_if_it_is_seen_later_with_another_person()
 
 
 def test_a_jump_of_the_fixed_frame_is_named_with_its_distance():
-    session = PerBodySession(TRACKER, replace(CONFIG, fixed_frame="map"))
+    session = Session(TRACKER, replace(CONFIG, fixed_frame="map"))
     session.set_camera(camera_info(rosbags_backend()))
     assert "in fixed_frame 'map' by 3.0 m and 0 degrees from" in status_of(session, jump_after=40).message
 
@@ -194,7 +194,7 @@ def test_an_empty_message_is_no_problem_to_report(session):
     message = skeleton2d(BACKEND, START_NS, 0)
     for point in message.skeleton:
         point.c = 0.0
-    (frame,) = session.frames_of("abc", message, 7)
+    (frame,) = session.frames(message, 7, body="abc")
     assert frame.rejection == "too_few_landmarks" and session.inputs.nobody_in_view
     feed(session, "abc", 1)
     assert not session.inputs.nobody_in_view
@@ -203,8 +203,8 @@ def test_an_empty_message_is_no_problem_to_report(session):
 def test_listed_bodies_are_lost_in_silence_but_stay(session):
     session.keep(["abc", "xyz"])
     feed(session, "abc", 0), feed(session, "xyz", 0)
-    assert session.presence_at(7) == Presence(Status.TRACKING, ["abc", "xyz"])
-    assert session.presence_at(60 * 10**9) == Presence(Status.LOST, ["abc", "xyz"])
+    assert session.scene.presence_at(7) == Presence(Status.TRACKING, ["abc", "xyz"])
+    assert session.scene.presence_at(60 * 10**9) == Presence(Status.LOST, ["abc", "xyz"])
     assert not feed(session, "abc", 1)[0].estimate.initialised
 
 

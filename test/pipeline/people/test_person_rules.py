@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.observation import HERE, Status
 from lassokin_ros.pipeline.camera.lens import Lens
-from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.people_tracker import MOST_REINITIALISED, PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
@@ -50,7 +50,11 @@ class Pretended:
         if self.refuses or not np.isfinite(seen.points).any():
             return [FrameResult(stamp_ns, frame_id, None, "too_few_landmarks", "few", person=person, **identity)]
         self.status, self.seen_ns, self.points = Status.TRACKING, stamp_ns, seen.points
-        return [FrameResult(stamp_ns, frame_id, person=person, points=seen.points, **identity)]
+        return [
+            FrameResult(
+                stamp_ns, frame_id, person=person, images=[ImageOfPerson(HERE, None, None, seen.points)], **identity
+            )
+        ]
 
     def mark_absent(self, sight):
         self.absences += 1

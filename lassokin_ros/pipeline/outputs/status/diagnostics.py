@@ -123,7 +123,7 @@ class Diagnostics:
         yield from no_usable_image(session, self._cameras.sending)
         if not session.inputs.has_camera:
             yield say("no_camera_info")
-        elif not (session.config.silent_when_empty and session.detector_connected):
+        elif not (session.config.silent_when_empty and session.scene.detector_connected):
             if period.keypoints_at is None:
                 yield say("no_keypoints")
             elif now - period.keypoints_at > SILENCE_S:

@@ -49,8 +49,8 @@ def figures(
     }
     newest = (0, "") if session.config.topic_per_body else session.scene.image  # each body has its own
     if newest is not None:
-        stamp_ns = session.image_at(as_of_ns)[0] if as_of_ns else newest[0]
-        values["people in view, not tracked"] = str(session.untracked_at(stamp_ns))
+        stamp_ns = session.scene.image_at(as_of_ns)[0] if as_of_ns else newest[0]
+        values["people in view, not tracked"] = str(session.scene.untracked_at(stamp_ns))
     if presence.ids is not None:
         values["people"] = ", ".join(presence.ids) or "nobody"
         gone = len(set(session.ids or ()) - set(presence.ids))  # in a silence: the next message counts them

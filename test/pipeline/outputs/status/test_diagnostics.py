@@ -31,7 +31,7 @@ def status_of(pixels, silence_s=0.0, confidence=None, **settings):
         diagnostics.count_message(frames, stamp_ns, i / 60, 0.001)
     status = diagnostics.line(1.0)
     if silence_s:
-        status = diagnostics.line(1.0 + silence_s, session.presence_at(6_000_000_000 + int(1e9 * silence_s)))
+        status = diagnostics.line(1.0 + silence_s, session.scene.presence_at(6_000_000_000 + int(1e9 * silence_s)))
     return status
 
 
@@ -138,7 +138,7 @@ def test_confidences_that_nearly_reach_the_limit_are_said(confidence, said):
     status = messages(diagnostics, session, 20, confidence, 10**12)
     assert status.level == OK and ("lower it if somebody is in view" in status.message) is said
     assert status.values["largest unused confidence"] == f"{confidence:.2f}"
-    assert not session.answered
+    assert not session.results.answered
 
 
 def test_a_simulated_clock_that_has_not_started_gives_no_delay():

@@ -43,7 +43,7 @@ def result(stamp_ns=SECOND, frame_id="a", wrong=0.25, person="", rejection=None,
         person=person,
         velocity=velocity,
         velocity_covariance=np.eye(3),
-        measure=lambda _: uncertainty,
+        tracker=SimpleNamespace(uncertainty=lambda _: uncertainty),
     )
 
 
@@ -182,7 +182,7 @@ def test_the_line_of_a_certificate(kkt1, level, words):
     found = SimpleNamespace(problem=problem, solution=solution, reprojection_px=1.23456789, initialised=True)
     doubt = Doubt(reversed=True, probability=0.125, unseen=("left leg", "right leg"))
     judgement = Judgement(doubt, ("this", "that"), 0.75)
-    frame = FrameResult(SECOND, "optical", found, judge=lambda: judgement)
+    frame = FrameResult(SECOND, "optical", found, pending=SimpleNamespace(read=lambda: judgement))
     line = certificate_status(frame, "tracker: p1", "optical")
     assert (line.level, line.name, line.hardware_id) == (level, "tracker: p1: certificate", "optical")
     assert line.message == f"{words} to 1e-06 of alpha"

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.observation import HERE, Status
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.camera_images import NOBODY
 from lassokin_ros.pipeline.concerns.catalogue import say
 from lassokin_ros.pipeline.concerns.rejections import advice_for
 from lassokin_ros.pipeline.depth.depth_images import MATCHED, RECEIVED, UNMATCHED
-from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
@@ -56,17 +56,14 @@ def session():
         status=Status.TRACKING,
         ids=None,
         config=NodeSettings(),
-        reported_lost_after=0.4,
         locked=None,
         people=SimpleNamespace(jumped_number=None, numbers_may_be_indices=False),
-        detector_connected=True,
         tracker=tracker,
         trackers={"": tracker},
         placement=SimpleNamespace(places=None, camera_angles=(0.0, 0.0), camera_height=None),
-        scene=SimpleNamespace(image=None),
+        scene=SimpleNamespace(image=None, lost_after=0.4, detector_connected=True, untracked_at=lambda stamp_ns: 0),
         cameras={"": only},
         inputs=SimpleNamespace(has_camera=True, nobody_in_view=False, unused_confidence=0.0, camera_fault=""),
-        untracked_at=lambda stamp_ns: 0,
         calibrations=dict,
         heights=dict,
         evidence_faults={},
@@ -90,9 +87,9 @@ def frame(stamp_ns=SECOND, reprojection_px=2.0, depth=3.5, repeated=0.0, deviati
         stamp_ns,
         "optical",
         estimate,
-        lens=SimpleNamespace(focal=1000.0),
+        images=[ImageOfPerson(HERE, SimpleNamespace(focal=1000.0), None, None)],
         skeleton=SimpleNamespace(height=1.75),
-        measure=lambda _: uncertainty,
+        tracker=SimpleNamespace(uncertainty=lambda _: uncertainty),
         held_s=held_s,
     )
 
@@ -155,11 +152,11 @@ def test_a_silent_detector_of_an_empty_room(session, diagnostics):
     assert said(diagnostics, 12.1) == (WARN, "lost")
     line = diagnostics.line(13.1, state="nobody")
     assert (line.level, line.message, line.values["state"]) == (OK, NOBODY, "nobody")
-    session.detector_connected = False
+    session.scene.detector_connected = False
     assert said(diagnostics, 14.1) == (WARN, SILENT)
     fresh = Diagnostics(session, "tracker", 0.0)
     assert said(fresh) == (WARN, "waiting for keypoints")
-    session.detector_connected = True
+    session.scene.detector_connected = True
     assert said(fresh, state="nobody") == (OK, NOBODY)
 
 

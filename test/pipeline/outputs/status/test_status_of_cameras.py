@@ -66,7 +66,7 @@ def test_a_camera_that_sends_nothing_while_nobody_is_in_view_is_no_warning():
     scene = Scene(silent_when_empty=True)
     lines = [scene.second(sends=lambda name, _: name == "left") for _ in range(4)]
     assert [line.level for line in lines] == [OK] * 4
-    scene.session.detector_connected = False
+    scene.session.scene.detector_connected = False
     assert "no keypoints of camera 'right'" in scene.second(sends=lambda name, _: name == "left").message
 
 
