@@ -30,6 +30,7 @@ ROOMS = {
     "core": "lassokin_ros/core",
     "pipeline": "lassokin_ros/pipeline",
     "pipeline/input_checks": "lassokin_ros/pipeline/input_checks",
+    "pipeline/concerns": "lassokin_ros/pipeline/concerns",
     "msg_adapters": "msg_adapters",
     "node": "lassokin_ros/node",
     "replay": "lassokin_ros/replay",

@@ -32,7 +32,7 @@ from lassokin_ros.replay.bags import BagReader, typestore
 from lassokin_ros.replay.keypoint_recording import CAMERA_INFO, KEYPOINTS, KEYPOINTS_TYPE
 from msg_adapters.backends import RosbagsBackend
 from msg_adapters.inputs import POINT, camera_info
-from msg_adapters.output_messages.clouds import CloudBuilder
+from msg_adapters.output_messages.builders import CloudBuilder
 
 FPS, START_NS = 30.0, 1_700_000_000_000_000_000
 FRAME_ID = "camera_optical_frame"

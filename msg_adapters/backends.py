@@ -4,61 +4,33 @@ from __future__ import annotations
 
 from array import array
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-
-
-class Backend(Protocol):
-    """Creates empty messages and converts the field types in which rclpy and rosbags differ."""
-
-    def make(self, message_type: str) -> Any:
-        """Return a message with default values; message_type: long form, "std_msgs/msg/String"."""
-        ...
-
-    def float64(self, values: np.ndarray) -> Any:
-        """Return the value of a float64[] field."""
-        ...
-
-    def byte(self, value: int) -> Any:
-        """Return the value of a byte field."""
-        ...
-
-    def uint8(self, content: bytes) -> Any:
-        """Return the value of a uint8[] field."""
-        ...
-
-    def serialise(self, message: Any) -> bytes:
-        """Return the message serialised as CDR, the format of transport and recordings."""
-        ...
-
-    def alike(self, serialised: bytes, message: Any) -> bool:
-        """Return True if a serialised message equals a message."""
-        ...
 
 
 class RclpyBackend:
     """Messages for publishers. Needs the message packages of rclpy."""
 
     def make(self, message_type: str) -> Any:
-        """See Backend.make."""
+        """Return a message with default values; message_type: long form, "std_msgs/msg/String"."""
         package, _, name = message_type.split("/")
         return getattr(import_module(f"{package}.msg"), name)()
 
     def float64(self, values: np.ndarray) -> array:
-        """See Backend.float64. The conversion from bytes is much faster than from a list."""
+        """Return the value of a float64[] field. The conversion from bytes is much faster than from a list."""
         return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
 
     def byte(self, value: int) -> bytes:
-        """See Backend.byte."""
+        """Return the value of a byte field."""
         return bytes([value])
 
     def uint8(self, content: bytes) -> array:
-        """See Backend.uint8."""
+        """Return the value of a uint8[] field."""
         return array("B", content)
 
     def serialise(self, message: Any) -> bytes:
-        """See Backend.serialise."""
+        """Return the message serialised as CDR, the format of transport and recordings."""
         serialised: bytes = import_module("rclpy.serialization").serialize_message(message)
         # The middleware adds four bytes of alignment after an empty sequence of doubles at the end of a message, such
         # as joint_states. Strict readers refuse them. With these bytes, a message that ends with doubles and the length
@@ -69,7 +41,7 @@ class RclpyBackend:
         return serialised
 
     def alike(self, serialised: bytes, message: Any) -> bool:
-        """See Backend.alike. Compares deserialised messages, because padding bytes are random."""
+        """Return True if a serialised message equals a message. Padding bytes are random: both are deserialised."""
         read = import_module("rclpy.serialization").deserialize_message
         try:
             there = read(serialised, type(message))
@@ -93,7 +65,7 @@ class RosbagsBackend:
         self._typestore = typestore
 
     def make(self, message_type: str) -> Any:
-        """See Backend.make."""
+        """See RclpyBackend.make."""
         _, fields = self._typestore.fielddefs[message_type]
         return self._typestore.types[message_type](*[self._blank(description) for _, description in fields])
 
@@ -111,21 +83,25 @@ class RosbagsBackend:
         return [self._blank(element) for _ in range(length if kind == 3 else 0)]
 
     def float64(self, values: np.ndarray) -> np.ndarray:
-        """See Backend.float64."""
+        """See RclpyBackend.float64."""
         return np.ascontiguousarray(values, dtype=np.float64)
 
     def byte(self, value: int) -> int:
-        """See Backend.byte."""
+        """See RclpyBackend.byte."""
         return value
 
     def uint8(self, content: bytes) -> np.ndarray:
-        """See Backend.uint8."""
+        """See RclpyBackend.uint8."""
         return np.frombuffer(content, dtype=np.uint8)
 
     def serialise(self, message: Any) -> bytes:
-        """See Backend.serialise."""
+        """See RclpyBackend.serialise."""
         return bytes(self._typestore.serialize_cdr(message, message.__msgtype__))
 
     def alike(self, serialised: bytes, message: Any) -> bool:
-        """See Backend.alike."""
+        """See RclpyBackend.alike."""
         return serialised == self.serialise(message)
+
+
+Backend = RclpyBackend | RosbagsBackend
+"""Creates empty messages and converts the field types in which rclpy and rosbags differ."""

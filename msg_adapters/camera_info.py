@@ -11,12 +11,7 @@ import numpy as np
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import frame_name
 
-COEFFICIENTS = {
-    "plumb_bob": (4, 5),
-    "rational_polynomial": (8, 12, 14),
-    "equidistant": (4,),
-    "fisheye": (4,),
-}
+COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
 """Distortion model -> allowed numbers of coefficients. `fisheye` is a synonym of `equidistant`."""
 OPENCV_COUNTS = {5: "plumb_bob", 8: "rational_polynomial", 12: "rational_polynomial", 14: "rational_polynomial"}
 """Number of coefficients -> model in OpenCV's order. These numbers identify the model, whatever its name."""
@@ -103,11 +98,7 @@ def decode_camera_info(message: Any, rectified: bool = False) -> Intrinsics:
 
 
 def checked_camera(
-    K: np.ndarray,
-    D: np.ndarray,
-    model: str,
-    size: tuple[int, int],
-    uncalibrated: str = "the camera is not calibrated",
+    K: np.ndarray, D: np.ndarray, model: str, size: tuple[int, int], uncalibrated: str = "the camera is not calibrated"
 ) -> tuple[np.ndarray, np.ndarray, str, str]:
     """Return K (3, 3), D and the model as in Intrinsics, and why K is unlikely for the image size, in words.
 

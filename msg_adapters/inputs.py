@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from msg_adapters.backends import Backend
-from msg_adapters.output_messages.builders import set_header
-from msg_adapters.output_messages.clouds import CloudBuilder
+from msg_adapters.output_messages.builders import CloudBuilder, set_header
 
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("confidence", "<f4"), ("id", "<i4")])
 POINT_OF_PERSON = np.dtype([*POINT.descr, ("person", "<i4")])
@@ -20,11 +19,7 @@ def point_cloud(backend: Backend, stamp_ns: int, frame_id: str, pixels: np.ndarr
 
     pixels: (l, 2) px; confidence: (l,) 0 to 1; the id of a point is its row.
     """
-    ids = np.flatnonzero(confidence > 0)
-    points = np.empty(len(ids), POINT)
-    points["x"], points["y"] = pixels[ids].T
-    points["confidence"], points["id"] = confidence[ids], ids
-    return CloudBuilder(backend, POINT).fill(stamp_ns, frame_id, points)
+    return CloudBuilder(backend, POINT).fill(stamp_ns, frame_id, _points(POINT, pixels, confidence))
 
 
 def people_cloud(
@@ -36,12 +31,17 @@ def people_cloud(
     """
     parts = [np.empty(0, POINT_OF_PERSON)]
     for number, pixels, confidence in people:
-        ids = np.flatnonzero(confidence > 0)
-        points = np.empty(len(ids), POINT_OF_PERSON)
-        points["x"], points["y"] = pixels[ids].T
-        points["confidence"], points["id"], points["person"] = confidence[ids], ids, number
-        parts.append(points)
+        parts.append(_points(POINT_OF_PERSON, pixels, confidence))
+        parts[-1]["person"] = number
     return CloudBuilder(backend, POINT_OF_PERSON).fill(stamp_ns, frame_id, np.concatenate(parts))
+
+
+def _points(kind: np.dtype, pixels: np.ndarray, confidence: np.ndarray) -> np.ndarray:
+    ids = np.flatnonzero(confidence > 0)
+    points = np.empty(len(ids), kind)
+    points["x"], points["y"] = pixels[ids].T
+    points["confidence"], points["id"] = confidence[ids], ids
+    return points
 
 
 def camera_info(

@@ -78,7 +78,7 @@ def rig_of(
         pose = CameraPose(f"camera{camera}", R, np.array([0.0, 0.0, distance]))
         focal, seen = random.uniform(1000, 1400), pose.into_camera(marks)
         exact, own = seen[..., :2] / seen[..., 2:] * focal, condition if camera == 0 else replace(condition, swaps=0.0)
-        pixels, confidence = detected(exact, clip.fps / step, layout.names, own, random, random)
+        pixels, confidence = detected(exact, clip.fps / step, layout, own, random, random)
         poses.append(pose)
         points.append(pixels / focal)
         confidences.append(confidence)

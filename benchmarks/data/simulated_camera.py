@@ -128,8 +128,7 @@ def view_of(
     step = step_for(clip.fps, condition.fps)
     centre = 0.5 * (clip.position("pelvis").min(0) + clip.position("pelvis").max(0))
     focal, distance = random.uniform(1000, 1400), random.uniform(3.0, 4.0)
-    yaw = random.uniform(-np.pi, np.pi)
-    R = Rotation.from_euler("y", yaw).as_matrix()
+    R = Rotation.from_euler("y", random.uniform(-np.pi, np.pi)).as_matrix()
     flip = np.diag([1.0, -1.0, -1.0])
     pitch = Rotation.from_euler("x", condition.camera_pitch + random.uniform(-0.15, 0.15)).as_matrix()
     # With scipy, not with the tracker's `level_from_camera`, which is measured here.
@@ -154,7 +153,7 @@ def view_of(
     centre_px = np.array([640.0, 360.0])
     exact = points[..., :2] / points[..., 2:] * focal + centre_px
     own = np.random.default_rng([seed, view, 5, *clip.name.encode()])  # other draws do not change
-    pixels, confidence = detected(exact, clip.fps / step, layout.names, condition, random, own)
+    pixels, confidence = detected(exact, clip.fps / step, layout, condition, random, own)
     depth = None
     sensor = np.random.default_rng([seed, view, 9, *clip.name.encode()])
     if isinstance(condition.depth, DepthSensor):
@@ -163,25 +162,23 @@ def view_of(
         joints = {name: to_camera(clip.position(name)[frames]) for name in clip.names}
         size = (2 * int(centre_px[0]), 2 * int(centre_px[1]))
         depth = condition.depth.sampled(joints, clip_height(clip), focal, pixels, size, sensor)
-    of_surface = isinstance(condition.depth, DepthCamera)
     up = mount @ flip @ R @ np.array([0.0, 1.0, 0.0])
     floor = np.append(up, -up @ to_camera(np.array([0.0, floor_height(clip), 0.0])))
-    return View(
-        clip, clip.fps / step, focal, centre_px, truth, root, orientation, pixels, confidence, depth, of_surface, floor
-    )
+    measured = depth, isinstance(condition.depth, DepthCamera)
+    return View(clip, clip.fps / step, focal, centre_px, truth, root, orientation, pixels, confidence, *measured, floor)
 
 
 def detected(
     exact: np.ndarray,
     fps: float,
-    names: Sequence[str],
+    layout: Layout,
     condition: Condition,
     random: np.random.Generator,
     of_lasting: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (f, l, 2) px and confidence (f, l), 0 = missing, of a detector that sees exact pixels (f, l, 2).
 
-    names: of the landmarks. of_lasting: draws the lasting errors.
+    of_lasting: draws the lasting errors. Raises LayoutError for a hidden landmark that the layout lacks.
     """
     pixels = exact + random.normal(size=exact.shape) * condition.noise_px
     pixels += _lasting(exact.shape, fps, condition, of_lasting)
@@ -189,8 +186,8 @@ def detected(
     _spoil(pixels, confidence, condition, random)
     if condition.swaps > 0:
         length = round(condition.swap_s * fps)
-        swap_sides(pixels, confidence, names, condition.swaps, random, condition.swapped, length)
-    confidence[:, [list(names).index(name) for name in condition.hidden]] = 0
+        swap_sides(pixels, confidence, layout.names, condition.swaps, random, condition.swapped, length)
+    confidence[:, [layout.index(name) for name in condition.hidden]] = 0
     return pixels, confidence
 
 

@@ -3,15 +3,12 @@
 python benchmarks/robots/imitation.py --data DIR [--robots g1,h1] [--clips 02_01,49_18] [--free] [--seconds 12]
 
 DIR has the folders mocap and robots (default: LASSOKIN_DATA). Each clip is seen by one simulated camera with a
-detector's errors at 30 Hz, tracked live with the height alone given, and imitated at 100 Hz. --prototype PATH, a folder
-with an imitation.py that has a class Imitation and a file per robot, takes turns with the robot here; the column ratio
-is that of the processor times.
+detector's errors at 30 Hz, tracked live with the height alone given, and imitated at 100 Hz.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import os
 import sys
@@ -19,13 +16,11 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np  # noqa: E402
 import pinocchio as pin  # noqa: E402
-import yaml  # noqa: E402
 
 from benchmarks.accuracy_run.experiment import Job, Scene, scene_of  # noqa: E402
 from benchmarks.data.mocap import EVALUATED  # noqa: E402
@@ -44,12 +39,10 @@ URDFS = {"g1": "g1_29dof.urdf", "h1": "h1.urdf", "h1_2": "h1_2_handless.urdf", "
 CLIPS = "02_01,02_05,49_18,131_03,13_29,exp_traffic_1,gs_charleston1"
 """Walk, boxing, balance on one leg, start and stop, exercises, a policeman, a fast dance. No constant but
 clearance.LEAST was chosen on them, but on mx_05_10, mx_14_08, pa_60_05, cy_02_08, 14_20 and mx_49_12."""
-BLOCK = 15
-"""Images of a turn."""
 SCORED_FROM_S = 2.5
 """s: earlier the speeds are limited further."""
 COLUMNS = (
-    *("tick ms", "ratio", "wrist mm", "elbow deg", "knee deg", "jerk", "lag ms", "skate mm/s", "sole mm", "contact %"),
+    *("tick ms", "wrist mm", "elbow deg", "knee deg", "jerk", "lag ms", "skate mm/s", "sole mm", "contact %"),
     *("mass mm", "over", "unsolved"),
 )
 
@@ -100,44 +93,16 @@ def _unit(vector: np.ndarray) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
-class Prototype:
-    """An older imitation, for its time: aim(places, usable, up, contacts, interval) and step()."""
-
-    def __init__(self, folder: Path, model: RobotModel, urdf: str) -> None:
-        spec = importlib.util.spec_from_file_location("prototype", folder / "imitation.py")
-        assert spec is not None and spec.loader is not None
-        module: Any = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        robot = yaml.safe_load((folder / f"{model.robot.name}.yaml").read_text())
-        settings = {"gain": 0.3, "speed": model.robot.speed, "acceleration": model.robot.acceleration}
-        self._robot = module.Imitation(urdf, robot, 1 / RATE, free=model.free, **settings)
-
-    def see(self, person: Person, interval: float) -> None:
-        """Aim at a person, in `interval` s."""
-        contacts = np.zeros(len(person.usable), dtype=bool)
-        contacts[ANKLES] = person.contacts
-        self._robot.aim(person.places, person.usable, person.up, contacts, interval)
-
-    def step(self) -> None:
-        """Compute a tick."""
-        self._robot.step()
-
-
-def times(people: Sequence[Person | None], *robots: Imitation | Prototype) -> list[float]:
-    """Return the processor time, s, of a tick of each robot. They take turns: BLOCK images each, with their ticks."""
-    spent, ticks = [0.0] * len(robots), 0
-    for first in range(0, len(people) - BLOCK + 1, BLOCK):
-        for index, robot in enumerate(robots):
-            start = time.process_time()
-            for image in range(first, first + BLOCK):
-                view = people[image]
-                if view is not None:
-                    robot.see(view, 1 / FPS)
-                for _ in range(3 + (image % 3 == 0)):
-                    robot.step()
-            spent[index] += time.process_time() - start
-        ticks += BLOCK * 10 // 3
-    return [each / ticks for each in spent]
+def tick_time(people: Sequence[Person | None], robot: Imitation) -> float:
+    """Return the processor time, s, of a tick with its share of the images."""
+    ticks, start = 0, time.process_time()
+    for image, view in enumerate(people):
+        if view is not None:
+            robot.see(view, 1 / FPS)
+        for _ in range(3 + (image % 3 == 0)):
+            robot.step()
+            ticks += 1
+    return (time.process_time() - start) / ticks
 
 
 def imitated(model: RobotModel, people: Sequence[Person | None]) -> Run:
@@ -175,7 +140,7 @@ def _mass_off(robot: Imitation, ankles: list[np.ndarray]) -> float:
 
 
 def figures(run: Run, people: Sequence[Person | None], scene: Scene, model: RobotModel) -> list[float]:
-    """Return the values of COLUMNS after the first two."""
+    """Return the values of COLUMNS after the first."""
     first = round(SCORED_FROM_S * RATE)
     truth = scene.view.truth[: len(people)]
     names = [f"{side[0]}_{name}" for side in SIDES for name in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")]
@@ -225,7 +190,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--clips", default=CLIPS, help="comma-separated names")
     parser.add_argument("--free", action="store_true", help="with a free base: legs and feet, too")
     parser.add_argument("--seconds", type=float, default=12.0, help="of each clip (12)")
-    parser.add_argument("--prototype", type=Path, help="folder of an older imitation: the ratio of the times")
     parser.add_argument("--urdf", action="append", default=[], metavar="ROBOT=FILE", help="URDF outside of robots")
     parser.add_argument("--json", type=Path, help="write the rows")
     options = parser.parse_args(arguments)
@@ -234,8 +198,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     folder, names = Path(options.data), options.robots.split(",")
     paths = {**{name: folder / "robots" / file for name, file in URDFS.items()}}
     paths |= {name: Path(path) for name, _, path in (given.partition("=") for given in options.urdf)}
-    urdfs = {name: paths[name].read_text() for name in names}
-    models = {name: RobotModel(urdf, load_robot(name), options.free) for name, urdf in urdfs.items()}
+    models = {name: RobotModel(paths[name].read_text(), load_robot(name), options.free) for name in names}
     print(f"{'robot':6} {'clip':16} " + " ".join(f"{name:>10}" for name in COLUMNS), flush=True)
     rows: dict[str, list[list[float]]] = {name: [] for name in names}
     for clip in options.clips.split(","):
@@ -247,10 +210,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(f"{clip} is shorter than {SCORED_FROM_S + 0.5} s: left out")
             continue
         for name, model in models.items():
-            older = [Prototype(options.prototype, model, urdfs[name])] if options.prototype else []
-            tick, *old = times(people, Imitation(model, RATE), *older)
-            ratio = tick / old[0] if old else np.nan
-            rows[name].append([1e3 * tick, ratio, *figures(imitated(model, people), people, scene, model)])
+            tick = tick_time(people, Imitation(model, RATE))
+            rows[name].append([1e3 * tick, *figures(imitated(model, people), people, scene, model)])
             print(f"{name:6} {clip:16} " + " ".join(f"{value:10.3g}" for value in rows[name][-1]), flush=True)
     for name, values in rows.items():
         if values:

@@ -28,7 +28,7 @@ from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.seen import Seen, Sight
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.inputs import camera_info
-from msg_adapters.output_messages.clouds import CloudBuilder
+from msg_adapters.output_messages.builders import CloudBuilder
 
 NAMESPACE, FRAME_ID = "/soak", "camera_optical_frame"
 CYCLE_S, WARM_UP_S, DEADLINE_S = 24.0, 5.0, 30.0

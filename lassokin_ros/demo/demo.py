@@ -17,6 +17,7 @@ import numpy as np
 
 from lassokin_ros.common.exit_codes import INTERRUPTED, USAGE_ERROR
 from lassokin_ros.common.interruption import Interrupted, interruptible
+from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.observation import Status
@@ -39,15 +40,12 @@ def run(folder: Path, seconds: float, rate: float = 1.0) -> DemoResult:
     """
     from lassokin_ros.common.progress import Progress
     from lassokin_ros.demo.live_playback import LiveNode, PlaybackError
-    from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion
+    from lassokin_ros.demo.synthetic import WEBCAM
     from lassokin_ros.replay.keypoint_recording import write_keypoint_recording
 
-    tracker = Tracker(TrackerConfig())
-    times = np.arange(round(seconds * RATE)) / RATE
+    tracker, times, states, pixels, confidence = _scene(seconds)
     stamps = START_NS + np.round(times * 1e9).astype(np.int64)
-    states = motion(tracker.skeleton, times)
     truth = tracker.kinematics.pose(states).positions
-    pixels, confidence = detections(exact_pixels(tracker.kinematics, states), RATE, seed=1)
     recording = folder / "keypoints"
     write_keypoint_recording(
         recording, stamps, pixels, confidence, WEBCAM.K, WEBCAM.D, WEBCAM.size, replace=recording.exists()
@@ -63,6 +61,15 @@ def run(folder: Path, seconds: float, rate: float = 1.0) -> DemoResult:
         raise PlaybackError("the node answered no frame of the recording")
     live.record(folder / "tracked", replace=(folder / "tracked").exists())
     return _result(live, tracker, times, stamps, truth, pixels, confidence)
+
+
+def _scene(seconds: float) -> tuple[Tracker, np.ndarray, BodyState, np.ndarray, np.ndarray]:
+    """Return a new tracker, and of f frames: times (f,) s, true states, pixels (f, l, 2) px and confidence (f, l)."""
+    from lassokin_ros.demo.synthetic import detections, exact_pixels, motion
+
+    tracker, times = Tracker(TrackerConfig()), np.arange(round(seconds * RATE)) / RATE
+    states = motion(tracker.skeleton, times)
+    return tracker, times, states, *detections(exact_pixels(tracker.kinematics, states), RATE, seed=1)
 
 
 def _result(live, tracker, times, stamps, truth, pixels, confidence) -> DemoResult:  # type: ignore[no-untyped-def]
@@ -113,12 +120,8 @@ def write_page(folder: Path) -> None:
 def comparison_lines(result: DemoResult, seconds: float) -> list[str]:
     """Return the lines that compare the same motion with one camera, with measured depth, and with a second camera."""
     from lassokin_ros.demo.comparison import track_with_depth, track_with_second_camera
-    from lassokin_ros.demo.synthetic import detections, exact_pixels, motion
 
-    times = np.arange(round(seconds * RATE)) / RATE
-    tracker = Tracker(TrackerConfig())
-    states = motion(tracker.skeleton, times)
-    pixels, confidence = detections(exact_pixels(tracker.kinematics, states), RATE, seed=1)
+    tracker, times, states, pixels, confidence = _scene(seconds)
     truth = tracker.kinematics.pose(states).positions
     lines = [
         f"{'the same motion with':<52}{'joint error [mm]':>18}{'root [mm]':>12}",

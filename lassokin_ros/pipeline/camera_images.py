@@ -19,17 +19,16 @@ from lassokin_ros.pipeline.depth.depth_images import DepthImages, key_of_camera
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.input_checks.hands import HandCheck
 from lassokin_ros.pipeline.input_checks.image_size import ImageSize
-from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
 from lassokin_ros.pipeline.input_checks.messages import (
     LEADING_SLASH,
+    LandmarkIds,
     check_layout,
     has_leading_slash,
     without_skipped,
 )
-from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS, checked_positions, people_shown
-from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
-from lassokin_ros.pipeline.input_checks.stamps import StampWatch
+from lassokin_ros.pipeline.input_checks.repeats import OwnDepth
+from lassokin_ros.pipeline.input_checks.stamps import StampRate, StampWatch
 from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.seen import Image, people_in
 from lassokin_ros.pipeline.settings import NODE, NodeSettings

@@ -24,7 +24,7 @@ from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.video.rerun_scene import RerunScene, ViewError
 from lassokin_ros.viewer.person_topics import PersonTopics
 from msg_adapters.camera_info import decode_camera_info
-from msg_adapters.detectors.point_cloud2 import PointCloud2Adapter
+from msg_adapters.detectors import point_cloud2
 from msg_adapters.errors import AdapterError
 from msg_adapters.image import decode_image
 from msg_adapters.keypoints import stamp_of
@@ -49,7 +49,6 @@ class ViewerNode(Node):
         description = ParameterDescriptor(description="the tracker's parameter of this name", read_only=True)
         self._rectified = bool(self.declare_parameter("rectified", False, description).value)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
-        self._keypoints = PointCloud2Adapter()
         self._camera: tuple[Any, ...] = ()
         self._lens: Lens | None = None
         self._frames: set[str] = set()
@@ -119,7 +118,7 @@ class ViewerNode(Node):
         self._scene.add_image(decode_image(message))
 
     def _on_keypoints(self, message: PointCloud2) -> None:
-        keypoints = self._keypoints.decode(message, None)
+        keypoints = point_cloud2.decode(message)
         self._frames.add(message.header.frame_id.lstrip("/"))  # as the tracker's outputs have it
         self._scene.add_keypoints("", keypoints.xy[keypoints.present])
 

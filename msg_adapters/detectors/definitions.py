@@ -51,8 +51,6 @@ DEFINITIONS = {
 """Message type -> definition. Each type comes after the types of its fields."""
 
 OLDER = {
-    "zed_msgs/msg/Object": DEFINITIONS["zed_msgs/msg/Object"].removesuffix(
-        "\nfloat32[70] skeleton_keypoint_confidence"
-    ),
+    "zed_msgs/msg/Object": DEFINITIONS["zed_msgs/msg/Object"].removesuffix("\nfloat32[70] skeleton_keypoint_confidence")
 }
 """Definitions of older releases that differ on the wire. Recordings without definitions may have either."""

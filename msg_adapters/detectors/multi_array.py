@@ -16,34 +16,31 @@ FEWEST = 4
 """Rows from which on the order of the values is examined."""
 
 
-class MultiArrayAdapter:
-    """Reads an array of keypoints. The layout may be empty; otherwise it must match the data."""
-
-    def decode(self, message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
-        """See KeypointAdapter.decode."""
-        offset, size = message.layout.data_offset, len(message.data)
-        check_count(min(size // 3, MAX_POINTS + 1))
-        rows = (size - offset) // 3
-        shape = [d.size for d in message.layout.dim[:8]]
-        if offset > size or (size - offset) % 3 or not _fits(shape, rows):
-            raise AdapterError(
-                "wrong_shape",
-                f"{size} values, data_offset {offset}, dimensions {' x '.join(map(str, shape)) or 'none'}; expected "
-                "N x 3 values (x px, y px, confidence), or people x N x 3, in dimensions of these sizes or none",
-            )
-        with np.errstate(invalid="ignore"):  # a NaN may be signalling
-            values = np.asarray(message.data, dtype=float)[offset:].reshape(rows, 3)
-        if len(shape) < 2 and rows >= FEWEST and _is_planar(values):
-            raise AdapterError(
-                "wrong_shape",
-                f"{size} values, of which the last third are confidences; expected x, y and confidence of each "
-                "keypoint in turn, not all x, then all y, then all confidences",
-            )
-        number = np.arange(rows)
-        if len(shape) != 3 or not rows:
-            return Keypoints(None, "", number, values[:, :2], values[:, 2])
-        person, landmark = np.divmod(number, shape[1])
-        return Keypoints(None, "", landmark, values[:, :2], values[:, 2], person, persistent=False, landmarks=shape[1])
+def decode(message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
+    """Read an array of keypoints. A layout that is not empty must match the data. See KeypointAdapter.decode."""
+    offset, size = message.layout.data_offset, len(message.data)
+    check_count(min(size // 3, MAX_POINTS + 1))
+    rows = (size - offset) // 3
+    shape = [d.size for d in message.layout.dim[:8]]
+    if offset > size or (size - offset) % 3 or not _fits(shape, rows):
+        raise AdapterError(
+            "wrong_shape",
+            f"{size} values, data_offset {offset}, dimensions {' x '.join(map(str, shape)) or 'none'}; expected "
+            "N x 3 values (x px, y px, confidence), or people x N x 3, in dimensions of these sizes or none",
+        )
+    with np.errstate(invalid="ignore"):  # a NaN may be signalling
+        values = np.asarray(message.data, dtype=float)[offset:].reshape(rows, 3)
+    if len(shape) < 2 and rows >= FEWEST and _is_planar(values):
+        raise AdapterError(
+            "wrong_shape",
+            f"{size} values, of which the last third are confidences; expected x, y and confidence of each "
+            "keypoint in turn, not all x, then all y, then all confidences",
+        )
+    number = np.arange(rows)
+    if len(shape) != 3 or not rows:
+        return Keypoints(None, "", number, values[:, :2], values[:, 2])
+    person, landmark = np.divmod(number, shape[1])
+    return Keypoints(None, "", landmark, values[:, :2], values[:, 2], person, persistent=False, landmarks=shape[1])
 
 
 def _is_planar(values: np.ndarray) -> bool:

@@ -28,32 +28,29 @@ LARGEST_WHOLE = 2.0**53
 NAMES = ("x", "y", "confidence", *WHOLE, "depth")
 
 
-class PointCloud2Adapter:
-    """Reads a cloud of keypoints with any byte order, padding and additional fields."""
-
-    def decode(self, message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
-        """See KeypointAdapter.decode."""
-        stamp = header_stamp(message.header)
-        check_count(message.width * message.height)
-        if message.width * message.height == 0 and not message.fields:  # a default message: nobody
-            none = np.empty(0, np.int64)
-            return Keypoints(stamp, frame_name(message.header), none, np.empty((0, 2)), np.empty(0), none)
-        if len(message.fields) > MAX_FIELDS:
-            raise AdapterError("wrong_fields", f"the cloud has {len(message.fields)} fields; expected x, y, ...")
-        if message.point_step > MAX_POINT_STEP:
-            raise AdapterError(
-                "wrong_layout", f"point_step is {message.point_step}; expected at most {MAX_POINT_STEP} bytes"
-            )
-        fields = tuple([(f.name[:LONGEST_NAME], f.offset, f.datatype, f.count) for f in message.fields])
-        points = _points(message, _dtype(fields, message.point_step, bool(message.is_bigendian)))
-        xy = np.empty((len(points), 2))
-        with np.errstate(invalid="ignore"):  # a NaN may be signalling
-            xy[:, 0], xy[:, 1] = points["x"], points["y"]
-            confidence = points["confidence"].astype(float)
-            depth = _depth(points)
-        persons = _whole(points, "person") if "person" in (points.dtype.names or ()) else None
-        ids = _whole(points, "id")
-        return Keypoints(stamp, frame_name(message.header), ids, xy, confidence, persons, depth=depth)
+def decode(message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
+    """Read a cloud of keypoints with any byte order, padding and additional fields. See KeypointAdapter.decode."""
+    stamp = header_stamp(message.header)
+    check_count(message.width * message.height)
+    if message.width * message.height == 0 and not message.fields:  # a default message: nobody
+        none = np.empty(0, np.int64)
+        return Keypoints(stamp, frame_name(message.header), none, np.empty((0, 2)), np.empty(0), none)
+    if len(message.fields) > MAX_FIELDS:
+        raise AdapterError("wrong_fields", f"the cloud has {len(message.fields)} fields; expected x, y, ...")
+    if message.point_step > MAX_POINT_STEP:
+        raise AdapterError(
+            "wrong_layout", f"point_step is {message.point_step}; expected at most {MAX_POINT_STEP} bytes"
+        )
+    fields = tuple([(f.name[:LONGEST_NAME], f.offset, f.datatype, f.count) for f in message.fields])
+    points = _points(message, _dtype(fields, message.point_step, bool(message.is_bigendian)))
+    xy = np.empty((len(points), 2))
+    with np.errstate(invalid="ignore"):  # a NaN may be signalling
+        xy[:, 0], xy[:, 1] = points["x"], points["y"]
+        confidence = points["confidence"].astype(float)
+        depth = _depth(points)
+    persons = _whole(points, "person") if "person" in (points.dtype.names or ()) else None
+    ids = _whole(points, "id")
+    return Keypoints(stamp, frame_name(message.header), ids, xy, confidence, persons, depth=depth)
 
 
 @lru_cache(maxsize=16)

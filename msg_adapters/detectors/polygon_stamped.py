@@ -9,13 +9,10 @@ import numpy as np
 from msg_adapters.keypoints import Keypoints, check_count, frame_name, header_stamp
 
 
-class PolygonStampedAdapter:
-    """Reads a polygon of keypoints."""
-
-    def decode(self, message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
-        """See KeypointAdapter.decode."""
-        stamp = header_stamp(message.header)
-        points = message.polygon.points
-        check_count(len(points))
-        values = np.array([(p.x, p.y, p.z) for p in points], dtype=float).reshape(-1, 3)
-        return Keypoints(stamp, frame_name(message.header), np.arange(len(values)), values[:, :2], values[:, 2])
+def decode(message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
+    """Read a polygon of keypoints. See KeypointAdapter.decode."""
+    stamp = header_stamp(message.header)
+    points = message.polygon.points
+    check_count(len(points))
+    values = np.array([(p.x, p.y, p.z) for p in points], dtype=float).reshape(-1, 3)
+    return Keypoints(stamp, frame_name(message.header), np.arange(len(values)), values[:, :2], values[:, 2])

@@ -8,19 +8,19 @@ from typing import Any, Protocol
 from msg_adapters.keypoints import Keypoints
 
 ADAPTERS = {
-    "sensor_msgs/msg/PointCloud2": "msg_adapters.detectors.point_cloud2:PointCloud2Adapter",
-    "geometry_msgs/msg/PolygonStamped": "msg_adapters.detectors.polygon_stamped:PolygonStampedAdapter",
-    "std_msgs/msg/Float32MultiArray": "msg_adapters.detectors.multi_array:MultiArrayAdapter",
-    "std_msgs/msg/Float64MultiArray": "msg_adapters.detectors.multi_array:MultiArrayAdapter",
-    "hri_msgs/msg/Skeleton2D": "msg_adapters.detectors.hri_skeleton2d:HriSkeleton2DAdapter",
-    "yolo_msgs/msg/DetectionArray": "msg_adapters.detectors.yolo_detections:YoloDetectionsAdapter",
-    "zed_msgs/msg/ObjectsStamped": "msg_adapters.detectors.zed_objects:ZedObjectsAdapter",
+    "sensor_msgs/msg/PointCloud2": "msg_adapters.detectors.point_cloud2",
+    "geometry_msgs/msg/PolygonStamped": "msg_adapters.detectors.polygon_stamped",
+    "std_msgs/msg/Float32MultiArray": "msg_adapters.detectors.multi_array",
+    "std_msgs/msg/Float64MultiArray": "msg_adapters.detectors.multi_array",
+    "hri_msgs/msg/Skeleton2D": "msg_adapters.detectors.hri_skeleton2d",
+    "yolo_msgs/msg/DetectionArray": "msg_adapters.detectors.yolo_detections",
+    "zed_msgs/msg/ObjectsStamped": "msg_adapters.detectors.zed_objects",
 }
-"""Message type -> module:class of the adapter."""
+"""Message type -> module of the adapter."""
 
 
 class KeypointAdapter(Protocol):
-    """Decodes the keypoint messages of one type. Adapters are stateless."""
+    """Decodes the keypoint messages of one type: a module with this function."""
 
     def decode(self, message: Any, image_size: tuple[int, int] | None) -> Keypoints:
         """Return the keypoints of a message. Raises AdapterError if the message is inconsistent.
@@ -39,6 +39,5 @@ def full_type_name(message_type: str) -> str:
 
 def keypoint_adapter(message_type: str) -> KeypointAdapter:
     """Return an adapter for a message type in long or short form. Raises KeyError if there is none."""
-    module, name = ADAPTERS[full_type_name(message_type)].split(":")
-    adapter: KeypointAdapter = getattr(import_module(module), name)()
-    return adapter
+    adapter: Any = import_module(ADAPTERS[full_type_name(message_type)])
+    return adapter  # type: ignore[no-any-return]

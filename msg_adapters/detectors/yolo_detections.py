@@ -20,26 +20,23 @@ PERSON = "person"
 NOT_MEASURED = (math.nan,) * 3
 
 
-class YoloDetectionsAdapter:
-    """Reads all detections with keypoints, of any class."""
-
-    def decode(self, message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
-        """See KeypointAdapter.decode."""
-        stamp = header_stamp(message.header)
-        check_count(min(len(message.detections), MAX_POINTS + 1))
-        seen = [d for d in message.detections if len(d.keypoints.data)]
-        check_count(sum(len(d.keypoints.data) for d in seen))
-        people = [[(p.id - 1, p.point.x, p.point.y, p.score) for p in d.keypoints.data] for d in seen]
-        if any(point[0] < 0 for person in people for point in person):
-            raise AdapterError("unknown_id", "a keypoint has an id below 1; expected COCO's index plus 1")
-        frame_id = frame_name(message.header)
-        places = [_places(d, frame_id) for d in seen]
-        depths, rays = [[p[0] for p in own] for own in places], [[p[1:] for p in own] for own in places]
-        note = next(filter(None, (_depth_note(d, frame_id) for d in seen)), "")
-        measured = depths if any(depths) else None
-        unplaced = sum(not len(d.keypoints.data) and d.class_name == PERSON for d in message.detections)
-        ids = [d.id for d in seen]
-        return gather(stamp, frame_id, people, ids, measured, depth_note=note, unplaced=unplaced, rays=rays)
+def decode(message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
+    """Read all detections with keypoints, of any class. See KeypointAdapter.decode."""
+    stamp = header_stamp(message.header)
+    check_count(min(len(message.detections), MAX_POINTS + 1))
+    seen = [d for d in message.detections if len(d.keypoints.data)]
+    check_count(sum(len(d.keypoints.data) for d in seen))
+    people = [[(p.id - 1, p.point.x, p.point.y, p.score) for p in d.keypoints.data] for d in seen]
+    if any(point[0] < 0 for person in people for point in person):
+        raise AdapterError("unknown_id", "a keypoint has an id below 1; expected COCO's index plus 1")
+    frame_id = frame_name(message.header)
+    places = [_places(d, frame_id) for d in seen]
+    depths, rays = [[p[0] for p in own] for own in places], [[p[1:] for p in own] for own in places]
+    note = next(filter(None, (_depth_note(d, frame_id) for d in seen)), "")
+    measured = depths if any(depths) else None
+    unplaced = sum(not len(d.keypoints.data) and d.class_name == PERSON for d in message.detections)
+    ids = [d.id for d in seen]
+    return gather(stamp, frame_id, people, ids, measured, depth_note=note, unplaced=unplaced, rays=rays)
 
 
 def _places(detection: Any, frame_id: str) -> list[tuple[float, float, float]]:

@@ -26,30 +26,25 @@ FULL = 100.0
 NOT_MEASURED = (math.nan,) * 3
 
 
-class ZedObjectsAdapter:
-    """Reads the objects that have a skeleton and are visible."""
-
-    def decode(self, message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
-        """See KeypointAdapter.decode."""
-        stamp = header_stamp(message.header)
-        check_count(min(len(message.objects), MAX_POINTS + 1))
-        bodies = [
-            o
-            for o in message.objects
-            if o.skeleton_available and (not o.tracking_available or o.tracking_state == TRACKED)
-        ]
-        check_count(sum(_count(body) for body in bodies))
-        found = [_points(body) for body in bodies]
-        people = [[point[:4] for point in person] for person in found]
-        depths = [[point[4] for point in person] for person in found]
-        rays = [[point[5:] for point in person] for person in found]
-        ids = [str(body.label_id) if body.tracking_available else "" for body in bodies]
-        sizes = {_count(body) for body in bodies}
-        size = sizes.pop() if len(sizes) == 1 else None
-        unplaced = len(message.objects) - len(bodies) - sum(_has_left(body) for body in message.objects)
-        return gather(
-            stamp, "", people, ids, depths, depth_of_surface=False, layout_size=size, unplaced=unplaced, rays=rays
-        )
+def decode(message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
+    """Read the objects that have a skeleton and are visible. See KeypointAdapter.decode."""
+    stamp = header_stamp(message.header)
+    check_count(min(len(message.objects), MAX_POINTS + 1))
+    bodies = [
+        o for o in message.objects if o.skeleton_available and (not o.tracking_available or o.tracking_state == TRACKED)
+    ]
+    check_count(sum(_count(body) for body in bodies))
+    found = [_points(body) for body in bodies]
+    people = [[point[:4] for point in person] for person in found]
+    depths = [[point[4] for point in person] for person in found]
+    rays = [[point[5:] for point in person] for person in found]
+    ids = [str(body.label_id) if body.tracking_available else "" for body in bodies]
+    sizes = {_count(body) for body in bodies}
+    size = sizes.pop() if len(sizes) == 1 else None
+    unplaced = len(message.objects) - len(bodies) - sum(_has_left(body) for body in message.objects)
+    return gather(
+        stamp, "", people, ids, depths, depth_of_surface=False, layout_size=size, unplaced=unplaced, rays=rays
+    )
 
 
 def _has_left(body: Any) -> bool:

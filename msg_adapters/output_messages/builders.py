@@ -73,21 +73,35 @@ class JointStateBuilder(StampedBuilder):
         self._message.position, self._message.velocity = self._float64(numbers[:half]), self._float64(numbers[half:])
 
 
-class PointStampedBuilder(StampedBuilder):
-    """geometry_msgs/PointStamped."""
+class FieldsBuilder(StampedBuilder):
+    """A message whose numbers are fields of its parts."""
 
-    def __init__(self, backend: Backend) -> None:
-        message = backend.make("geometry_msgs/msg/PointStamped")
-        super().__init__(message, [message.header])
+    def __init__(self, message: Any, headers: Sequence[Any], parts: Sequence[tuple[Any, str]]) -> None:
+        """parts: each with its fields of one letter, such as a point with "xyz", in the order of the numbers."""
+        self._fields = [(part, name) for part, names in parts for name in names]
+        super().__init__(message, headers)
 
-    def numbers(self, point: np.ndarray) -> np.ndarray:
-        """point: (3,) m."""
-        return point
+    def numbers(self, *content: Any) -> np.ndarray:
+        """content: arrays (k,), or (n, k) with a row for each of n parts, in the order of the fields."""
+        return np.concatenate(content, axis=-1).reshape(-1)
 
     def write(self, numbers: np.ndarray) -> None:
         """See StampedBuilder.write."""
-        target = self._message.point
-        target.x, target.y, target.z = numbers.tolist()
+        for (part, name), value in zip(self._fields, numbers.tolist()):
+            setattr(part, name, value)
+
+
+def pose_parts(pose: Any) -> list[tuple[Any, str]]:
+    """Return the parts of a geometry_msgs/Pose: position and orientation, x, y, z, w."""
+    return [(pose.position, "xyz"), (pose.orientation, "xyzw")]
+
+
+class PointStampedBuilder(FieldsBuilder):
+    """geometry_msgs/PointStamped. Content: the point (3,) m."""
+
+    def __init__(self, backend: Backend) -> None:
+        message = backend.make("geometry_msgs/msg/PointStamped")
+        super().__init__(message, [message.header], [(message.point, "xyz")])
 
 
 class RegionBuilder(StampedBuilder):
@@ -107,68 +121,55 @@ class RegionBuilder(StampedBuilder):
         target.xmin, target.ymin, target.xmax, target.ymax, target.c = numbers.tolist()
 
 
-class PoseArrayBuilder(StampedBuilder):
-    """geometry_msgs/PoseArray with a constant number of poses."""
+class PoseArrayBuilder(FieldsBuilder):
+    """geometry_msgs/PoseArray with a constant number of poses. Content: positions (n, 3) m, quaternions (n, 4)."""
 
     def __init__(self, backend: Backend, count: int) -> None:
         message = backend.make("geometry_msgs/msg/PoseArray")
         message.poses = [backend.make("geometry_msgs/msg/Pose") for _ in range(count)]
-        super().__init__(message, [message.header])
-
-    def numbers(self, positions: np.ndarray, quaternions: np.ndarray) -> np.ndarray:
-        """positions: (n, 3) m; quaternions: (n, 4), x, y, z, w."""
-        return np.concatenate([positions, quaternions], axis=1).reshape(-1)
-
-    def write(self, numbers: np.ndarray) -> None:
-        """See StampedBuilder.write."""
-        for pose, values in zip(self._message.poses, numbers.reshape(-1, 7).tolist()):
-            p, q = pose.position, pose.orientation
-            p.x, p.y, p.z, q.x, q.y, q.z, q.w = values
+        super().__init__(message, [message.header], [part for pose in message.poses for part in pose_parts(pose)])
 
 
-class PoseWithCovarianceBuilder(StampedBuilder):
+class PoseWithCovarianceBuilder(FieldsBuilder):
     """geometry_msgs/PoseWithCovarianceStamped."""
 
     def __init__(self, backend: Backend) -> None:
         message = backend.make("geometry_msgs/msg/PoseWithCovarianceStamped")
-        super().__init__(message, [message.header])
+        super().__init__(message, [message.header], pose_parts(message.pose.pose))
 
     def numbers(self, position: np.ndarray, quaternion: np.ndarray, covariance: np.ndarray) -> np.ndarray:
         """position: (3,) m; quaternion: (4,), x, y, z, w; covariance: (6, 6) of position and rotation, m and rad."""
-        return np.concatenate([position, quaternion, covariance.reshape(36)])
+        return super().numbers(position, quaternion, covariance.reshape(36))
 
     def write(self, numbers: np.ndarray) -> None:
         """See StampedBuilder.write."""
-        pose = self._message.pose.pose
-        p, q = pose.position, pose.orientation
-        p.x, p.y, p.z, q.x, q.y, q.z, q.w = numbers[:7].tolist()
+        super().write(numbers[:7])
         self._message.pose.covariance = numbers[7:].copy()
 
 
-class TransformsBuilder(StampedBuilder):
-    """tf2_msgs/TFMessage with a constant set of frames."""
+class TransformsBuilder(FieldsBuilder):
+    """tf2_msgs/TFMessage with a constant set of frames.
+
+    Content: positions (k, 3) m and quaternions (k, 4), x, y, z, w, of each child in its parent.
+    """
 
     def __init__(self, backend: Backend, frames: Sequence[tuple[str, str]]) -> None:
         """frames: (parent, child) names. An empty parent is the frame_id of the message."""
         message = backend.make("tf2_msgs/msg/TFMessage")
-        self._parents = [parent for parent, _ in frames]
-        self._transforms = [backend.make("geometry_msgs/msg/TransformStamped") for _ in frames]
-        for transform, (_, child) in zip(self._transforms, frames):
+        made = [backend.make("geometry_msgs/msg/TransformStamped") for _ in frames]
+        for transform, (_, child) in zip(made, frames):
             transform.child_frame_id = child
-        message.transforms = self._transforms
-        super().__init__(message, [transform.header for transform in self._transforms])
-
-    def numbers(self, positions: np.ndarray, quaternions: np.ndarray) -> np.ndarray:
-        """positions: (k, 3) m; quaternions: (k, 4), x, y, z, w; of each child in its parent."""
-        return np.concatenate([positions, quaternions], axis=1).reshape(-1)
+        message.transforms = made
+        self._headers_of_parents = [(each.header, parent) for each, (parent, _) in zip(made, frames) if parent]
+        moves = [each.transform for each in made]
+        parts = [part for move in moves for part in ((move.translation, "xyz"), (move.rotation, "xyzw"))]
+        super().__init__(message, [each.header for each in made], parts)
 
     def write(self, numbers: np.ndarray) -> None:
         """See StampedBuilder.write."""
-        for transform, parent, values in zip(self._transforms, self._parents, numbers.reshape(-1, 7).tolist()):
-            if parent:
-                transform.header.frame_id = parent
-            place, turn = transform.transform.translation, transform.transform.rotation
-            place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w = values
+        super().write(numbers)
+        for header, parent in self._headers_of_parents:
+            header.frame_id = parent
 
 
 class StringBuilder:
@@ -237,3 +238,39 @@ class DiagnosticArrayBuilder:
         for pair, (key, value) in zip(pairs, line.values.items()):
             pair.key, pair.value = key, value
         status.values = pairs[: len(line.values)]
+
+
+DATATYPES = {"i4": 5, "f4": 7}  # sensor_msgs/PointField: INT32, FLOAT32
+
+
+class Cloud(StampedBuilder):
+    """Clouds of one kind of point. The message object is reused; its points change, also in number."""
+
+    def __init__(self, backend: Backend, point: np.dtype, dense: bool = True) -> None:
+        """point: a packed structure of little-endian float32 and int32. dense: no position can be NaN."""
+        self._uint8, self._size = backend.uint8, point.itemsize
+        message = backend.make("sensor_msgs/msg/PointCloud2")
+        message.height, message.point_step, message.is_dense = 1, point.itemsize, dense
+        message.fields = [_field(backend, point, name) for name in point.names or ()]
+        super().__init__(message, [message.header])
+
+    def write(self, numbers: np.ndarray) -> None:
+        """See StampedBuilder.write."""
+        self._message.width, self._message.row_step = len(numbers) // self._size, len(numbers)
+        self._message.data = self._uint8(numbers.tobytes())
+
+
+class CloudBuilder(Cloud):
+    """Clouds of points that are already structured arrays."""
+
+    def numbers(self, points: np.ndarray) -> np.ndarray:
+        """points: (k,) of the structure."""
+        return points.view(np.uint8)
+
+
+def _field(backend: Backend, point: np.dtype, name: str) -> Any:
+    assert point.fields is not None
+    kind, offset = point.fields[name][:2]
+    field = backend.make("sensor_msgs/msg/PointField")
+    field.name, field.offset, field.datatype, field.count = name, int(offset), DATATYPES[kind.str[1:]], 1
+    return field

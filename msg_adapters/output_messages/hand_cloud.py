@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_adapters.backends import Backend
-from msg_adapters.output_messages.builders import StampedBuilder
-from msg_adapters.output_messages.clouds import Cloud
+from msg_adapters.output_messages.builders import Cloud, StampedBuilder
 from msg_adapters.output_messages.joint_uncertainty import COVARIANCE, UPPER
 
 COUNT = 21

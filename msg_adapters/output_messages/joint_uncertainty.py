@@ -8,8 +8,7 @@ import numpy as np
 
 from msg_adapters.backends import Backend
 from msg_adapters.errors import AdapterError
-from msg_adapters.output_messages.builders import StampedBuilder
-from msg_adapters.output_messages.clouds import Cloud
+from msg_adapters.output_messages.builders import Cloud, FieldsBuilder, pose_parts
 from msg_adapters.output_messages.markers import SPHERE, lifetime, paint
 
 COVARIANCE = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -61,7 +60,7 @@ def read_uncertainty_cloud(message: Any) -> tuple[np.ndarray, np.ndarray, np.nda
     return positions, covariance.reshape(-1, 3, 3), points["deviation"].astype(float)
 
 
-class UncertaintyMarkersBuilder(StampedBuilder):
+class UncertaintyMarkersBuilder(FieldsBuilder):
     """visualization_msgs/MarkerArray with one ellipsoid per joint."""
 
     def __init__(self, backend: Backend, count: int, prefix: str = "") -> None:
@@ -75,14 +74,9 @@ class UncertaintyMarkersBuilder(StampedBuilder):
             lifetime(marker)
             markers.append(marker)
         message.markers = markers
-        super().__init__(message, [marker.header for marker in markers])
+        parts = [part for marker in markers for part in (*pose_parts(marker.pose), (marker.scale, "xyz"))]
+        super().__init__(message, [marker.header for marker in markers], parts)
 
     def numbers(self, positions: np.ndarray, quaternions: np.ndarray, axes: np.ndarray) -> np.ndarray:
         """positions: (n, 3) m; quaternions: (n, 4), x, y, z, w, of the axes; axes: (n, 3) m, their half lengths."""
-        return np.concatenate([positions, quaternions, np.maximum(2 * axes, SMALLEST)], axis=1).reshape(-1)
-
-    def write(self, numbers: np.ndarray) -> None:
-        """See StampedBuilder.write."""
-        for marker, values in zip(self._message.markers, numbers.reshape(-1, 10).tolist()):
-            p, q, s = marker.pose.position, marker.pose.orientation, marker.scale
-            p.x, p.y, p.z, q.x, q.y, q.z, q.w, s.x, s.y, s.z = values
+        return super().numbers(positions, quaternions, np.maximum(2 * axes, SMALLEST))

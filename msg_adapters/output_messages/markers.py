@@ -1,14 +1,17 @@
-"""A skeleton as visualization_msgs/MarkerArray: bones as lines, joints as spheres."""
+"""visualization_msgs/MarkerArray: a skeleton (bones as lines, joints as spheres), and the places of cameras.
+
+A camera is a pyramid for the field of view, and its name as text.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from msg_adapters.backends import Backend
-from msg_adapters.output_messages.builders import StampedBuilder
+from msg_adapters.output_messages.builders import FieldsBuilder, set_header
 
 SPHERE, LINE_LIST, SPHERE_LIST, TEXT = 2, 5, 7, 9  # visualization_msgs/Marker
 JOINT_SIZE, BONE_SIZE, FINGER_SIZE = 0.05, 0.025, 0.012  # m
@@ -18,7 +21,7 @@ LIFETIME_NS = 1_000_000_000
 do not flicker."""
 
 
-class SkeletonMarkersBuilder(StampedBuilder):
+class SkeletonMarkersBuilder(FieldsBuilder):
     """The message object is reused; each frame changes its points."""
 
     def __init__(
@@ -39,17 +42,12 @@ class SkeletonMarkersBuilder(StampedBuilder):
         if thin:
             message.markers += [marker(backend, 2, f"{prefix}fingers", LINE_LIST, FINGER_SIZE, BONE_COLOUR, len(thin))]
         self._order = np.array([*thick, *spheres, *thin])
-        self._targets = [point for made in message.markers for point in made.points]
-        super().__init__(message, [marker.header for marker in message.markers])
+        points = [(point, "xyz") for made in message.markers for point in made.points]
+        super().__init__(message, [marker.header for marker in message.markers], points)
 
     def numbers(self, positions: np.ndarray) -> np.ndarray:
         """positions: (n, 3) m."""
         return positions.take(self._order, axis=0).reshape(-1)
-
-    def write(self, numbers: np.ndarray) -> None:
-        """See StampedBuilder.write."""
-        for target, place in zip(self._targets, numbers.reshape(-1, 3).tolist()):
-            target.x, target.y, target.z = place
 
 
 def marker(
@@ -74,3 +72,45 @@ def paint(marker: Any, colour: tuple[float, ...]) -> None:
 def lifetime(marker: Any) -> None:
     """Set the lifetime of a Marker to LIFETIME_NS."""
     marker.lifetime.sec, marker.lifetime.nanosec = divmod(LIFETIME_NS, 1_000_000_000)
+
+
+LENGTH, LINE_SIZE, TEXT_SIZE = 0.3, 0.01, 0.08
+"""m: height of the pyramid, width of its lines, height of the text."""
+COLOUR = (0.2, 0.8, 0.4, 1.0)
+CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+EDGES = [end for corner in range(4) for end in ((4, corner), (corner, (corner + 1) % 4))]
+"""Pairs of corners; 4 is the centre of the camera."""
+
+
+class CameraMarkersBuilder:
+    """The message object is reused. A camera has the same two markers in each message."""
+
+    def __init__(self, backend: Backend) -> None:
+        self._backend, self._message = backend, backend.make("visualization_msgs/msg/MarkerArray")
+        self._markers: dict[str, tuple[Any, Any]] = {}
+
+    def fill(
+        self, stamp_ns: int, frame_id: str, cameras: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
+    ) -> Any:
+        """Return the message. cameras: by name the centre (3,) m, the orientation of the optical frame as a quaternion
+        (4,) x, y, z, w, and half of the field of view (2,), the tangents of its angles.
+        """
+        for name, (centre, quaternion, half) in cameras.items():
+            pyramid, text = self._markers.setdefault(name, self._made(name, len(self._markers)))
+            corners = LENGTH * np.column_stack([CORNERS * half, np.ones(4)])
+            ends = np.vstack([corners, np.zeros(3)])[np.array(EDGES).ravel()]
+            for point, place in zip(pyramid.points, ends.tolist()):
+                point.x, point.y, point.z = place
+            for one in (pyramid, text):
+                set_header(one.header, stamp_ns, frame_id)
+                p, q = one.pose.position, one.pose.orientation
+                p.x, p.y, p.z = centre.tolist()
+                q.x, q.y, q.z, q.w = quaternion.tolist()
+        self._message.markers = [one for name in cameras for one in self._markers[name]]
+        return self._message
+
+    def _made(self, name: str, number: int) -> tuple[Any, Any]:
+        pyramid = marker(self._backend, number, "cameras", LINE_LIST, LINE_SIZE, COLOUR, 2 * len(EDGES))
+        text = marker(self._backend, number, "camera_names", TEXT, TEXT_SIZE, TEXT_COLOUR, 0)
+        text.text = name or "camera"
+        return pyramid, text

@@ -15,8 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from msg_adapters.backends import Backend
-from msg_adapters.output_messages.builders import set_header
-from msg_adapters.output_messages.clouds import CloudBuilder
+from msg_adapters.output_messages.builders import CloudBuilder, set_header
 from msg_adapters.output_messages.joint_uncertainty import COVARIANCE, UPPER
 from msg_adapters.output_messages.serialised_messages import SerialisedMessage
 from msg_adapters.output_messages.skeleton_cloud import MOTION
@@ -195,8 +194,8 @@ class PeopleCloudBuilder:
 
     def __init__(self, backend: Backend, serialised: bool = False) -> None:
         """serialised: return serialised messages where there are people."""
-        self._cloud = CloudBuilder(backend, POINT, dense=False)
-        self._fill = SerialisedMessage(self._cloud, backend).fill if serialised else self._cloud.fill
+        cloud = CloudBuilder(backend, POINT, dense=False)
+        self._fill = SerialisedMessage(cloud, backend).fill if serialised else cloud.fill
 
     def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport], untracked: int = 0) -> Any:
         """See PeopleBuilder.fill."""
@@ -213,12 +212,9 @@ class PeopleCloudBuilder:
         numbers["person"] = [person.number for person in people]
         numbers["tracked"] = [person.tracked for person in people]
         numbers["detector_id"] = [p.detector_id if p.detector_id <= LARGEST_NUMBER else -1 for p in people]
-        numbers["guessed"] = [person.guessed for person in people]
-        numbers["doubtful"] = [person.doubtful for person in people]
-        numbers["locked"] = [person.locked for person in people]
-        numbers["out_of_view"] = [person.out_of_view for person in people]
-        fill = self._fill if len(points) > 0 else self._cloud.fill
-        return fill(stamp_ns, frame_id, points)
+        for flag in ("guessed", "doubtful", "locked", "out_of_view"):
+            numbers[flag] = [getattr(person, flag) for person in people]
+        return self._fill(stamp_ns, frame_id, points)
 
 
 BUILDERS: Mapping[str, Callable[[Backend], PeopleBuilder]] = {

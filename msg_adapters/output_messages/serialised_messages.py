@@ -33,10 +33,13 @@ class SerialisedMessage:
         self._templates: dict[Hashable, Template | None] = {}
 
     def fill(self, stamp_ns: int, frame_id: str, *content: np.ndarray) -> Any:
-        """Return the serialised message, or the message object if no positions are known; content: as in the builder's
-        `fill`.
+        """Return the serialised message, or the message object if it is empty or no positions are known.
+
+        content: as in the builder's `fill`.
         """
         numbers = self._builder.numbers(*content)
+        if len(numbers) == 0:
+            return self._builder.place(stamp_ns, frame_id, numbers)
         key = frame_id, len(numbers), self._builder.shape
         template = self._templates.get(key)
         if template is not None:

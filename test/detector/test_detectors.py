@@ -9,7 +9,7 @@ from lassokin_ros.detector.backend import Detected, DetectorError, make_detector
 from lassokin_ros.detector.keypoint_message import keypoint_message
 from lassokin_ros.detector.onnx_pose import letterbox
 from msg_adapters.backends import RosbagsBackend
-from msg_adapters.detectors.point_cloud2 import PointCloud2Adapter
+from msg_adapters.detectors import point_cloud2
 from msg_adapters.errors import AdapterError
 from msg_adapters.image import decode_image
 
@@ -97,7 +97,7 @@ def test_people_of_an_image_have_numbers_that_do_not_last():
     bags = pytest.importorskip("lassokin_ros.replay.bags", reason="the message types are those of rosbags")
     backend = RosbagsBackend(bags.typestore())
     people = [Detected(np.full((3, 2), 10.0 * (i + 1)), np.array([0.9, 0.0, 0.5])) for i in range(2)]
-    decode = PointCloud2Adapter().decode
+    decode = point_cloud2.decode
     found = decode(keypoint_message(backend, 5, "lens", people, several=True))
     assert found.persons.tolist() == [-1, -1, -2, -2] and found.ids.tolist() == [0, 2, 0, 2] and found.stamp_ns == 5
     assert found.xy[:, 0].tolist() == [10, 10, 20, 20] and np.allclose(found.confidence, [0.9, 0.5, 0.9, 0.5])

@@ -97,18 +97,6 @@ def test_gmr_gets_places_with_z_up_and_a_scale_from_the_pelvis():
     assert np.allclose(Rotation.from_quat(turn, scalar_first=True).apply([0, 1, 0]), [0, 0, 1], atol=1e-6)
 
 
-def test_gmr_itself_follows_a_still_person():
-    pytest.importorskip("general_motion_retargeting", reason="needs a clone of GMR in PYTHONPATH")
-    gmr = example("gmr_live")
-    from general_motion_retargeting import GeneralMotionRetargeting
-
-    body = gmr.human(seen_person(Rotation.identity()))
-    retargeting = GeneralMotionRetargeting("smplx", "unitree_g1", 1.6, verbose=False)
-    gmr.without_arm_turns(retargeting)
-    q = retargeting.retarget({name: value for name, value in body.items() if name in retargeting.human_scale_table})
-    assert np.isfinite(q).all()
-
-
 def read_as_lafan(text):
     """What the loaders of LAFAN1 read: names, parents, offsets, one order of rotations, frames of place and angles.
 

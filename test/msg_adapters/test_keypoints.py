@@ -106,7 +106,7 @@ def test_a_leading_slash_is_no_part_of_a_frame_name():
 
 
 def test_points_with_a_position_and_no_score_are_counted():
-    found = keypoints(range(5), xy=[[5, 5], [6, 6], [0, 0], [np.nan, 1], [9, 9]], confidence=[0, np.nan, 0, 0, 0.5])
+    found = keypoints(range(5), xy=[[5, 5], [6, 6], [0, 0], [1e7, 1], [9, 9]], confidence=[0, np.nan, 0, 0, 0.5])
     assert found.unscored == 2 and keypoints(range(3)).unscored == 0
 
 

@@ -13,20 +13,14 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from rclpy.time import Time  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
+from simulated.imitated_person import BENT, DOWN, PERSON, PersonMessages, without_shoulder  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
 from lassokin_ros import joints  # noqa: E402
-from lassokin_ros.robot.check import people  # noqa: E402
 from lassokin_ros.robot.node import ImitateNode  # noqa: E402
-from msg_adapters.backends import RclpyBackend  # noqa: E402
-from msg_adapters.output_messages.people import PersonReport, people_builder  # noqa: E402
-from msg_adapters.output_messages.skeleton_cloud import JointsReport, SkeletonCloudBuilder  # noqa: E402
 
 FPS, RATE, STOP_S = 25, 50, 0.5
-PEOPLE = people()
-DOWN, BENT = PEOPLE["arms down"], PEOPLE["elbows bent"]
-PERSON = PersonReport("p1", True, 0.9, np.ones(3), np.array([0, 0, 0, 1.0]), np.zeros(3), np.eye(6), np.ones((1, 3)))
 OTHER_SIDE = [
     joints.INDEX[name.replace("left", "#").replace("right", "left").replace("#", "right")] for name in joints.NAMES
 ]
@@ -41,8 +35,7 @@ class Scene:
         given = {"use_sim_time": True, "robot": str(robot), "robot_description": toy_robot.urdf(), "rate": float(RATE)}
         overrides = [Parameter(name, value=value) for name, value in given.items()]
         self.node = ImitateNode(context=context, parameter_overrides=overrides)
-        self.cloud = SkeletonCloudBuilder(RclpyBackend(), 24)
-        self.report = people_builder(RclpyBackend(), "sensor_msgs/msg/PointCloud2")
+        self.messages = PersonMessages()
         self.seconds, self.times, self.positions, self.said = 100.0, [], [], []
         self._set_time()
         self.node._watch._on_state(String(data="tracking"))
@@ -67,16 +60,7 @@ class Scene:
             self.said.append(self.node._state)
 
     def send(self, view, person=PERSON, late_s=0.0):
-        still, ones = np.zeros(24, dtype=bool), np.ones(24)
-        turns = np.tile([0, 0, 0, 1.0], (24, 1))
-        places = view.places + (0.0, 0.0, 3.0)
-        flags = (view.usable, still, still)
-        figures = JointsReport(
-            1, places, np.zeros((24, 3)), np.tile(np.eye(3), (24, 1, 1)), *flags, ones, ones, turns, view.up
-        )
-        stamp_ns = round(1e9 * (self.seconds - late_s))
-        people_message = self.report.fill(stamp_ns, "camera", [person])
-        message = self.cloud.fill(stamp_ns, "camera", figures)
+        people_message, message = self.messages.of(round(1e9 * (self.seconds - late_s)), view, person)
         self.node._watch._on_people(people_message)
         self.node._watch._waiting.append((self.node._on_skeleton, message))
         self.node._watch._deliver()
@@ -118,6 +102,7 @@ FAULTS = {
     "NaN": lambda now, begin: (replace(DOWN, places=np.full((24, 3), np.nan)), PERSON),
     "the vertical is NaN": lambda now, begin: (replace(swinging(now), up=np.full(3, np.nan)), PERSON),
     "the person lies on a side": lambda now, begin: (replace(swinging(now), up=np.array([1.0, 0, 0])), PERSON),
+    "a shoulder is not seen": lambda now, begin: (without_shoulder(swinging(now)), PERSON),
     "sides are exchanged": lambda now, begin: (exchanged(swinging(now)), PERSON),
 }
 

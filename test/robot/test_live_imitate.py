@@ -1,4 +1,7 @@
-"""The node `imitate` as a process on real DDS: it is off at the start, follows one person, and holds in doubt."""
+"""The node `imitate` as a process on real DDS: off at the start, it follows a person, and holds if the tracker dies.
+
+What else makes it hold is tested without processes, in test_imitate_safety.py.
+"""
 
 import signal
 import subprocess
@@ -19,21 +22,13 @@ from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from sensor_msgs.msg import JointState, PointCloud2  # noqa: E402
+from simulated.imitated_person import BENT, DOWN, PersonMessages  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
-
-from lassokin_ros import joints  # noqa: E402
-from lassokin_ros.robot.check import people  # noqa: E402
-from msg_adapters.backends import RclpyBackend  # noqa: E402
-from msg_adapters.output_messages.people import PersonReport, people_builder  # noqa: E402
-from msg_adapters.output_messages.skeleton_cloud import JointsReport, SkeletonCloudBuilder  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEADLINE_S, PERIOD_S = 90.0, 1 / 30
-PEOPLE = people()
-DOWN, BENT = PEOPLE["arms down"], PEOPLE["elbows bent"]
-PERSON = PersonReport("p1", True, 0.9, np.ones(3), np.array([0, 0, 0, 1.0]), np.zeros(3), np.eye(6), np.ones((1, 3)))
 
 
 class Tracker:
@@ -53,23 +48,15 @@ class Tracker:
         self.node.create_subscription(JointState, "joint_commands", self.commands.append, 1000)
         self.node.create_subscription(String, "imitating", lambda message: self.said.append(message.data), LATCHED)
         self.enable = self.node.create_client(SetBool, "enable")
-        self.cloud, self.report = SkeletonCloudBuilder(RclpyBackend(), 24), people_builder(RclpyBackend(), PEOPLE_TYPE)
-        self.view, self.person, self.late_s, self.next_s = None, PERSON, 0.0, 0.0
-        self.sent_s = 0.0
+        self.messages, self.view, self.next_s, self.sent_s = PersonMessages(), None, 0.0, 0.0
         self.state.publish(String(data="tracking"))
 
     def send(self):
-        stamp_ns = time.time_ns() - round(1e9 * self.late_s)
-        still, ones = np.zeros(24, dtype=bool), np.ones(24)
-        still[[joints.LEFT_ANKLE, joints.RIGHT_ANKLE]] = self.view.contacts
-        flags, turns = (self.view.usable, still, still), np.tile([0, 0, 0, 1.0], (24, 1))
         share = 0.5 - 0.5 * np.cos(2 * np.pi * 0.3 * time.monotonic())  # to and fro, never faster than people
-        places = self.view.places + share * (BENT.places - self.view.places) + (0.0, 0.0, 3.0)
-        joints_of = JointsReport(
-            1, places, np.zeros((24, 3)), np.tile(np.eye(3), (24, 1, 1)), *flags, ones, ones, turns, self.view.up
-        )
-        self.people.publish(self.report.fill(stamp_ns, "camera", [self.person]))
-        self.skeleton.publish(self.cloud.fill(stamp_ns, "camera", joints_of))
+        moved = replace(self.view, places=self.view.places + share * (BENT.places - self.view.places))
+        people, skeleton = self.messages.of(time.time_ns(), moved)
+        self.people.publish(people)
+        self.skeleton.publish(skeleton)
         self.sent_s = time.time()
 
     def spin_until(self, condition, what):
@@ -95,14 +82,6 @@ class Tracker:
         self.commands.clear()
         self.spin_until(lambda: moving(self.commands), "motion")
 
-    def until_still(self):
-        """Wait until the newest 50 commands, half a second, are still; before that, older images may still arrive."""
-        self.commands.clear()
-        self.spin_until(lambda: len(self.commands) > 50 and not moving(self.commands[-50:]), "a still robot")
-
-
-PEOPLE_TYPE = "sensor_msgs/msg/PointCloud2"
-
 
 def moving(commands):
     """The commands with a speed."""
@@ -127,7 +106,7 @@ def live(tmp_path, request):
     tracker.context.try_shutdown()
 
 
-def test_a_robot_follows_one_person_and_holds_in_doubt(live):
+def test_a_robot_follows_a_person_and_stops_in_half_a_second_if_the_tracker_is_killed(live):
     tracker, process = live
     tracker.until_said("not enabled")
     assert not tracker.call(True).success  # without a robot
@@ -145,56 +124,22 @@ def test_a_robot_follows_one_person_and_holds_in_doubt(live):
     elbow = names.index("left_elbow")
     tracker.spin_until(lambda: tracker.commands[-1].position[elbow] < -1.0, "the bent elbow")
 
-    for person in ({"guessed": True}, {"doubtful": True}, {"tracked": False}):
-        tracker.person = PERSON
-        tracker.until_follows()
-        tracker.person = replace(PERSON, **person)
-        tracker.until_said("nobody certain")
-        tracker.until_still()
-
-    tracker.person = PERSON
-    tracker.until_follows()
-    tracker.person = replace(PERSON, id="p2")
-    tracker.until_said("another person is tracked")
-    tracker.until_still()
-    assert tracker.call(True).success
-    tracker.until_said("following")
-
-    tracker.late_s = 1.5
-    tracker.until_said("nobody certain")
-    tracker.until_still()
-    tracker.late_s = 0.0
-    tracker.until_follows()
-
-    usable = tracker.view.usable.copy()
-    usable[joints.LEFT_SHOULDER] = False
-    tracker.view = replace(tracker.view, usable=usable)
-    tracker.until_said("the shoulders are not seen")
-    tracker.view = DOWN
-    tracker.until_said("following")
-
-    assert tracker.call(False).success
-    tracker.until_said("not enabled")
-    process.send_signal(signal.SIGINT)
-    tracker.spin_until(lambda: process.poll() is not None, "the end")
-    assert process.returncode == 0, process.stderr.read()
-
-
-def test_a_tracker_that_is_killed_stops_the_robot_in_half_a_second(live):
-    tracker, _ = live
-    tracker.description.publish(String(data=toy_robot.urdf()))
-    tracker.view = DOWN
-    tracker.spin_until(lambda: tracker.call(True).success, "the robot")  # its description may come later
     tracker.until_follows()
     tracker.commands.clear()
     tracker.spin_until(lambda: len(tracker.commands) > 5, "commands")
-    last_s, tracker.view = tracker.sent_s, None
+    last_s, tracker.view = tracker.sent_s, None  # the tracker is killed
     tracker.until_said("nobody certain was seen for 0.3 s")
     tracker.spin_until(lambda: not moving(tracker.commands[-20:]), "a still robot")
     stamps = [command.header.stamp.sec + 1e-9 * command.header.stamp.nanosec for command in tracker.commands]
     ends = [stamp for stamp, command in zip(stamps, tracker.commands) if command in moving([command])]
     longest = max(np.diff(stamps))  # s, between two ticks: 0.01, more on a busy machine
     assert ends[-1] - last_s < 0.5 + 10 * (longest - 0.01)
+
+    assert tracker.call(False).success
+    tracker.until_said("not enabled")
+    process.send_signal(signal.SIGINT)
+    tracker.spin_until(lambda: process.poll() is not None, "the end")
+    assert process.returncode == 0, process.stderr.read()
 
 
 @pytest.mark.parametrize(

@@ -27,10 +27,10 @@ LATELY = 6
 """Frames that show at once that a camera was moved."""
 LATELY_DEVIATION = 3 * GIVEN_DEVIATION
 """rad and m: standard deviation of a pose in these."""
-CHANGED, CONTRADICTS = 0.75, 1.2
+CHANGED, CONTRADICTS = 0.75, 1.3
 """Sizes, in GIVEN_DEVIATION, of what the last frames suggest beyond what all frames before did: half of it is used in
 the covariance, and from which on the cameras are said to contradict each other. A detector's errors cause 0.3 to 0.9, a
-camera that was turned by 3 degrees 1.5 (people of validation)."""
+camera that was turned by 3 degrees 1.5; see docs/experiments.md."""
 LEAST_CHANGE, UNSURE, FARTHEST_OFF = 0.4, 0.5, 2.0
 """The same, below which nothing is added to the covariance, and by how much it may be larger; and m, limit of the
 deviation that is added."""

@@ -35,10 +35,10 @@ from lassokin_ros.core.evidence.image_points import ImagePoints
 from lassokin_ros.core.evidence.learned_depth import WEIGHT, LearnedDepth
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import squared_norm
+from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.learned.errors import LEAST_ERROR
 from lassokin_ros.core.record import record
-from lassokin_ros.core.scipy_functions import lapack
 
 FACTOR = 1.6
 """Factor on the posterior's standard deviation s, at the usual disagreement of the pose with the depth network."""
@@ -66,6 +66,8 @@ HIDDEN_LEG = 0.25
 """Least deviation / height of a leg without visible points from the knee down: the prior knows few people who sit."""
 SCALE_DEVIATION = 0.045
 """Deviation of the size of a body of given height, as a fraction; it moves the body along its line of sight."""
+WRONG_SCALE = 0.25
+"""The same, at least, times the probability of a wrong pose: limbs that a detector guesses make another size."""
 PLACE_DEVIATION = 0.02
 """m, per axis: standard deviation of the landmarks' places in the body, and of a detector's lasting errors."""
 ROTATION_FACTOR = 2.0
@@ -143,7 +145,8 @@ class JointUncertainty:
         place = own.factor[0] ** 2 * Y.dot(Y.T)
         place.reshape(-1)[::4] += PLACE_DEVIATION**2
         if not (estimate.depth_measured or estimate.cameras > 1):
-            sight = max(SCALE_DEVIATION, estimate.size_deviation) * (pose.positions[0] - estimate.centre)
+            scale = max(SCALE_DEVIATION, estimate.size_deviation, WRONG_SCALE * self.failure_probability)
+            sight = scale * (pose.positions[0] - estimate.centre)
             place += sight[:, None] * sight
         if estimate.place_covariance is not None:
             place += estimate.place_covariance

@@ -10,7 +10,7 @@ import numpy as np
 from lassokin_ros.core.body.rotations import to_quaternion
 from lassokin_ros.pipeline.session import Session
 from msg_adapters.backends import Backend
-from msg_adapters.output_messages.camera_markers import CameraMarkersBuilder
+from msg_adapters.output_messages.markers import CameraMarkersBuilder
 
 PERIOD_S = 0.2
 """s between two messages; markers disappear after 1 s without one."""

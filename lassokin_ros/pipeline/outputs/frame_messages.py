@@ -24,6 +24,7 @@ from lassokin_ros.pipeline.outputs.status.certificate_status import certificate_
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.builders import (
+    DiagnosticArrayBuilder,
     IdsListBuilder,
     JointStateBuilder,
     PointStampedBuilder,
@@ -37,11 +38,9 @@ from msg_adapters.output_messages.builders import (
 from msg_adapters.output_messages.hand_cloud import GestureBuilder, HandCloudBuilder
 from msg_adapters.output_messages.image_markers import ImageMarkerBuilder, KeypointMarkerBuilder
 from msg_adapters.output_messages.joint_uncertainty import UncertaintyCloudBuilder, UncertaintyMarkersBuilder
-from msg_adapters.output_messages.limb_cloud import LimbCloudBuilder
 from msg_adapters.output_messages.markers import SkeletonMarkersBuilder
 from msg_adapters.output_messages.serialised_messages import SerialisedMessage
-from msg_adapters.output_messages.serialised_status import SerialisedStatus
-from msg_adapters.output_messages.skeleton_cloud import SkeletonCloudBuilder
+from msg_adapters.output_messages.skeleton_cloud import LimbCloudBuilder, SkeletonCloudBuilder
 
 OF_IMAGE = (topics.IMAGE_MARKERS, topics.KEYPOINT_MARKERS, topics.ROI)
 """Topics about the image of the first camera; images of others have no such messages."""
@@ -127,9 +126,9 @@ class FrameMessages:
         }
 
     def _add_certificate(self, title: str) -> None:
-        certificate = SerialisedStatus(self._backend, self._serialised).fill
+        certificate = DiagnosticArrayBuilder(self._backend).fill
         self._builders[topics.CERTIFICATE] = lambda t, f, frame, _: certificate(
-            t, f, certificate_status(frame, title, f)
+            t, f, [certificate_status(frame, title, f)]
         )
 
     def _add_uncertainty_outputs(self, skeleton: Skeleton, prefix: str) -> None:

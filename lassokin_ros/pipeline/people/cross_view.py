@@ -7,7 +7,6 @@ size is needed: between level cameras the epipolar lines are level, too, and eve
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -61,16 +60,3 @@ def triangulated(one: Sight, other: Sight) -> np.ndarray:
         for seen in (np.isfinite(sight.seen.points) & (sight.seen.confidence > 0)[:, None],)
     ]
     return triangulate(views)
-
-
-def same_person(one: Sight, candidates: Sequence[Sight], size: SizeCheck, rival: float) -> Sight | None:
-    """Return the candidate that is the person of another camera's sight; None if there is none, or in doubt.
-
-    rival: the cost of the best candidate must be below this share of the second best's.
-    """
-    costs = sorted(((cross_view_cost(one, candidate, size), i) for i, candidate in enumerate(candidates)))
-    if not costs or costs[0][0] > SAME_PERSON:
-        return None
-    if len(costs) > 1 and costs[0][0] > rival * costs[1][0]:
-        return None
-    return candidates[costs[0][1]]

@@ -74,7 +74,7 @@ class _Learned:
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         """Keep those of the people in the frames; a listener of Playback."""
-        for person in {frame.person for frame in frames if frame.accepted} & self._session.trackers.keys():
+        for person in sorted({frame.person for frame in frames if frame.accepted} & self._session.trackers.keys()):
             tracker = self._session.trackers[person]
             height, body = tracker.learned.height, tracker.skeleton
             if tracker.learned.lengths.kept_motion < LEAST_MOTION:

@@ -31,6 +31,7 @@ from lassokin_ros.core.output.uncertainty import (
     SCALE_DEVIATION,
     SMALLEST_BIAS,
     STILL_DEVIATION,
+    WRONG_SCALE,
     ObservedJoints,
     UncertaintyModel,
     moved_joints,
@@ -239,10 +240,12 @@ def numeric_absolute(tracker, estimate):
 
 def test_absolute_covariances_are_those_of_increment_and_translation():
     tracker, estimate = followed()
-    found = tracker.uncertainty(estimate_of(estimate.problem, estimate.pose)).absolute
+    uncertainty = tracker.uncertainty(estimate_of(estimate.problem, estimate.pose))
+    found = uncertainty.absolute
     joints, pelvis = numeric_absolute(tracker, estimate)
     place = estimate.pose.positions[0]
-    size = SCALE_DEVIATION**2 * np.outer(place, place) + PLACE_DEVIATION**2 * np.eye(3)
+    scale = max(SCALE_DEVIATION, WRONG_SCALE * uncertainty.failure_probability)
+    size = scale**2 * np.outer(place, place) + PLACE_DEVIATION**2 * np.eye(3)
     # Degrees of freedom outside the problem (hands, feet) have the prior's variance and no effect on pelvis or elbow.
     for name in ("pelvis", "left_elbow", "right_knee"):
         i = tracker.skeleton.index(name)
@@ -272,11 +275,13 @@ def problem_free(estimate):
     return np.linalg.inv(B.T @ B)
 
 
-def test_depth_is_as_uncertain_as_the_size_of_the_body():
+def test_depth_is_as_uncertain_as_the_size_of_the_body_and_more_if_the_pose_is_likely_wrong():
     tracker, estimate = followed()
-    deviation = np.sqrt(np.diagonal(tracker.uncertainty(estimate).absolute.joints[0]))
-    x, y, z = estimate.pose.positions[0]
-    assert deviation[2] > SCALE_DEVIATION * z and max(deviation[:2]) < 0.3 * deviation[2]
+    uncertainty, (_, _, z) = tracker.uncertainty(estimate), estimate.pose.positions[0]
+    deviation = np.sqrt(np.diagonal(uncertainty.absolute.joints[0]))
+    assert SCALE_DEVIATION * z < deviation[2] < 2 * SCALE_DEVIATION * z and max(deviation[:2]) < 0.3 * deviation[2]
+    doubtful = replace(uncertainty, failure_probability=0.9).absolute.joints[0]
+    assert np.sqrt(doubtful[2, 2]) == pytest.approx(0.9 * WRONG_SCALE * z, rel=0.1)
 
 
 def test_a_keypoint_that_is_extrapolated_is_no_measured_depth():

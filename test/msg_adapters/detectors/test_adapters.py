@@ -4,13 +4,11 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from messages import CARRIERS, CLOUD_FIELDS, FOCAL, FRAME, camera_info, cloud, raw_cloud
 
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.camera_info import decode_camera_info
-from msg_adapters.detectors.registry import full_type_name, keypoint_adapter
+from msg_adapters.detectors.registry import keypoint_adapter
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import MAX_POINTS
 
@@ -154,42 +152,6 @@ def dimension(backend, size):
     found = backend.make("std_msgs/msg/MultiArrayDimension")
     found.size = size
     return found
-
-
-def test_unknown_message_types_are_refused():
-    assert full_type_name("sensor_msgs/PointCloud2") == "sensor_msgs/msg/PointCloud2"
-    with pytest.raises(KeyError):
-        keypoint_adapter("sensor_msgs/Image")
-
-
-@settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
-@given(
-    data=st.binary(max_size=200),
-    fields=st.lists(
-        st.tuples(
-            st.sampled_from(["x", "y", "u", "confidence", "id", "person", "z"]), st.integers(0, 40), st.integers(0, 9)
-        ),
-        max_size=6,
-    ),
-    sizes=st.tuples(*[st.integers(0, 70)] * 4),
-    count=st.integers(1, 40),
-)
-def test_every_cloud_is_read_or_refused(data, fields, sizes, count):
-    pytest.importorskip("rosbags")
-    from messages import rosbags_backend
-
-    message = raw_cloud(_any_backend.setdefault(0, rosbags_backend()), STAMP, data, fields, sizes[2], sizes[0])
-    message.height, message.row_step = sizes[1], sizes[3]
-    try:
-        points, confidence = decode("sensor_msgs/PointCloud2", message).as_landmarks(count)
-    except AdapterError as error:
-        assert error.reason
-    else:
-        assert points.shape == (count, 2) and ((0 <= confidence) & (confidence <= 1)).all()
-        assert (np.isfinite(points).all(axis=1) == (confidence > 0)).all()
-
-
-_any_backend: dict = {}
 
 
 def test_camera_info_gives_the_intrinsics(backend):

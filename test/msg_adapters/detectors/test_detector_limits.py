@@ -33,8 +33,10 @@ def refused(message_type, message, reason, size=(100, 200)):
 
 def test_every_adapter_is_found_by_both_forms_of_its_type():
     for name in ADAPTERS:
-        assert type(keypoint_adapter(name)) is type(keypoint_adapter(name.replace("/msg/", "/")))
+        assert keypoint_adapter(name) is keypoint_adapter(name.replace("/msg/", "/"))
     assert full_type_name("a/msg/B") == "a/msg/B" and full_type_name("B") == "B"
+    with pytest.raises(KeyError):
+        keypoint_adapter("sensor_msgs/Image")
 
 
 # PointCloud2 ---------------------------------------------------------------------------------------------------------
@@ -78,8 +80,7 @@ def test_a_field_must_end_within_the_point():
 
 @pytest.mark.parametrize("order", "<>")
 @pytest.mark.parametrize(
-    ("place", "number"),
-    [("f4", "i8"), ("f8", "u8"), ("f8", "f8"), ("f4", "f4"), ("i2", "u1"), ("f8", "i8")],
+    ("place", "number"), [("f4", "i8"), ("f8", "u8"), ("f8", "f8"), ("f4", "f4"), ("i2", "u1"), ("f8", "i8")]
 )
 def test_every_type_of_number_and_byte_order_is_read(order, place, number):
     codes = {kind: code for code, kind in DATATYPES.items()}
@@ -291,9 +292,9 @@ def test_zed_points_are_missing_if_both_coordinates_are_0_or_one_is_negative():
 def test_the_zed_confidence_of_the_body_is_used_for_its_points():
     message = zed()
     assert decode(ZED, message).confidence == pytest.approx([0.9] * 18)
-    message.objects[0].skeleton_keypoint_confidence[0] = 50
-    found = decode(ZED, message).confidence
-    assert found[0] == 0.5 and not found[1:].any()
+    message.objects[0].skeleton_keypoint_confidence[:2] = 50, -1
+    points = decode(ZED, message)
+    assert points.confidence[0] == 0.5 and not points.as_landmarks(18)[1][1:].any()
 
 
 def test_zed_messages_may_be_empty_but_not_too_long():

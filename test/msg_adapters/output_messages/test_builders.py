@@ -146,20 +146,9 @@ def test_the_skeletons_cloud(backend):
     cloud = points(builder.fill(STAMP, FRAME, report), SKELETON_POINT)
     assert SKELETON_POINT.names[:12] == ("x", "y", "z", "vx", "vy", "vz", "xx", "xy", "xz", "yy", "yz", "zz")
     for joint, point in enumerate(cloud.tolist()):
-        expected = [
-            *POSITIONS[joint],
-            *POSITIONS[joint] + 20,
-            *UPPER[joint],
-            joint,
-            1 - joint,
-            joint,
-            doubts[0][joint],
-            doubts[1][joint],
-            *turns[joint],
-            *up,
-            1 - joint,
-        ]
-        assert point == tuple(expected)
+        place = (*POSITIONS[joint], *POSITIONS[joint] + 20, *UPPER[joint])
+        doubt = (doubts[0][joint], doubts[1][joint])
+        assert point == (*place, joint, 1 - joint, joint, *doubt, *turns[joint], *up, 1 - joint)
 
 
 def test_the_uncertaintys_cloud(backend):
@@ -245,22 +234,11 @@ def test_keypoints_on_a_plane_before_the_camera(backend):
     assert (marker.lifetime.sec, marker.lifetime.nanosec) == (1, 0)
 
 
+PLACE = POSITIONS[1], QUATERNIONS[1], POSITIONS[1] + 20, COVARIANCE
+CORNERS = np.array([[0, 7, 2], [1, 1, 10], [4, 2, 3.0]])
+FLAGS = {"age": 0.25, "detector_id": 12, "guessed": True, "doubtful": True}
 PEOPLE = [
-    people.PersonReport(
-        "p7",
-        True,
-        0.75,
-        POSITIONS[1],
-        QUATERNIONS[1],
-        POSITIONS[1] + 20,
-        COVARIANCE,
-        np.array([[0, 7, 2], [1, 1, 10], [4, 2, 3.0]]),
-        age=0.25,
-        detector_id=12,
-        guessed=True,
-        doubtful=True,
-        velocity_covariance=np.arange(9.0).reshape(3, 3),
-    ),
+    people.PersonReport("p7", True, 0.75, *PLACE, CORNERS, **FLAGS, velocity_covariance=np.arange(9.0).reshape(3, 3)),
     people.PersonReport("x", False, 0.0, POSITIONS[0], QUATERNIONS[0], POSITIONS[0], COVARIANCE, np.zeros((2, 3))),
 ]
 PERSON_COVARIANCE = [100, 101, 102, 107, 108, 114]
@@ -312,30 +290,8 @@ def test_people_as_people_msgs(backend):
 def test_people_as_a_cloud(backend):
     builder = people.people_builder(backend, next(iter(people.BUILDERS)))
     cloud = points(builder.fill(STAMP, FRAME, PEOPLE), people.POINT)
-    assert cloud[0].tolist() == (
-        3,
-        4,
-        5,
-        23,
-        24,
-        25,
-        *PERSON_COVARIANCE,
-        0.75,
-        0.25,
-        7,
-        1,
-        12,
-        1,
-        1,
-        0,
-        0,
-        0,
-        1,
-        2,
-        4,
-        5,
-        8,
-    )
+    place = [*POSITIONS[1], *POSITIONS[1] + 20, *PERSON_COVARIANCE]
+    assert cloud[0].tolist() == (*place, 0.75, 0.25, 7, 1, 12, 1, 1, 0, 0, 0, 1, 2, 4, 5, 8)
     assert cloud[1].tolist()[12:21] == (0, 0, PEOPLE[1].number, 0, -1, 0, 0, 0, 0)
     assert len(points(builder.fill(STAMP, FRAME, []), people.POINT)) == 0
 

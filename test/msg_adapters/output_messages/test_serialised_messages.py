@@ -8,17 +8,12 @@ from messages import camera_info, cloud, pixels_of_motion, rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
+from lassokin_ros.pipeline.outputs.topics import CERTIFICATE
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import ALL, OFF, NodeSettings
 from msg_adapters.backends import RclpyBackend, RosbagsBackend
-from msg_adapters.output_messages.builders import (
-    DiagnosticArrayBuilder,
-    JointStateBuilder,
-    PointStampedBuilder,
-    StatusLine,
-)
+from msg_adapters.output_messages.builders import JointStateBuilder, PointStampedBuilder
 from msg_adapters.output_messages.serialised_messages import MOST_TEMPLATES, SerialisedMessage
-from msg_adapters.output_messages.serialised_status import SerialisedStatus
 
 BACKENDS = [rosbags_backend(), *([RclpyBackend()] if find_spec("rclpy") else [])]
 START_NS = 10**12
@@ -42,6 +37,8 @@ def test_every_serialised_output_equals_its_message(backend):
         frame = session.process(cloud(backend, stamp, xy, confidence, frame_id="camera" + "_x" * (i // 5)), 0)
         for (topic, message), (same_topic, serialised) in zip(messages.build(frame), ready.build(frame)):
             assert topic == same_topic
+            if topic == CERTIFICATE:  # its texts change their lengths
+                serialised = backend.serialise(serialised)
             assert isinstance(serialised, bytes), topic
             assert backend.alike(serialised, message), topic
 
@@ -68,17 +65,6 @@ def test_a_strict_reader_accepts_the_middlewares_bytes():
             assert read.header.frame_id == frame_id and read.position.tolist() == read.velocity.tolist() == [*numbers]
 
 
-def test_texts_of_any_length_and_script_are_serialised(backend):
-    builder, ready = DiagnosticArrayBuilder(backend), SerialisedStatus(backend)
-    texts = ["", "a", "ab", "abc", "abcd", "Größe", "身長"]
-    for i, text in enumerate(texts):
-        line = StatusLine(i % 3, text, texts[i - 1], texts[i - 2], {text: "value", "key": text})
-        for filled in (line, StatusLine(0, "x", "y", text)):
-            serialised = ready.fill(START_NS + i, text, filled)
-            assert isinstance(serialised, bytes)
-            assert backend.alike(serialised, builder.fill(START_NS + i, text, [filled]))
-
-
 class Otherwise(RosbagsBackend):
     """A middleware whose serialised messages have another memory layout."""
 
@@ -93,8 +79,6 @@ def test_an_unknown_memory_layout_falls_back_to_the_message():
         serialised = SerialisedMessage(builder, backend)
         message = serialised.fill(START_NS + i, "camera", np.array([1.0, i]), np.array([3.0, 4.0]))
         assert list(message.position) == [1.0, i] and message.header.stamp.nanosec == i
-        message = SerialisedStatus(backend).fill(START_NS + i, "camera", StatusLine(0, "name", "said"))
-        assert message.status[0].message == "said" and message.header.stamp.nanosec == i
 
 
 def test_the_places_are_learned_once_for_each_form_of_a_message():

@@ -106,6 +106,16 @@ def test_images_of_one_instant_share_a_lasso_and_others_have_their_own():
     assert alternating.session.counts[LATE] == 0 and alternating.error() < 20
 
 
+@pytest.mark.parametrize("wait", [0.05, 0.5])
+def test_an_image_waits_for_that_of_another_camera_exactly_as_long_as_it_is_told(wait):
+    play = Play([LEFT, RIGHT], NodeSettings(cameras=("left", "right"), fixed_frame=MAP, wait=wait)).run(0.5, hz=10)
+    play.transforms(0, 0.5)
+    play.image(0, 0.5)
+    end_ns = START_NS + round(1e9 * (0.5 + 0.01 + wait))
+    assert play.session.due_at_ns == end_ns and not play.session.due(end_ns - 1)
+    assert len(play.session.due(end_ns)) == 1 and play.session.due_at_ns is None
+
+
 def test_without_a_fixed_frame_the_skeleton_is_in_the_frame_of_the_first_camera():
     play = Play([LEFT, RIGHT], NodeSettings(cameras=("left", "right"))).run()
     assert {one.frame.frame_id for one in play.results} == {LEFT.frame}

@@ -27,7 +27,7 @@ from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.watch import points as points_of
 from msg_adapters.backends import RosbagsBackend
-from msg_adapters.detectors.point_cloud2 import PointCloud2Adapter
+from msg_adapters.detectors import point_cloud2
 from msg_adapters.keypoints import Keypoints
 
 pytest.importorskip("rosbags")
@@ -128,7 +128,7 @@ def test_133_points_of_an_onnx_model_reach_their_landmarks(tmp_path):
     detector = make_detector(graph.save(tmp_path / "whole_body.onnx", outputs))
     found = detector.detect(np.zeros((512, 640, 3), np.uint8), 0.0)
     assert (detector.landmarks, skeleton_of(detector.landmarks)) == ("coco133", "body_hands")
-    keypoints = PointCloud2Adapter().decode(keypoint_message(BACKEND, 10**9, FRAME, found, detector.several))
+    keypoints = point_cloud2.decode(keypoint_message(BACKEND, 10**9, FRAME, found, detector.several))
     frame = one.process(keypoints, 7)
     assert frame.accepted and np.abs(frame.detected - pixels).max() <= 0.3 and frame.estimate.visible.all()
     assert one.process(replace(keypoints, stamp_ns=2 * 10**9, landmarks=17), 7).rejection == "other_layout"

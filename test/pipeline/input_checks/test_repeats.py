@@ -13,14 +13,16 @@ from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
+from lassokin_ros.core.learned.height import FEWEST  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.depth.depth_images import EARLIER, MATCHED, REPEATED, UNMATCHED  # noqa: E402
-from lassokin_ros.pipeline.input_checks.repeats import Repeats, same_image  # noqa: E402
+from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S, OwnDepth, Repeats, same_image  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.presence_state import LOST, TRACKING, PresenceState  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+from msg_adapters.keypoints import Keypoints  # noqa: E402
 from msg_adapters.output_messages.builders import OK, WARN  # noqa: E402
 
 BACKEND = rosbags_backend()
@@ -227,3 +229,50 @@ def test_a_slow_detector_that_repeats_keypoints_with_their_depths_is_used(scene)
         (frame,) = session.send(i, message)
         assert frame.estimate.depth_measured or i == 0
     assert "depth" not in session.status(COUNT).message
+
+
+DEPTHS = np.linspace(2.0, 3.0, 17)
+STEP_NS = 100_000_000
+
+
+def keypoints(i, depth=DEPTHS, note=""):
+    xy = np.full((17, 2), 100.0) + i
+    return Keypoints(
+        1, "", np.arange(17), xy, np.ones(17), depth=None if depth is None else np.array(depth), depth_note=note
+    )
+
+
+def test_repeated_depths_of_moving_points_are_dropped_and_named_after_a_second():
+    own = OwnDepth()
+    for i in range(20):
+        found = own.checked(keypoints(i), i * STEP_NS)
+        assert (found.depth is None) == (i > 0) and len(found.xy) == 17
+        assert bool(own.warning) == (0.1 * i > FROZEN_S), i
+    assert "the same ones for more than 1 s" in own.warning
+    assert own.checked(keypoints(20, DEPTHS + 0.01), 2 * 10**9).depth is not None and own.warning == ""
+
+
+def test_a_whole_message_that_repeats_keeps_its_depths():
+    own = OwnDepth()
+    for i in range(20):
+        assert own.checked(keypoints(0), i * STEP_NS).depth is not None and own.warning == ""
+
+
+def test_few_depths_or_equal_ones_are_not_compared():
+    own = OwnDepth()
+    few = np.where(np.arange(17) < FEWEST - 1, DEPTHS, np.nan)
+    for depth in (None, np.full(17, 2.5), few, np.full(17, np.nan)):
+        for i in range(20):
+            given = keypoints(i, depth)
+            assert own.checked(given, i * STEP_NS) is given and own.warning == ""
+    enough = np.where(np.arange(17) < FEWEST, DEPTHS, np.nan)
+    assert own.checked(keypoints(0, enough), 0).depth is not None
+    assert own.checked(keypoints(1, enough), STEP_NS).depth is None
+
+
+def test_the_note_of_the_message_is_that_of_the_last_one():
+    own = OwnDepth()
+    own.checked(keypoints(0, None, "in another frame"), 0)
+    assert own.warning == "in another frame"
+    own.checked(keypoints(1, None), 1)
+    assert own.warning == ""
