@@ -91,7 +91,7 @@ class Camera:
                 own = of_own_surface(observation.depth, landmarks, nearest, layout.surface, skeleton.height)
                 observation = replace(observation, depth=own)
         if (motion := self._motion(body)) is not None:
-            self.measurements.carry(*motion)
+            self.measurements.filter.carry(*motion)  # it is none of the person
             if self.network is not None:
                 self.network.carry(*motion)
         self._last_pose, self._last_given = self.pose, self.given
@@ -134,7 +134,7 @@ class Camera:
 
         points: (k, l) bool, the landmarks at each place.
         """
-        speeds = np.fmax.reduce(np.where(points, self.measurements.speeds(), np.nan), axis=1)
+        speeds = np.fmax.reduce(np.where(points, self.measurements.filter.speeds(), np.nan), axis=1)
         return np.asarray(speeds * self.pose.into_camera(places)[:, 2])
 
     def move_frame(self, rotation: np.ndarray, translation: np.ndarray) -> None:

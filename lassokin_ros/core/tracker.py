@@ -34,6 +34,7 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
+from lassokin_ros.core.hypotheses.network_pose import NetworkPose
 from lassokin_ros.core.hypotheses.start import FIT_AFTER, Start, Starts
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.measurement import Measurement
@@ -166,7 +167,7 @@ class Tracker:
     def limitations(self) -> str:
         """What is off because joints or landmarks are missing, in one line; empty if nothing is."""
         off = missing_roles(self.skeleton.joint_names)
-        if not off and self.config.depth_prior and not self._starts.with_network:
+        if not off and self.config.depth_prior and self._starts.network_pose is None:
             return f"layout '{self.layout.name}' has too few of the points that the depth network needs; it is off"
         return off
 
@@ -324,7 +325,7 @@ class Tracker:
 
     def _solve(self, start: Start, frame: FrameData, measurement: Measurement) -> Increment:
         """The frame's increment, with the feet that stand still held unless the pose does not continue the last one."""
-        step = measurement.step if self._starts.with_network and not start.initialised else 0.0
+        step = measurement.step if self._starts.network_pose is not None and not start.initialised else 0.0
         feet = self.learned.feet
         if feet.anchors is not None and not (start.initialised or self._replaced or measurement.repeated):
             frame = replace(frame, anchors=feet.anchors, anchor_deviation=feet.deviation)
@@ -351,12 +352,8 @@ class Tracker:
     def _estimate(self, answer: Answer, smoothed: BodyState) -> Estimate:
         """The estimate for an accepted frame. smoothed: the state to publish."""
         self._status, pose = Status.TRACKING, self.kinematics.pose(smoothed)
-        frame, increment, solved, network_pose = (
-            answer.frame,
-            answer.increment,
-            answer.solved,
-            self._starts.network_pose,
-        )
+        frame, increment, solved = answer.frame, answer.increment, answer.solved
+        network_pose = self._starts.network_pose
         return Estimate(
             answer.stamp,
             self._status,
@@ -388,7 +385,7 @@ class Tracker:
             contacts=self.learned.contacts(pose.positions),
             up=self.learned.vertical.direction,
             prior_cost=0.5 * float(squared_norm(solved.posture.residual[self.frame_model.prior.body_rows])),
-            network_distance=math.nan if network_pose is None else network_pose.distance(solved.pose),
+            network_distance=network_pose.distance(solved.pose) if isinstance(network_pose, NetworkPose) else math.nan,
         )
 
     def _learn(self, answer: Answer, restarted: bool) -> None:

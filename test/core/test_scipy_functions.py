@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import linalg, optimize
 
-from lassokin_ros.core import scipy_functions
-from lassokin_ros.core.scipy_functions import compiled_module, lapack
+from lassokin_ros.core import kernel
+from lassokin_ros.core.kernel import compiled_module, lapack
 
 
 def test_the_functions_are_those_of_scipy():
@@ -27,13 +27,13 @@ def test_the_functions_are_those_of_scipy():
 )
 def test_a_scipy_without_the_file_is_used_as_a_whole(package, name, public, module, monkeypatch):
     assert compiled_module(package, name, public) is not module
-    monkeypatch.setattr(scipy_functions, "EXTENSION_SUFFIXES", [".none"])
+    monkeypatch.setattr(kernel, "EXTENSION_SUFFIXES", [".none"])
     assert compiled_module(package, name, public) is module
 
 
 @pytest.mark.parametrize("first, then", [("mine", "theirs"), ("theirs", "mine")])
 def test_scipy_itself_can_be_imported_before_and_after(first, then):
-    imports = {"mine": "from lassokin_ros.core.scipy_functions import lapack", "theirs": "import scipy.linalg"}
+    imports = {"mine": "from lassokin_ros.core.kernel import lapack", "theirs": "import scipy.linalg"}
     code = f"""if True:
         {imports[first]}
         {imports[then]}

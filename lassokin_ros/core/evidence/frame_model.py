@@ -16,9 +16,8 @@ from lassokin_ros.core.body.roles import ANKLES, SIDES
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.evidence.feet import Floor, FootContact
-from lassokin_ros.core.evidence.image_points import ImagePoints
+from lassokin_ros.core.evidence.image_points import ImagePoints, MeasuredDepth
 from lassokin_ros.core.evidence.learned_depth import TAIL, HandDepth, LearnedDepth
-from lassokin_ros.core.evidence.measured_depth import MeasuredDepth
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import OFFSET_DEVIATION, Balance, Upright
 from lassokin_ros.core.evidence.users import UsersEvidence
@@ -27,81 +26,6 @@ from lassokin_ros.core.image.projection import CAP, NEAREST_DEPTH, THRESHOLD, hu
 from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.network.hand_network import hand_index
 from lassokin_ros.core.record import record
-
-
-class CompiledEvidence:
-    """Calls the kernel with the tables of one frame model."""
-
-    def __init__(
-        self,
-        kinematics: Kinematics,
-        prior: PosePrior,
-        upright: Upright,
-        balance: Balance,
-        depth: LearnedDepth | None,
-    ) -> None:
-        """depth: None for a skeleton without learned depth."""
-        self._kinematics, self._prior = kinematics, prior
-        joints, levers, reach = np.empty(0, dtype=int), np.empty((0, 3)), np.empty((len(kinematics.live_index), 0))
-        if depth is not None:
-            joints, levers, reach = depth.joints, depth.levers, depth.reach
-        self._tables = (
-            kinematics.live_index,
-            kinematics.reach_of(kinematics.layout.joints, 2),
-            prior.columns_by_joint,
-            prior.live,
-            balance.shares,
-            balance.lever_shares,
-            joints,
-            levers,
-            reach,
-            np.array([NEAREST_DEPTH, THRESHOLD, CAP, upright.deviation, OFFSET_DEVIATION, TAIL]),
-        )
-        self._pieces: list[tuple[ImagePoints, LearnedDepth | None]] = []
-        self.names = {PosePrior.name, Upright.name, Balance.name}
-        """Of the evidence that the kernel treats."""
-
-    def add_camera(self, image: ImagePoints, depth: LearnedDepth | None) -> None:
-        """Add the evidence of the next camera."""
-        self._pieces.append((image, depth))
-        self.names |= {piece.name for piece in (image, depth) if piece}
-
-    def linearise(
-        self, about: LinearisationPoint, rows: Mapping[str, slice], columns: np.ndarray, z: np.ndarray
-    ) -> bool:
-        """Fill the rows of the evidence in `names`. Returns False if the frame is not regular."""
-        if not kernel.active or about.robust is not huber_weights or about.increment_jacobian is not None:
-            return False
-        begin = tuple(rows[name].start for name in (PosePrior.name, Upright.name, Balance.name))
-        state, views = self._state(about.states, about.frame), self._views(about.frame, rows)
-        return kernel.linearise(self._tables, state, views, begin, columns, z)
-
-    def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray | None:
-        """The cost (...,) of the evidence in `names`; None if the frame is not regular."""
-        found = np.empty(states.pose.landmarks.shape[:-2])
-        if kernel.active and kernel.cost(self._tables, self._state(states, frame), self._views(frame, {}), found):
-            return found
-        return None
-
-    def _state(self, states: EvaluatedState, frame: FrameData) -> tuple[Any, ...]:
-        pose, posture = states.pose, states.posture
-        weight, height = self._prior.weight(frame), self._kinematics.skeleton.height
-        places = pose.orientations, pose.positions, pose.landmarks, states.state.rotations
-        return (*places, posture.theta, posture.residual, frame.up, height, weight)
-
-    def _views(self, frame: FrameData, rows: Mapping[str, slice]) -> tuple[tuple[Any, ...], ...]:
-        """What each camera sees, with its first rows (0 without `rows`)."""
-        views: list[tuple[Any, ...]] = []
-        for view, (image, depth) in zip(frame.views, self._pieces):
-            camera, given = view.camera, view.joint_depths
-            begin = rows[image.name].start if rows else 0
-            seen = view.points, view.weights, camera.rotation, camera.translation, begin
-            if depth is None or given is None:
-                views.append((*seen, None, None, None, None, None))
-                continue
-            begin = rows[depth.name].start if rows else 0
-            views.append((*seen, given.sight, given.depths, given.whitening, depth.factor(frame), begin))
-        return tuple(views)
 
 
 @record
@@ -146,8 +70,20 @@ class FrameModel:
                     f"evidence is named '{own.name}', as that of a further camera; expected a name without the number"
                 )
             self.pieces[own.name] = own
-        self._compiled = CompiledEvidence(kinematics, self.prior, self.upright, self.balance, self.learned_depth)
-        self._compiled.add_camera(self.image, self.learned_depth)
+        depth = self.learned_depth
+        nowhere = np.empty(0, dtype=int), np.empty((0, 3)), np.empty((len(kinematics.live_index), 0))
+        self._tables = (
+            kinematics.live_index,
+            kinematics.reach_of(kinematics.layout.joints, 2),
+            self.prior.columns_by_joint,
+            self.prior.live,
+            self.balance.shares,
+            self.balance.lever_shares,
+            *(nowhere if depth is None else (depth.joints, depth.levers, depth.reach)),
+            np.array([NEAREST_DEPTH, THRESHOLD, CAP, self.upright.deviation, OFFSET_DEVIATION, TAIL]),
+        )
+        self._by_camera = [(self.image, depth)]
+        self._compiled = {piece.name for piece in (*built_in[:4], depth) if piece}  # which the kernel treats
         self._layouts: dict[tuple[str, ...], tuple[dict[str, slice], int]] = {}
         self.image_pieces = [self.image]
         """The reprojection errors of each camera."""
@@ -160,7 +96,8 @@ class FrameModel:
         image = ImagePoints(count, camera)
         depth = None if self.learned_depth is None else LearnedDepth(self.kinematics, camera)
         self.image_pieces.append(image)
-        self._compiled.add_camera(image, depth)
+        self._by_camera.append((image, depth))
+        self._compiled |= {piece.name for piece in (image, depth) if piece}
         self.pieces |= {piece.name: piece for piece in (image, MeasuredDepth(count, camera), depth) if piece}
         self.pieces |= {piece.name: piece for piece in self._hand_depths(camera)}
 
@@ -193,7 +130,7 @@ class FrameModel:
         rows, count = self._rows(frame)
         shape = states.pose.landmarks.shape[:-2]
         columns, z = np.empty((*shape, len(self.live) + 3, count)), np.empty((*shape, count))
-        done = self._compiled.names if self._compiled.linearise(about, rows, columns, z) else ()
+        done = self._compiled if self._linearise_compiled(about, rows, columns, z) else ()
         for name, own in rows.items():
             if name not in done:
                 self.pieces[name].linearise(about, columns[..., own], z[..., own])
@@ -221,7 +158,34 @@ class FrameModel:
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(...,) negative log-likelihood of each state, all evidence together."""
-        compiled = self._compiled.cost(states, frame)
-        cost, done = (0.0, ()) if compiled is None else (compiled, self._compiled.names)
+        cost: Any = np.empty(states.pose.landmarks.shape[:-2])
+        done = self._compiled
+        if not (kernel.active and kernel.cost(*self._kernel_input(states, frame, {}), cost)):
+            cost, done = 0.0, set()
         others = (piece for name, piece in self.pieces.items() if name not in done and piece.present(frame))
         return np.asarray(cost + sum(piece.cost(states, frame) for piece in others))
+
+    def _linearise_compiled(
+        self, about: LinearisationPoint, rows: Mapping[str, slice], columns: np.ndarray, z: np.ndarray
+    ) -> bool:
+        """Fill the rows of the evidence that the kernel treats. Returns False if the frame is not regular."""
+        if not kernel.active or about.robust is not huber_weights or about.increment_jacobian is not None:
+            return False
+        begin = tuple(rows[piece.name].start for piece in (self.prior, self.upright, self.balance))
+        return kernel.linearise(*self._kernel_input(about.states, about.frame, rows), begin, columns, z)
+
+    def _kernel_input(self, states: EvaluatedState, frame: FrameData, rows: Mapping[str, slice]) -> tuple[Any, ...]:
+        """Tables, state, and what each camera sees with its first rows (0 without `rows`)."""
+        pose, posture = states.pose, states.posture
+        places = pose.orientations, pose.positions, pose.landmarks, states.state.rotations
+        weights = frame.up, self.kinematics.skeleton.height, self.prior.weight(frame)
+        views: list[tuple[Any, ...]] = []
+        for view, (image, depth) in zip(frame.views, self._by_camera):
+            begin, given = rows[image.name].start if rows else 0, view.joint_depths
+            seen = view.points, view.weights, view.camera.rotation, view.camera.translation, begin
+            if depth is None or given is None:
+                views.append((*seen, None, None, None, None, None))
+                continue
+            begin = rows[depth.name].start if rows else 0
+            views.append((*seen, given.sight, given.depths, given.whitening, depth.factor(frame), begin))
+        return self._tables, (*places, posture.theta, posture.residual, *weights), tuple(views)

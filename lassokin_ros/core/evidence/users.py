@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import numpy as np
 
 from lassokin_ros.core.body.proportions import LengthMotion
@@ -9,6 +12,7 @@ from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.image.frame_data import FrameData
 
+Answer = TypeVar("Answer")
 LARGEST = 1e5
 """Largest number in a row, and on its right side; with larger ones the lasso's answer is not certified."""
 
@@ -29,53 +33,53 @@ class UsersEvidence(Evidence):
 
     def present(self, frame: FrameData) -> bool:
         """See Evidence.present; False after a fault."""
-        if self.fault:
-            return False
-        try:
-            return bool(self._evidence.present(frame))
-        except Exception as error:  # a user's code raises anything
-            self._note(error)
-            return False
+        return self._tried(lambda: bool(self._evidence.present(frame)), False)
 
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
         """See Evidence.linearise."""
-        columns[...], z[...] = np.nan, np.nan  # what the user's code does not fill is noticed
-        try:
+
+        def filled() -> bool:
+            columns[...], z[...] = np.nan, np.nan  # what the user's code does not fill is noticed
             self._evidence.linearise(about, columns, z)
             largest = np.abs(np.append(columns, z)).max()
             if not largest <= LARGEST:
                 raise ValueError(f"linearise left {largest:g} in rows or z; expected finite numbers up to {LARGEST:g}")
-        except Exception as error:
-            self._note(error)
+            return True
+
+        if not self._tried(filled, False):
             columns[...], z[...] = 0.0, 0.0
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """See Evidence.cost."""
         shape = states.state.translation.shape[:-1]
-        if self.fault:
-            return np.zeros(shape)
-        try:
+
+        def computed() -> np.ndarray:
             cost = np.asarray(self._evidence.cost(states, frame), dtype=float)
             if cost.shape != shape or not np.isfinite(cost).all():
                 raise ValueError(f"cost has shape {cost.shape} or is not finite; expected {shape}")
             return cost
-        except Exception as error:
-            self._note(error)
-            return np.zeros(shape)
+
+        return self._tried(computed, np.zeros(shape))
 
     def length_rows(
         self, columns: np.ndarray, states: EvaluatedState, frame: FrameData, motion: LengthMotion
-    ) -> np.ndarray | float:
+    ) -> np.ndarray:
         """See Evidence.length_rows."""
-        shape = self.count, motion.joints.shape[-1]
-        try:
-            rows = np.broadcast_to(np.asarray(self._evidence.length_rows(columns, states, frame, motion), float), shape)
+
+        def computed() -> np.ndarray:
+            rows = np.asarray(self._evidence.length_rows(columns, states, frame, motion), float)
             if not np.isfinite(rows).all():
                 raise ValueError("length_rows left rows that are not finite")
-            return rows
-        except Exception as error:
-            self._note(error)
-            return 0.0
+            return np.broadcast_to(rows, (self.count, motion.joints.shape[-1]))
 
-    def _note(self, error: Exception) -> None:
-        self.fault = f"evidence '{self.name}' is left out: {type(error).__name__}: {error}"
+        return self._tried(computed, np.zeros((self.count, motion.joints.shape[-1])))
+
+    def _tried(self, answer: Callable[[], Answer], otherwise: Answer) -> Answer:
+        """The answer of the user's code; after a fault, and if it raises, the one given in its place."""
+        if self.fault:
+            return otherwise
+        try:
+            return answer()
+        except Exception as error:  # a user's code raises anything
+            self.fault = f"evidence '{self.name}' is left out: {type(error).__name__}: {error}"
+            return otherwise

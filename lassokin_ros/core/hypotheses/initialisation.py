@@ -17,9 +17,9 @@ from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import capped_weights
+from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import WEAKEST
 from lassokin_ros.core.record import record
-from lassokin_ros.core.scipy_functions import lapack
 
 START_ROTATIONS = np.array([
     [[1, 0, 0], [0, -1, 0], [0, 0, -1]],

@@ -44,8 +44,8 @@ class NetworkPose:
         self._relative = np.eye(len(shared))
         self._relative[:, [shared.index("left_hip"), shared.index("right_hip")]] -= 0.5
 
-    def state(self) -> BodyState | None:
-        """The pose, (n, 3, 3), with translation 0; None without an estimate for the newest frame."""
+    def state(self, frame: FrameData | None = None) -> BodyState | None:
+        """The pose for the newest frame, (n, 3, 3), with translation 0; None without an estimate. frame: not used."""
         places = self._places()
         if places is None:
             return None

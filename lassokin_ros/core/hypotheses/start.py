@@ -108,12 +108,13 @@ class Starts:
         """
         self._frame_model, self._vertical, kinematics = frame_model, vertical, frame_model.kinematics
         self.initialiser = Initialiser(kinematics, prior, frame_model)
-        self.network_pose, self._hand_pose, propose = None, None, MirroredLimbs(kinematics).propose
+        self.network_pose: NetworkPose | HandPose | None = None
+        propose = MirroredLimbs(kinematics).propose
         if network_places is not None:
             self.network_pose = NetworkPose(network_places, kinematics, self.initialiser.mean_pose)
             propose = self.network_pose.propose
         elif with_hands and HandPose.fits(kinematics):
-            self._hand_pose = HandPose(kinematics, self.initialiser.mean_pose)
+            self.network_pose = HandPose(kinematics, self.initialiser.mean_pose)
         self._other_pose = OtherPose(self.initialiser, frame_model, propose)
         self.reinitialisation = Reinitialisation()
         self.reset()
@@ -134,7 +135,7 @@ class Starts:
         stuck = self._stuck_frames > 0 and self._stuck_frames % STUCK_AFTER == 0
         if tracked is None or measurement.lost or stuck:
             return self._from_fit(self._first_fit(frame))
-        if not self.with_network:
+        if self.network_pose is None:
             return self._without_network(tracked, measurement, frame)
         if not has_passed(measurement.since_new_keypoints, FIT_AFTER):
             return Start(tracked)
@@ -142,16 +143,9 @@ class Starts:
         fits = [self.initialiser.fit_near(start, frame) for start in starts if start is not None]
         return Start(self._frame_model.evaluate(min(fits, key=lambda fit: fit.cost).state), fitted=True)
 
-    @property
-    def with_network(self) -> bool:
-        """Whether a network gives the pose of the body, or of a hand alone."""
-        return self.network_pose is not None or self._hand_pose is not None
-
     def _network_state(self, frame: FrameData) -> BodyState | None:
         """The pose by the network, with translation 0; None without one."""
-        if self.network_pose is not None:
-            return self.network_pose.state()
-        return None if self._hand_pose is None else self._hand_pose.state(frame)
+        return None if self.network_pose is None else self.network_pose.state(frame)
 
     def _from_fit(self, fit: Fit) -> Start:
         self.cost = fit.cost
@@ -172,7 +166,7 @@ class Starts:
         if start is None:
             return self._fit_with_verticals(frame)
         near = self.initialiser.fit_near(start, frame)
-        if near.cost <= (GOOD_FIT if self._hand_pose is None else GOOD_HAND_FIT) * frame.point_count:
+        if near.cost <= (GOOD_HAND_FIT if isinstance(self.network_pose, HandPose) else GOOD_FIT) * frame.point_count:
             return near
         return min(self.initialiser.fit(frame), near, key=lambda fit: fit.cost)
 

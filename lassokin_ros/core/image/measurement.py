@@ -80,7 +80,7 @@ class MeasurementFilter:
         """kinematics: its layout and skeleton may change their size later."""
         self._kinematics = kinematics
         limbs = limb_groups(kinematics.skeleton)[kinematics.layout.joints]
-        self._filter = KeypointFilter(kinematics.layout.names, limbs)
+        self.filter = KeypointFilter(kinematics.layout.names, limbs)
         self.reset()
 
     def reset(self) -> None:
@@ -92,7 +92,7 @@ class MeasurementFilter:
     def forget(self) -> None:
         """Forget the keypoints, but not the stamps."""
         self._last, self._since = b"", 0.0  # the last keypoints, and the stamp of their first occurrence
-        self._filter.reset()
+        self.filter.reset()
 
     def _age(self, observation: Observation) -> float:
         """Time in s since the same keypoints were first received; 0 if they are new.
@@ -122,7 +122,7 @@ class MeasurementFilter:
         repeated = self._age(observation)
         lost = is_longer(stamp - (self.newest if repeated else self.last_new_stamp), config.lost_after)
         if lost:
-            self._filter.reset()
+            self.filter.reset()
             repeated = 0.0
         known_depth = None if lost else depth
         depth = known_depth or TYPICAL_DEPTH
@@ -130,35 +130,24 @@ class MeasurementFilter:
         measured = gate_depth(observation, visible, layout.surface, known_depth, reach, config.depth_noise)
         detected = np.where(visible[:, None], observation.points, 0.0)
         if repeated:  # the same keypoints do not mean that the person stands still
-            points, weights = self._filter.expected(stamp)
+            points, weights = self.filter.expected(stamp)
         else:
-            points, weights = self._filter.update(stamp, detected, weights, ACCELERATION / depth, model_error / depth)
-        assignment = self._filter.assignment
+            points, weights = self.filter.update(stamp, detected, weights, ACCELERATION / depth, model_error / depth)
+        assignment = self.filter.assignment
         if assignment is not None:
             detected, visible = detected[assignment], visible[assignment]
             measured = None if measured is None else (measured[0][assignment], measured[1][assignment])
         if measured is not None and repeated:
             measured = measured[0], PREDICTED_WEIGHT * measured[1]
-        speed, step = depth * self._filter.speed(), stamp - self.newest
+        speed, step = depth * self.filter.speed(), stamp - self.newest
         since_new = 0.0 if repeated else stamp - self.last_new_stamp
         times, depths = (speed, repeated, step, since_new, lost), measured or (None, None)
         return Measurement(stamp, detected, visible, focal, points, weights, *times, *depths)
 
-    def carry(self, rotation: np.ndarray, shift: np.ndarray) -> None:
-        """Continue the tracks in the image of the camera after it has moved; see `projection.carried`.
-
-        The camera's motion is none of the person: the tracks' velocities do not contain it.
-        """
-        self._filter.carry(rotation, shift)
-
     def predicted(self, stamp: float, depth: float | None, model_error: float) -> tuple[np.ndarray, np.ndarray]:
         """Points (l, 2) and weights (l,) predicted for a stamp, s. depth, model_error: m, as in `filtered`."""
         depth = depth or TYPICAL_DEPTH
-        return self._filter.ahead(stamp, ACCELERATION / depth, model_error / depth)
-
-    def speeds(self) -> np.ndarray:
-        """(l,) speed of each keypoint's track, normalised units / s; NaN if it is not known."""
-        return self._filter.speeds()
+        return self.filter.ahead(stamp, ACCELERATION / depth, model_error / depth)
 
     def mark_used(self, measurement: Measurement) -> None:
         """Note that the state was updated with this measurement."""

@@ -11,8 +11,7 @@ import math
 
 import numpy as np
 
-from lassokin_ros.core.kernel import kernel
-from lassokin_ros.core.scipy_functions import lapack
+from lassokin_ros.core.kernel import kernel, lapack
 
 NEGLIGIBLE = 0.2
 """Share of the guess's mean penalty below which a degree of freedom is set to 0."""

@@ -18,8 +18,8 @@ from typing import Callable
 
 import numpy as np
 
+from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import Lasso
-from lassokin_ros.core.scipy_functions import lapack
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,9 @@ import numpy as np
 import proxsuite
 
 from lassokin_ros.core.errors import SolverError
-from lassokin_ros.core.kernel import kernel
+from lassokin_ros.core.kernel import kernel, lapack
 from lassokin_ros.core.lasso.problem import Reduced
 from lassokin_ros.core.record import record
-from lassokin_ros.core.scipy_functions import lapack
 
 _proxqp = proxsuite.proxqp
 _SOLVED = _proxqp.QPSolverOutput.PROXQP_SOLVED

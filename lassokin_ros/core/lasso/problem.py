@@ -13,9 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from lassokin_ros.core.errors import SolverError
-from lassokin_ros.core.kernel import kernel
+from lassokin_ros.core.kernel import kernel, lapack
 from lassokin_ros.core.record import record
-from lassokin_ros.core.scipy_functions import lapack
 
 WEAKEST = 1e-3
 """1/rad^2: information added to every degree of freedom, so that an unobserved one has a finite variance."""

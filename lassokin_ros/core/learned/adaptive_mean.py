@@ -20,9 +20,9 @@ import numpy as np
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.evidence.pose_prior import PosePrior
+from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.observation import has_passed
-from lassokin_ros.core.scipy_functions import lapack
 
 SHARE = 0.3
 """Share of the prior's covariance that is constant for a person."""

@@ -21,24 +21,10 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import huber_weights
+from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import WEAKEST
 from lassokin_ros.core.learned.length_prior import LengthPosterior, initial_deviation, length_models, posterior
 from lassokin_ros.core.observation import has_passed
-from lassokin_ros.core.scipy_functions import lapack
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """Growing intervals in s: at least `first`, then `share` of the evidence collected so far, at most `last`."""
-
-    first: float
-    share: float
-    last: float
-
-    def is_due(self, elapsed: float, known: float) -> bool:
-        """Whether the next piece of work is due, `elapsed` s after the last. known: s of evidence collected so far."""
-        return has_passed(elapsed, min(max(self.first, self.share * known), self.last))
-
 
 STATURE_DEVIATION, OBSERVED_STATURE_DEVIATION = 0.005, 0.02
 """Standard deviation of the logarithm of the stature at rest: with one camera, which does not observe size; and with
@@ -49,11 +35,11 @@ LARGEST_DIFFERENCE = 0.3
 """Largest difference of a log-length from the mean of its prior."""
 INFORMATION = 0.6
 """Factor on a kept frame's information, because the errors of the prior and of the tracks are not independent."""
-KEEP = Schedule(0.05, 0.08, 0.25)
+KEEP = 0.05, 0.08, 0.25
 """s between kept frames, by the duration that they cover."""
-WORK = Schedule(0.05, 0.05, 0.13)
+WORK = 0.05, 0.05, 0.13
 """s between two pieces of work: keep one frame, or relinearise one."""
-UPDATE = Schedule(0.2, 0.25, 1.0)
+UPDATE = 0.2, 0.25, 1.0
 """s between two updates of the skeleton."""
 TYPICAL_COST = 12.0
 """Robust cost of a frame (image and prior) at which its weight is halved; the median of the kept frames if larger."""
@@ -137,22 +123,22 @@ class Calibration:
         """
         if restarted or np.isnan(self._kept_at):
             self._kept_at = stamp + 0.05  # s, until it has settled
-        if restarted or self.frozen or not WORK.is_due(stamp - self._last_work_stamp, self.kept_motion):
+        if restarted or self.frozen or not _is_due(WORK, stamp - self._last_work_stamp, self.kept_motion):
             return False
         self._last_work_stamp = stamp
         if np.isnan(self._updated_at):
             self._updated_at = stamp
-        since = min(stamp - self._kept_at, KEEP.last)
-        if KEEP.is_due(since, self.kept_motion):
+        since = min(stamp - self._kept_at, KEEP[2])
+        if _is_due(KEEP, since, self.kept_motion):
             self.kept_motion += since
-            self._kept_at, frame = stamp, KeptFrame(state, data, since / KEEP.last)
+            self._kept_at, frame = stamp, KeptFrame(state, data, since / KEEP[2])
             self._linearise(frame)
             if math.isfinite(frame.cost):  # otherwise the linearisation failed
                 self._frames.append(frame)
         elif self._frames:
             self._next_relinearised = (self._next_relinearised + 1) % len(self._frames)
             self._linearise(self._frames[self._next_relinearised])
-        if not UPDATE.is_due(stamp - self._updated_at, self.kept_motion) or len(self._frames) < 4:
+        if not _is_due(UPDATE, stamp - self._updated_at, self.kept_motion) or len(self._frames) < 4:
             return False
         self._updated_at = stamp
         self._solve()
@@ -227,3 +213,12 @@ class Calibration:
         lengths = np.array([frame.lengths for frame in self._frames])
         pulls = np.array([frame.pull for frame in self._frames]) + (information @ lengths[:, :, None])[:, :, 0]
         return np.tensordot(weights, information, 1), weights @ pulls
+
+
+def _is_due(schedule: tuple[float, float, float], elapsed: float, known: float) -> bool:
+    """Whether the next piece of work is due, `elapsed` s after the last. known: s of evidence collected so far.
+
+    schedule: the interval is at least the first number, s, then this share of the evidence, at most the last number, s.
+    """
+    first, share, last = schedule
+    return has_passed(elapsed, min(max(first, share * known), last))

@@ -24,9 +24,9 @@ import numpy as np
 
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.image.projection import MEDIAN_OF_NORMAL, squared_norm
+from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.observation import has_passed, is_longer
-from lassokin_ros.core.scipy_functions import lapack
 
 INITIAL = 0.004
 """Initial standard deviation / height."""

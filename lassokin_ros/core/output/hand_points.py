@@ -17,9 +17,9 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.roles import SIDES
 from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.output.uncertainty import HAND_FACTOR, JointUncertainty, Posterior
 from lassokin_ros.core.record import record
-from lassokin_ros.core.scipy_functions import lapack
 
 Levers = Callable[[np.ndarray, np.ndarray], np.ndarray]
 COUNT = 21

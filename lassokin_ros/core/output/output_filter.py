@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyPose, BodyState
+from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.increment import Increment
 from lassokin_ros.core.observation import ORIGIN, is_longer
@@ -42,9 +42,9 @@ _ONES = np.ones(3)
 class Forward(NamedTuple):
     """The forward pass of one frame, for the backward pass in `fixed_lag`.
 
-    restarted: the filter started with this frame. step: s since the last frame. rays: see `OutputFilter._updated`.
-    predicted, predicted_covariance: from the last frame. offset, of the published from the solved state, velocity,
-    covariance: after this frame. Covariances are pairs (in the image, in depth); arrays are (n + 1, 3).
+    restarted: the filter started with this frame. step: s since the last frame. rays: the viewing ray in each joint's
+    frame. predicted, predicted_covariance: from the last frame. offset, of the published from the solved state,
+    velocity, covariance: after this frame. Covariances are pairs (in the image, in depth); arrays are (n + 1, 3).
     """
 
     restarted: bool
@@ -108,10 +108,16 @@ class OutputFilter:
             _predicted_covariance(self._covariance[1], step, in_depth),
         )
         (gain, velocity_gain, after), (depth_gain, depth_velocity_gain, depth_after) = map(_corrected, ahead)
-        gains = step, gain, velocity_gain, depth_gain, depth_velocity_gain
         place = state.translation - centre
-        ray = place / math.sqrt(place.dot(place))
-        predicted, rays, self._offset, self._velocity = self._updated(increment, solved.pose, ray, gains)
+        rays = np.empty(self._shape)  # unit vectors of the viewing ray, in each joint's frame and, last, as it is
+        rays[-1] = place / math.sqrt(place.dot(place))
+        np.matmul(rays[-1], solved.pose.orientations, out=rays[:-1])
+        predicted = self._offset + step * self._velocity
+        predicted[:-1] -= increment.omega.reshape(-1, 3)
+        predicted[-1] -= increment.x
+        depth = _in_depth(predicted, rays)
+        self._offset = (1 - gain) * predicted + (gain - depth_gain) * depth
+        self._velocity = self._velocity - velocity_gain * predicted + (velocity_gain - depth_velocity_gain) * depth
         self._covariance = after, depth_after
         self.forward = Forward(False, step, rays, predicted, ahead, self._offset, self._velocity, self._covariance)
         published = moved(state, self._offset)
@@ -126,26 +132,6 @@ class OutputFilter:
         none = self._offset
         self.forward = Forward(True, step, none, none, start, none, none, start)
         return state
-
-    def _updated(
-        self, increment: Increment, pose: BodyPose, ray: np.ndarray, gains: tuple[float, ...]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """(predicted, rays, offset, velocity) of the frame, each (n + 1, 3).
-
-        ray: (3,) unit vector of the body's viewing ray; rays: in each joint's frame and, last, in the camera frame.
-        gains: step, s, and the gains of offset and velocity in the image, and in depth.
-        """
-        step, gain, velocity_gain, depth_gain, depth_velocity_gain = gains
-        predicted = self._offset + step * self._velocity
-        predicted[:-1] -= increment.omega.reshape(-1, 3)
-        predicted[-1] -= increment.x
-        rays = np.empty(self._shape)
-        rays[-1] = ray
-        np.matmul(ray, pose.orientations, out=rays[:-1])
-        depth = _in_depth(predicted, rays)
-        offset = (1 - gain) * predicted + (gain - depth_gain) * depth
-        velocity = self._velocity - velocity_gain * predicted + (velocity_gain - depth_velocity_gain) * depth
-        return predicted, rays, offset, velocity
 
 
 def moved(state: BodyState, offset: np.ndarray) -> BodyState:

@@ -35,10 +35,10 @@ from lassokin_ros.core.evidence.image_points import ImagePoints
 from lassokin_ros.core.evidence.learned_depth import WEIGHT, LearnedDepth
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import squared_norm
+from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.learned.errors import LEAST_ERROR
 from lassokin_ros.core.record import record
-from lassokin_ros.core.scipy_functions import lapack
 
 FACTOR = 1.6
 """Factor on the posterior's standard deviation s, at the usual disagreement of the pose with the depth network."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.projection import norm
-from lassokin_ros.core.scipy_functions import compiled_module
+from lassokin_ros.core.kernel import compiled_module
 from lassokin_ros.pipeline.seen import Seen
 
 linear_sum_assignment = compiled_module("optimize", "_lsap", "optimize").linear_sum_assignment

@@ -10,7 +10,7 @@ from sequences import CONFIG, FOCAL, RATE, aligned_error, observations
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.evidence.measured_depth import LARGEST_COST
+from lassokin_ros.core.evidence.image_points import LARGEST_COST
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.gating import gate_depth
 from lassokin_ros.core.image.projection import huber_weights, project

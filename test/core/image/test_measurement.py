@@ -113,7 +113,7 @@ def test_the_scale_follows_the_configured_height():
         tracker = Tracker(TrackerConfig(height=height, noise_px=0.1))
         _, observation = observations(tracker, noise_px=0.0)[0]
         tracker.track(observation)
-        weights.append(tracker._cameras[0].measurements._filter._weights)
+        weights.append(tracker._cameras[0].measurements.filter._weights)
     assert weights[0] == pytest.approx(2 * weights[1], rel=0.02)  # both as at a typical depth: it is the first frame
 
 

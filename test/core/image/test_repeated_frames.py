@@ -72,8 +72,8 @@ def test_a_repeated_frame_is_not_used_for_learning():
     assert np.array_equal(learned.lengths.skeleton.offsets, lengths) and learned.model_error.deviation == deviation
     assert np.array_equal(learned.mean_pose.mean, mean) and np.array_equal(once.learned.mean_pose.mean, mean)
     assert np.array_equal(
-        twice._cameras[0].measurements._filter._tracks.velocity,
-        once._cameras[0].measurements._filter._tracks.velocity,
+        twice._cameras[0].measurements.filter._tracks.velocity,
+        once._cameras[0].measurements.filter._tracks.velocity,
     )
 
 

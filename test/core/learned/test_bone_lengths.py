@@ -31,7 +31,6 @@ from lassokin_ros.core.learned.bone_lengths import (
     OBSERVED_STATURE_DEVIATION,
     STATURE_DEVIATION,
     Calibration,
-    Schedule,
 )
 from lassokin_ros.core.network.depth_network import DEPTHS
 from lassokin_ros.core.observation import Observation
@@ -151,8 +150,8 @@ def test_lengths_become_more_certain_with_time(seed):
 
 def test_calls_between_two_pieces_of_work_change_nothing(monkeypatch):
     """Three calls at 100 Hz do what one call every 0.03 s does, in the first of them."""
-    monkeypatch.setattr(calibration_module, "KEEP", Schedule(0.04, 0.05, 0.25))
-    monkeypatch.setattr(calibration_module, "WORK", Schedule(0.02, 0.02, 0.13))
+    monkeypatch.setattr(calibration_module, "KEEP", (0.04, 0.05, 0.25))
+    monkeypatch.setattr(calibration_module, "WORK", (0.02, 0.02, 0.13))
     kinematics = body()
     prior = PoseDistribution.load(kinematics.skeleton)
     states = postures(prior, 14, 0)
