@@ -8,7 +8,7 @@ from io import StringIO
 from typing import TextIO
 
 WIDTH = 30
-PERIOD_S = 0.1
+DRAWN_EVERY_S = 0.1
 
 
 class Progress:
@@ -29,7 +29,7 @@ class Progress:
         self._count += count
         now = time.monotonic()
         if self._shown and (now >= self._next or (self._known and self._count == self._total)):
-            self._next = now + PERIOD_S
+            self._next = now + DRAWN_EVERY_S
             self._draw(now, note)
         elif not self._shown and self._plain_lines:
             lines, before = (self._plain_lines * n // self._total for n in (self._count, self._count - count))

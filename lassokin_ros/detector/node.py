@@ -22,7 +22,7 @@ from msg_adapters.backends import RclpyBackend
 from msg_adapters.errors import AdapterError
 from msg_adapters.image import decode_image
 
-PERIOD_S = 1.0
+DIAGNOSTICS_EVERY_S = 1.0
 
 
 class DetectorNode(Node):
@@ -52,7 +52,7 @@ class DetectorNode(Node):
             sensor_data(1),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
-        self.create_timer(PERIOD_S, self._publish_diagnostics, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(DIAGNOSTICS_EVERY_S, self._publish_diagnostics, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.get_logger().info(f"publishes keypoints of the layout '{self._detector.landmarks}'")
 
     def _on_image(self, message: Image) -> None:

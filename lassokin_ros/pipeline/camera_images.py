@@ -11,7 +11,7 @@ import numpy as np
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.learned.height import FEWEST
+from lassokin_ros.core.learned.height import FEWEST_DEPTHS
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
 from lassokin_ros.pipeline.depth.depth_check import MISFIT, DepthCheck
@@ -217,7 +217,7 @@ class CameraImages:
         """
         self.landmark_ids.add(keypoints)
         if keypoints.depth is not None:
-            self.counts[DEPTH_IN_MESSAGE] += bool(np.count_nonzero(keypoints.depth > 0) >= FEWEST)
+            self.counts[DEPTH_IN_MESSAGE] += bool(np.count_nonzero(keypoints.depth > 0) >= FEWEST_DEPTHS)
         elif self.depth is not None:
             sampled = self.depth.with_depth(keypoints, stamp_ns, view.size, view.intrinsics.frame_id)
             self.counts[MISFIT] += bool(self.depth_check.fault)

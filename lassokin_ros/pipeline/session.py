@@ -118,12 +118,12 @@ class Session:
         if self.config.topic_per_body:
             raise NoPersonError("lock failed: each person has a topic of keypoints, and the detector says who is who")
         if not self.enabled:
-            raise NoPersonError("nobody was locked: the node is disabled; call ~/set_enabled with true, then lock")
+            raise NoPersonError("lock failed: the node is disabled; call ~/set_enabled with true, then lock")
         if age_s is None:
-            raise NoPersonError("nobody was locked: no usable keypoints arrived since the start or the last reset")
+            raise NoPersonError("lock failed: no usable keypoints arrived since the start or the last reset")
         if age_s > limit:
             raise NoPersonError(
-                f"nobody was locked: the newest keypoints arrived {age_s:.1f} s ago; expected at most stale_after "
+                f"lock failed: the newest keypoints arrived {age_s:.1f} s ago; expected at most stale_after "
                 f"{limit:g} s: start the detector, then lock"
             )
         return self.people.lock()

@@ -14,7 +14,7 @@ from lassokin_ros.core.body.skeleton import HEIGHT_RANGE, Skeleton
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.skeleton_readers.rest_pose import OURS, RestTree, to_skeleton
 
-LARGEST = 2**28
+LARGEST_BYTES = 2**28
 """bytes of one array. The largest array read from SMPL, 6890 vertices by 300 shapes, has 50 MB."""
 LARGEST_VALUE = 1e9
 """Largest absolute value in an array, in its own unit. It keeps products of three arrays finite."""
@@ -60,8 +60,8 @@ def _read(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
             for name in names:
                 if name not in file:
                     continue
-                if sizes.get(f"{name}.npy", sizes.get(name, 0)) > LARGEST:
-                    raise SkeletonError(f"{path}: array '{name}' has more than {LARGEST >> 20} MB")
+                if sizes.get(f"{name}.npy", sizes.get(name, 0)) > LARGEST_BYTES:
+                    raise SkeletonError(f"{path}: array '{name}' has more than {LARGEST_BYTES >> 20} MB")
                 arrays[name] = _numbers(file, name, path)
     except SkeletonError:
         raise

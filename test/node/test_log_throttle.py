@@ -2,7 +2,7 @@
 
 import pytest
 
-from lassokin_ros.node.log_throttle import PERIOD_S, LogThrottle
+from lassokin_ros.node.log_throttle import SAME_LINE_S, LogThrottle
 
 
 @pytest.fixture
@@ -15,10 +15,10 @@ def log():
 def test_a_line_is_logged_once_in_a_period(log):
     throttle, lines, now = log
     for i in range(30):
-        now[0] = 100.0 + i * PERIOD_S / 30
+        now[0] = 100.0 + i * SAME_LINE_S / 30
         throttle.log("bad", f"line {i}")
     assert lines == ["line 0"]
-    now[0] = 100.0 + PERIOD_S
+    now[0] = 100.0 + SAME_LINE_S
     throttle.log("bad", "line 30")
     throttle.log("other", "line 31")
     assert lines == ["line 0", "line 30", "line 31"]
@@ -52,6 +52,6 @@ def test_the_digit_of_a_camera_is_no_number(log):
 def test_lines_that_always_differ_do_not_flood_the_log(log):
     throttle, lines, now = log
     for i in range(1000):
-        now[0] = 100.0 + i / 1000 * 2.9 * PERIOD_S
+        now[0] = 100.0 + i / 1000 * 2.9 * SAME_LINE_S
         throttle.log("bad", "x" * i, 4)
     assert len(lines) == 3 * 4

@@ -122,7 +122,7 @@ def test_damaged_npz_files_are_refused(tmp_path):
 
 @pytest.mark.parametrize("member", ["J_regressor.npy", "J_regressor"])
 def test_an_array_of_absurd_size_is_not_read(tmp_path, monkeypatch, member):
-    monkeypatch.setattr(smpl, "LARGEST", 2**20)
+    monkeypatch.setattr(smpl, "LARGEST_BYTES", 2**20)
     with zipfile.ZipFile(tmp_path / "model.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(member, bytes(2**20 + 1))
     with pytest.raises(SkeletonError, match="'J_regressor' has more than 1 MB"):

@@ -156,7 +156,7 @@ def test_a_written_lens_is_read_again_as_it_was(tmp_path, model, count):
 
 
 def test_videos_too_short_to_find_the_places_say_so(short, capsys, monkeypatch):
-    monkeypatch.setattr(camera_finder, "FEWEST", 500)
+    monkeypatch.setattr(camera_finder, "FEWEST_FRAMES", 500)
     assert main(["left", "right", "--height", "1.75", "--export", "walk.npz"]) == 2
     assert "the place of camera 'right' was not found; expected a person who moves" in capsys.readouterr().err
 

@@ -13,7 +13,7 @@ from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, Linear
 from lassokin_ros.core.image.frame_data import FrameData
 
 Answer = TypeVar("Answer")
-LARGEST = 1e5
+LARGEST_NUMBER = 1e5
 """Largest number in a row, and on its right side; with larger ones the lasso's answer is not certified."""
 
 
@@ -42,8 +42,10 @@ class UsersEvidence(Evidence):
             columns[...], z[...] = np.nan, np.nan  # what the user's code does not fill is noticed
             self._evidence.linearise(about, columns, z)
             largest = np.abs(np.append(columns, z)).max()
-            if not largest <= LARGEST:
-                raise ValueError(f"linearise left {largest:g} in rows or z; expected finite numbers up to {LARGEST:g}")
+            if not largest <= LARGEST_NUMBER:
+                raise ValueError(
+                    f"linearise left {largest:g} in rows or z; expected finite numbers up to {LARGEST_NUMBER:g}"
+                )
             return True
 
         if not self._tried(filled, False):

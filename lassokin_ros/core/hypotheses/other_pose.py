@@ -1,7 +1,7 @@
 """Another explanation of the frames: a pose that is fitted beside the tracked state, and replaces it if it is better.
 
 The other pose is that of the depth network if it is far from the tracked one, or, without the network, a tracked limb
-that is mirrored in depth. The iterations of its fit are distributed over the frames of about `PERIOD_S`, each on the
+that is mirrored in depth. The iterations of its fit are distributed over the frames of about `FIT_EVERY_S`, each on the
 newest frame: one iteration per frame at 60 Hz, two at 30 Hz. The replacement takes effect in the next frame.
 
 Frames over 100 mm: 1.9 % with, 2.5 % without. MPJPE / PA without the network: 54 / 43 mm with, 61 / 53 without.
@@ -79,7 +79,7 @@ def _mirrored_along(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return np.asarray(vector - 2 * vector.dot(direction) * direction)
 
 
-PERIOD_S = 0.1
+FIT_EVERY_S = 0.1
 """s between the beginnings of two fits while a person is tracked."""
 DIFFERENT_POSE = 0.05
 """m: mean distance of joints, relative to the pelvis, from which a fit is another pose than the tracked one."""
@@ -117,16 +117,16 @@ class OtherPose:
         stamp: s. cost: of the tracked state.
         """
         step, self._newest = stamp - self._newest, stamp
-        if is_longer(step, PERIOD_S):
+        if is_longer(step, FIT_EVERY_S):
             self._fitted = None  # too old to go on
-        if self._fitted is None and has_passed(stamp - self._begun_at, PERIOD_S):
+        if self._fitted is None and has_passed(stamp - self._begun_at, FIT_EVERY_S):
             self._begun_at, start = stamp, self._propose(tracked, frame, self._proposals)
             self._proposals += 1
             if start is not None:
                 self._fitted, self._iterations_done = self._initialiser.with_translation(start.rotations, frame), 0
         if self._fitted is None:
             return None
-        due = math.floor(len(NEAR) * min((step + STAMP_TOLERANCE) / PERIOD_S, 1.0))
+        due = math.floor(len(NEAR) * min((step + STAMP_TOLERANCE) / FIT_EVERY_S, 1.0))
         begin, self._iterations_done = self._iterations_done, self._iterations_done + max(due, 1)
         self._fitted = fitted = self._initialiser.iterate(self._fitted, frame, NEAR[begin : self._iterations_done])
         if self._iterations_done < len(NEAR):

@@ -28,7 +28,7 @@ SHARE = 0.3
 """Share of the prior's covariance that is constant for a person."""
 TIME_CONSTANT_S = 30.0
 """s: time constant of the process."""
-PERIOD_S = 0.25
+MEASURED_EVERY_S = 0.25
 """s between measurements."""
 INDEPENDENT_AFTER = 1.0
 """s: postures closer in time are correlated: a measurement has the weight step / INDEPENDENT_AFTER."""
@@ -56,14 +56,14 @@ class AdaptiveMean:
     def update(self, stamp: float, start: BodyState, problem: Lasso, rows: Mapping[str, slice]) -> bool:
         """Use a tracked frame: its lasso about the state `start`. Returns True if the prior's mean has changed."""
         step = stamp - self._measured_at
-        if not has_passed(step, PERIOD_S):
+        if not has_passed(step, MEASURED_EVERY_S):
             return False
         self._measured_at = stamp
         kept = math.exp(-step / TIME_CONSTANT_S)
         self.mean = self._shipped + kept * (self.mean - self._shipped)
         self.covariance = self._lasting + kept**2 * (self.covariance - self._lasting)
         others = np.delete(np.arange(len(problem.z)), rows[self._prior.name])
-        self._measure(start, problem, others, INDEPENDENT_AFTER / min(step, 2 * PERIOD_S))
+        self._measure(start, problem, others, INDEPENDENT_AFTER / min(step, 2 * MEASURED_EVERY_S))
         self._prior.set_mean(self.mean)
         return True
 

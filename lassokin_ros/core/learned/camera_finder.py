@@ -15,7 +15,7 @@ import numpy as np
 from lassokin_ros.core.image.frame_data import View
 from lassokin_ros.core.observation import CameraPose, has_passed
 
-FEWEST, EVERY = 50, 10
+FEWEST_FRAMES, EVERY = 50, 10
 """Frames before the pose is computed, and between two trials."""
 
 
@@ -40,7 +40,7 @@ class CameraFinder:
         self._newest, self._count = stamp, self._count + 1
         self._joints.append(joints)
         self.views.append(views)
-        return self._count >= FEWEST and self._count % EVERY == 0
+        return self._count >= FEWEST_FRAMES and self._count % EVERY == 0
 
     def resize(self, ratio: float, centre: np.ndarray | None) -> None:
         """Scale the kept joints to a body that is taller by a factor, about the cameras that saw them.

@@ -127,7 +127,7 @@ def _free_shares(problem: Lasso, image: slice | np.ndarray, count: int) -> np.nd
 
 LONGEST_STEP = 0.12
 """s between frames; after a longer step the acceleration is larger than the noise."""
-FEWEST = 4
+FEWEST_CHANGES = 4
 """Least number of landmarks with three successive depths."""
 LARGEST_DEPTH_WEIGHT_S = 2.0
 """The same of the noise of depths."""
@@ -180,7 +180,7 @@ class DepthNoise:
         first, second, third = self._past
         change = np.abs(first - 2 * second + third) * weights
         change = change[np.isfinite(change)]
-        if len(change) >= FEWEST:
+        if len(change) >= FEWEST_CHANGES:
             size = float(np.median(change)) / (MOTION * MEDIAN_OF_NORMAL * math.sqrt(6))
             share = step / (self._known + step)
             self._known = min(self._known + step, LARGEST_DEPTH_WEIGHT_S)

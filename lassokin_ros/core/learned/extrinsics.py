@@ -39,16 +39,16 @@ CLEARLY = 2.0
 """Ratio of the median distances from the epipolar lines from which one explanation is said to be right. A turn and a
 shift look alike if the person stays in one place: 1 m and 15 degrees at 3.6 m have ratios of up to 2, with a person who
 walks 2 m to and fro 8 to 10."""
-PERIOD_S, LONGEST = 0.1, 200
+KEPT_EVERY_S, MOST_KEPT = 0.1, 200
 """s between two frames that are kept; frames that are kept."""
 SOLVED_EVERY, CHECKED_EVERY = 5, 20
 """Kept frames between two solutions, if poses are corrected, and if they are only checked."""
 THINNED = 4
 """Of so many kept frames, one is used for explanations. They then take about 15 ms, each CHECKED_EVERY frames."""
-FEWEST = 10
+FEWEST_KEPT = 10
 """Frames before there is a correction."""
 FOLLOWING = 0.1
-"""Share of the way to the solution that a correction moves in PERIOD_S, so that the body does not jump."""
+"""Share of the way to the solution that a correction moves in KEPT_EVERY_S, so that the body does not jump."""
 MOVED = math.radians(1.5), 0.05
 """rad, m: corrections beyond which a camera is said to have been moved. From exact poses they reach 1 degree, 3 cm."""
 FOUND = 0.015
@@ -141,12 +141,12 @@ class Extrinsics:
 
     def find(self, name: str, stamp: float, views: tuple[View, View], joints: tuple[np.ndarray, np.ndarray]) -> None:
         """Use a frame of a camera without a pose, see `CameraFinder.add`. The pose is used if the keypoints fit it."""
-        finder = self._finders.setdefault(name, CameraFinder(PERIOD_S, LONGEST))
+        finder = self._finders.setdefault(name, CameraFinder(KEPT_EVERY_S, MOST_KEPT))
         if not finder.add(stamp, views, joints):
             return
         pose = finder.pose(name)
         frames = _entries(finder, pose)
-        if len(frames) < FEWEST:
+        if len(frames) < FEWEST_KEPT:
             return
         pose = moved_by(pose, self._fit.solved(stacked(frames), np.zeros(6), FOUND_DEVIATION, sized=True, steps=15))
         frames = _entries(finder, pose)
@@ -206,7 +206,7 @@ class Extrinsics:
 
     def update(self, stamp: float, frame: FrameData) -> None:
         """Use a frame with the views of all cameras. stamp: s."""
-        if not has_passed(stamp - self._newest, PERIOD_S):
+        if not has_passed(stamp - self._newest, KEPT_EVERY_S):
             return
         self._newest, first = stamp, self._anchor_of(frame)
         if first is None or first.camera.name not in self._given:
@@ -222,9 +222,9 @@ class Extrinsics:
             if name not in self.found:
                 in_use = self.corrections.get(name, np.zeros(6)) if self._used else None
                 self.lately.add(name, first.camera.name, pair, self.frame_count % 2 == 0, self.size_known, in_use)
-            frames = self._frames.setdefault(name, deque(maxlen=LONGEST))
+            frames = self._frames.setdefault(name, deque(maxlen=MOST_KEPT))
             frames.append(pair)
-            if due and len(frames) >= FEWEST:
+            if due and len(frames) >= FEWEST_KEPT:
                 pairs, before = stacked(frames), self._solutions.get(name, np.zeros(6))
                 found = name in self.found
                 deviation = FOUND_DEVIATION if found else GIVEN_DEVIATION
@@ -259,7 +259,7 @@ class Extrinsics:
 def _entries(finder: CameraFinder, pose: CameraPose) -> deque[Pairs]:
     """Frames of a camera with a found pose, as `Extrinsics` keeps them."""
     pairs = (pair_of(placed, unplaced, pose, placed.camera) for placed, unplaced in finder.views)
-    return deque(filter(None, pairs), maxlen=LONGEST)
+    return deque(filter(None, pairs), maxlen=MOST_KEPT)
 
 
 def _significant(correction: np.ndarray) -> np.ndarray:

@@ -37,7 +37,7 @@ PEOPLE_DEVIATION = 0.15
 """Standard deviation of the logarithm of people's heights about that of `TYPICAL_HEIGHT`, children included."""
 ASSUMED_DEVIATION = 0.24
 """The same while nothing has measured the height: children of four years, 1.05 m, are two of it below."""
-FEWEST = 4
+FEWEST_DEPTHS = 4
 """Smallest number of measured depths in a frame."""
 FRAME_DEVIATION = 0.04
 """Standard deviation of the logarithm of one frame's scale, in addition to that of the fit, for the pose's errors."""
@@ -123,11 +123,11 @@ class HeightEstimator:
         them, and those of that skeleton. floor: from feet on the floor; it is used in frames without measured depth.
         """
         stamp = measurement.stamp
-        if lengths is not None and len(lengths[0]) >= FEWEST:
+        if lengths is not None and len(lengths[0]) >= FEWEST_DEPTHS:
             measured, given = (float(one.sum()) for one in lengths)
             self._add(stamp, measured / given * height, LIMB_DEVIATION / np.sqrt(len(lengths[0])))
         elif measurement.depth is not None:
-            if not measurement.repeated and measurement.depth_count >= FEWEST:
+            if not measurement.repeated and measurement.depth_count >= FEWEST_DEPTHS:
                 root = camera.into_camera(solved.state.translation)
                 scale, deviation = fit_scale(measurement, camera.into_camera(solved.pose.landmarks) - root, root)
                 if RANGE[0] < scale * height < RANGE[1]:

@@ -38,7 +38,7 @@ IMPLAUSIBLE = 2.2
 """The same, from which on the first frames do not count as those before."""
 USUAL = 25
 """Corrections suggested before, of which the mean is taken; a camera that was moved does not change it."""
-FEWEST = 10
+FEWEST_JUDGED = 10
 """Frames before there is a judgement."""
 
 
@@ -77,9 +77,9 @@ class MovedCameras:
             return
         usual, count = self._usual.get(name, (np.zeros(6), 0))
         plausible = relative_size(suggested) < IMPLAUSIBLE
-        if count >= FEWEST or not plausible:
+        if count >= FEWEST_JUDGED or not plausible:
             self.moves[name] = suggested - usual
-        if plausible and (count < FEWEST or relative_size(self.moves[name]) < CHANGED):
+        if plausible and (count < FEWEST_JUDGED or relative_size(self.moves[name]) < CHANGED):
             self._usual[name] = usual + (suggested - usual) / min(count + 1, USUAL), count + 1
 
     @property

@@ -29,7 +29,7 @@ LEAST_HEIGHT = 0.28
 """In heights: least difference of the standing heights of the visible points; shoulders and head alone may lean."""
 MEMORY_S = 0.5
 """s: time constant of the body's mean direction."""
-PERIOD_S = 0.1
+FRAME_EVERY_S = 0.1
 """s between two frames that are used."""
 TURNED = 0.5
 """Cosine of the angle between the body and the upward direction of the turned image, below which it is turned again."""
@@ -57,11 +57,11 @@ class ImageRoll:
         return bool(self.turn[0, 0] < 0.5)
 
     def update(self, stamp: float, points: np.ndarray, seen: np.ndarray) -> None:
-        """Use a frame, if the last one used is older than `PERIOD_S`.
+        """Use a frame, if the last one used is older than `FRAME_EVERY_S`.
 
         stamp: s; points: (k, 2) normalised, any finite value if not seen; seen: (k,) bool.
         """
-        if not has_passed(stamp - self._newest, PERIOD_S):
+        if not has_passed(stamp - self._newest, FRAME_EVERY_S):
             return
         up = self._direction(points, seen & self._used)
         if up is None:

@@ -16,7 +16,7 @@ SEARCHED_S = 1.5
 """s around the offset of the whole recording."""
 LEAST_SHARE, LARGEST_DEVIATION_S = 0.8, 0.03
 """What the offset of a part must have to count; one by one they need not be sure."""
-FEWEST, BESIDE = 5, 2
+FEWEST_PARTS, BESIDE = 5, 2
 """Parts that count, in all, and on each side of a step."""
 SMALLEST_STEP_S, SMALLEST_DRIFT_S = 0.025, 0.03
 """s: smallest step, and smallest change by a drift over the recording."""
@@ -51,7 +51,7 @@ def course_of(first: Track, second: Track, offset: Offset) -> Course:
         if own.share >= LEAST_SHARE and own.deviation < LARGEST_DEVIATION_S:
             found.append((begin + WINDOW_S / 2, own.seconds, own.deviation))
     constant = Course(np.zeros(1), np.array([offset.seconds]))
-    if len(found) < FEWEST:
+    if len(found) < FEWEST_PARTS:
         return constant
     times, local, deviations = np.array(found).T
     times = times + offset.seconds

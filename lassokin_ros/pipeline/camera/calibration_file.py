@@ -38,7 +38,7 @@ ROTATION = ("rotation", "rvec", "r")
 TRANSLATION = ("translation", "tvec", "t")
 """Names of the pose of a camera: x_camera = R x + t, R as a rotation vector, rad, or a matrix, and t in m."""
 
-LARGEST = 1e9
+LARGEST_NUMBER = 1e9
 """Largest absolute value of a number in a file."""
 LARGEST_SKEW = 1e-3
 """Largest difference of a rotation matrix times its transpose from the identity, by rounding in a file."""
@@ -308,6 +308,6 @@ def _numbers(value: Any, count: int | None = None) -> np.ndarray:
     numbers = np.array(value["data"] if isinstance(value, dict) else value, dtype=float).ravel()
     if count is not None and len(numbers) != count:
         raise ValueError(f"a list has {len(numbers)} values in place of {count}")
-    if not (np.abs(numbers) < LARGEST).all():  # NaN too
-        raise ValueError(f"a value is not finite, or larger than {LARGEST:g}")
+    if not (np.abs(numbers) < LARGEST_NUMBER).all():  # NaN too
+        raise ValueError(f"a value is not finite, or larger than {LARGEST_NUMBER:g}")
     return numbers

@@ -9,7 +9,7 @@ from msg_adapters.depth_image import DepthImage
 RADIUS = 0.004
 """Half of the window's side, by the width of the depth image; at least SMALLEST_RADIUS px."""
 SMALLEST_RADIUS = 2
-FEWEST = 0.2
+MEASURED_SHARE = 0.2
 """Least share of the window's pixels with a measurement."""
 NEAR_QUANTILE = 0.25
 """Quantile of the window's depths about which the sample is taken. The body is in front of the background, so
@@ -43,7 +43,7 @@ def _nearest_surface(windows: np.ndarray) -> np.ndarray:
     """Return the mean depth (k,) of the nearest surface in windows (k, n), m, NaN = missing."""
     ordered = np.sort(windows, axis=1)  # NaN last
     count = np.count_nonzero(np.isfinite(ordered), axis=1)
-    enough = count >= max(1.0, FEWEST * windows.shape[1])
+    enough = count >= max(1.0, MEASURED_SHARE * windows.shape[1])
     quantile = ordered[np.arange(len(ordered)), (NEAR_QUANTILE * np.maximum(count - 1, 0)).astype(int)]
     with np.errstate(invalid="ignore"):
         same = np.abs(ordered - quantile[:, None]) <= SAME_SURFACE

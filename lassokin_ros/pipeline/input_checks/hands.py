@@ -27,7 +27,7 @@ GAIN = 0.06
 """Of the height: two hands are exchanged if the sum of both distances becomes smaller by more."""
 ALIKE = 0.15
 """Of the hand's extent: two hands whose points are nearer to each other, in the median, are one hand found twice."""
-FEWEST = 5
+FEWEST_POINTS = 5
 """Points of a hand without which nothing is concluded."""
 LIMBS = {
     ("shoulder", "elbow"): 0.167,
@@ -165,7 +165,7 @@ class HandCheck:
 def _is_hand(points: np.ndarray) -> bool:
     """Return True if a hand's points (21, 2), NaN = missing, have the wrist and some others."""
     there = np.isfinite(points).all(axis=1)
-    return bool(there[WRIST]) and int(np.count_nonzero(there)) >= FEWEST
+    return bool(there[WRIST]) and int(np.count_nonzero(there)) >= FEWEST_POINTS
 
 
 def _order_ratio(hand: np.ndarray) -> float:
@@ -185,7 +185,7 @@ def _are_alike(hands: Sequence[np.ndarray | None]) -> bool:
     first, second = hands
     assert first is not None and second is not None
     both = np.isfinite(first + second).all(axis=1)
-    if np.count_nonzero(both) < FEWEST:
+    if np.count_nonzero(both) < FEWEST_POINTS:
         return False
     extent = float(np.linalg.norm(np.ptp(first[both], axis=0)))
     return bool(np.median(np.linalg.norm(first[both] - second[both], axis=1)) < ALIKE * extent)

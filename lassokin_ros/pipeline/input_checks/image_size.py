@@ -23,7 +23,7 @@ NEAR = 0.04
 LARGEST_RESIDUAL = 0.15
 """Median distance of the keypoints from the scaled projections, relative to the spread of the keypoints, up to which
 they are those of the same points."""
-FEWEST, SMALLEST_PX = 6, 30.0
+FEWEST_POINTS, SMALLEST_PX = 6, 30.0
 """Keypoints with a 3D point, and their spread in px, from which on there is a factor."""
 IN_A_ROW = 5
 """Messages with another factor than that in use after which it is used, and after which messages without 3D points have
@@ -140,16 +140,16 @@ def person_outside(
     """
     xy, limit = keypoints.xy, np.asarray(size, dtype=float)
     beyond = (xy > (1 + margin) * limit) | (xy < -margin * limit)
-    if np.count_nonzero(beyond) < FEWEST:  # the usual case
+    if np.count_nonzero(beyond) < FEWEST_POINTS:  # the usual case
         return None
     seen = keypoints.present & (keypoints.confidence >= min_confidence)
     outside = seen & beyond.any(axis=1)
-    if np.count_nonzero(outside) < FEWEST:
+    if np.count_nonzero(outside) < FEWEST_POINTS:
         return None
     people = np.zeros(len(xy)) if keypoints.persons is None else keypoints.persons
     for person in np.unique(people[outside]):
         own = people == person
-        if FEWEST <= np.count_nonzero(own & outside) > MOST * np.count_nonzero(own & seen):
+        if FEWEST_POINTS <= np.count_nonzero(own & outside) > MOST * np.count_nonzero(own & seen):
             return np.asarray(xy[own & seen].max(axis=0))
     return None
 
@@ -159,7 +159,7 @@ def _factor(keypoints: Keypoints, view: View) -> float | None:
     if keypoints.rays is None:
         return None
     usable = keypoints.present & np.isfinite(keypoints.rays).all(axis=1)
-    if np.count_nonzero(usable) < FEWEST:
+    if np.count_nonzero(usable) < FEWEST_POINTS:
         return None
     # From the corner of the image: the middle of the first pixel is (0, 0).
     seen, shown = keypoints.xy[usable] + 0.5, view.lens.distort(keypoints.rays[usable]) + 0.5

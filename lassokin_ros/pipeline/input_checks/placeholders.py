@@ -215,7 +215,7 @@ def _repeated(xy: np.ndarray) -> np.ndarray:
     return repeated
 
 
-FEWEST = 3
+FEWEST_ALIKE = 3
 """Keypoints that share a coordinate from which on they are placeholders, if the detector does not round, or outside of
 the image."""
 FEWEST_ROUNDED, MOST_OF = 5, 0.5
@@ -237,7 +237,7 @@ def _shared(values: np.ndarray, length: int) -> np.ndarray:
     """(k,) bool: the coordinates (k,) that are placeholders. length: px of the image's side; 0 = unknown."""
     shared = np.zeros(len(values), dtype=bool)
     different, counts = np.unique(values, return_counts=True)
-    for value in different[counts >= FEWEST]:
+    for value in different[counts >= FEWEST_ALIKE]:
         same = values == value
         outside = value < 0 or 0 < length < value
         if outside or _are_most(same) or not _rounded(values[~same]):

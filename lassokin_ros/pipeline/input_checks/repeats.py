@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lassokin_ros.core.learned.height import FEWEST
+from lassokin_ros.core.learned.height import FEWEST_DEPTHS
 from lassokin_ros.pipeline.concerns.catalogue import say
 from msg_adapters.keypoints import Keypoints
 
@@ -79,7 +79,7 @@ class OwnDepth:
             return keypoints
         before, self._points = self._points, keypoints.xy.tobytes()
         measured = keypoints.depth[keypoints.depth > 0]
-        if len(measured) >= FEWEST and np.ptp(measured) > 0:
+        if len(measured) >= FEWEST_DEPTHS and np.ptp(measured) > 0:
             repeated_s = self._repeats.age(stamp_ns, keypoints.depth)
             self._frozen_s = repeated_s if before != self._points else 0.0  # else the whole message is a repeat
         return replace(keypoints, depth=None) if self._frozen_s > 0 else keypoints

@@ -125,7 +125,7 @@ class StampWatch:
 
 KEPT, KEPT_NS = 2000, 5_000_000_000
 """Messages that are compared, and ns of arrivals."""
-FEWEST, SHORTEST_S = 20, 2.0
+FEWEST_MESSAGES, SHORTEST_S = 20, 2.0
 """Messages, and s of arrivals without pauses, before anything is compared."""
 FARTHEST = 2.1
 """Largest ratio of the rates without a warning."""
@@ -154,7 +154,7 @@ class StampRate:
     @property
     def warning(self) -> str:
         """Both rates, in words, if they differ by more than FARTHEST; else empty."""
-        if len(self._pairs) < FEWEST:
+        if len(self._pairs) < FEWEST_MESSAGES:
             return ""
         stamps, arrivals = 1e-9 * np.diff(np.array(self._pairs), axis=0).T
         usual = arrivals <= LONG_STEP * np.median(arrivals)

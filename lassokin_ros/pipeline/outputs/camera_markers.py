@@ -12,7 +12,7 @@ from lassokin_ros.pipeline.session import Session
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.markers import CameraMarkersBuilder
 
-PERIOD_S = 0.2
+MARKERS_EVERY_S = 0.2
 """s between two messages; markers disappear after 1 s without one."""
 
 UNKNOWN_HALF = 0.5
@@ -27,9 +27,9 @@ class CameraMarkers:
         self._last = -math.inf
 
     def build(self, stamp_ns: int, now: float) -> Any | None:
-        """Return the message; None if no place is known, or PERIOD_S has not passed. now: s of any clock."""
+        """Return the message; None if no place is known, or MARKERS_EVERY_S has not passed. now: s of any clock."""
         places = self._session.placement.places
-        if places is None or now - self._last < PERIOD_S:
+        if places is None or now - self._last < MARKERS_EVERY_S:
             return None
         extrinsics = self._session.extrinsics
         found = {}

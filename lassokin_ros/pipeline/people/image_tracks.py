@@ -45,7 +45,7 @@ LONGEST_PREDICTION_S = 0.5
 """s: a track is continued with constant velocity for this long."""
 VELOCITY_MEMORY_S = 0.2
 """s: averaging time of a track's velocity."""
-LARGEST = 100.0
+NO_PAIR = 100.0
 """Larger than the cost of any pair."""
 ESTABLISHED = 3
 """Detections from which on a track's place counts against its number: the first ones may have been damaged."""
@@ -224,9 +224,9 @@ class ImageTracks:
         costs = np.where(used & np.isinf(costs), NUMBER_NEAR, costs)  # too few points for a place
         by_number = np.maximum(np.array([_number_radius(s) for s in unseen]), reach)
         limits = np.where(used, by_number[:, None], reach[:, None])
-        limits[young] = LARGEST
+        limits[young] = NO_PAIR
         weighed = np.where(costs <= limits, costs + np.where(used, 0.0, OTHER_NUMBER), np.inf)
-        pairs = dict(assign(weighed, np.full(len(tracks), LARGEST)))
+        pairs = dict(assign(weighed, np.full(len(tracks), NO_PAIR)))
         for row in [i for i, track in enumerate(tracks) if track in guarded and i in pairs and not sure[i, pairs[i]]]:
             column = pairs[row]
             rivals = [i for i in range(len(tracks)) if i not in pairs and costs[i, column] <= limits[i, column]]
@@ -271,7 +271,7 @@ def _reach(track: ImageTrack, stamp_ns: int, guarded: bool) -> float:
 def _number_radius(unseen_s: float) -> float:
     """Return the largest cost of a detection that belongs to a track by its number and its place."""
     radius = NUMBER_NEAR + SPREAD_PER_S * max(0.0, unseen_s - SILENCE_S)
-    return radius if radius < FARTHEST else LARGEST
+    return radius if radius < FARTHEST else NO_PAIR
 
 
 def pair_costs(predicted: np.ndarray, detections: Sequence[Seen]) -> np.ndarray:

@@ -25,7 +25,7 @@ POINTS = 6000
 """Maximum number of values of a figure over time."""
 RATE_POINTS = 800
 MISSING = -32768
-LARGEST = 32000
+LARGEST_COUNT = 32000
 MM, TENTH = 1e-3, 0.1
 """Resolution of metres, and of px and degrees; coarser for large numbers."""
 FARTHEST_M, FARTHEST_PX = 32.0, 3200.0
@@ -40,7 +40,7 @@ def packed(values: Any, step: float, farthest: float = np.inf) -> dict[str, Any]
     array = np.asarray(values, dtype=float)
     finite = np.isfinite(array)
     array = np.clip(array, -farthest, farthest)
-    step = max(step, float(np.abs(array[finite]).max(initial=0.0)) / LARGEST)
+    step = max(step, float(np.abs(array[finite]).max(initial=0.0)) / LARGEST_COUNT)
     counts = np.where(finite, np.round(np.where(finite, array, 0.0) / step), MISSING).astype("<i2")
     return {"shape": list(array.shape), "step": step, "data": base64.b64encode(counts.tobytes()).decode()}
 

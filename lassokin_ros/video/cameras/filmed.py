@@ -15,8 +15,8 @@ import numpy as np
 from lassokin_ros.common.summary_output import print_note
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.errors import CameraError
-from lassokin_ros.core.learned.camera_finder import FEWEST
-from lassokin_ros.core.learned.extrinsics import PERIOD_S
+from lassokin_ros.core.learned.camera_finder import FEWEST_FRAMES
+from lassokin_ros.core.learned.extrinsics import KEPT_EVERY_S
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.detector.backend import Detector
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
@@ -174,7 +174,8 @@ def found_poses(session: Session) -> dict[str, CameraPose]:
         if name not in places.newest:
             raise CameraError(
                 f"the place of camera '{name}' was not found; expected a person who moves in view of it and of the "
-                f"first camera for {FEWEST * PERIOD_S:g} s or more, in synchronised videos; or --cameras FILE"
+                f"first camera for {FEWEST_FRAMES * KEPT_EVERY_S:g} s or more, in synchronised videos; "
+                "or --cameras FILE"
             )
     given = {name: places.newest[name] for name in session.cameras}
     return given if extrinsics is None else {name: extrinsics.learned(pose) for name, pose in given.items()}

@@ -18,7 +18,7 @@ from lassokin_ros.core.hypotheses.other_pose import (
     BONES,
     COST_MARGIN,
     DIFFERENT_POSE,
-    PERIOD_S,
+    FIT_EVERY_S,
     MirroredLimbs,
     OtherPose,
 )
@@ -92,7 +92,7 @@ def test_the_iterations_are_spread_over_frames_and_the_fit_replaces_a_wrong_stat
 
 def test_no_fit_begins_without_another_pose(scene):
     answers = scene.found(scene.other_pose(nothing=True), scene.wrong, 1e6, frames=30)
-    assert not any(answers) and scene.counts == [] and 4 <= scene.proposals <= 1 + 0.5 / PERIOD_S
+    assert not any(answers) and scene.counts == [] and 4 <= scene.proposals <= 1 + 0.5 / FIT_EVERY_S
 
 
 def test_a_fit_that_is_not_better_by_the_margin_replaces_nothing(scene):

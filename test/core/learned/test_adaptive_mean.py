@@ -15,7 +15,7 @@ from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.learned.adaptive_mean import (
     FREE_VARIANCE,
     INDEPENDENT_AFTER,
-    PERIOD_S,
+    MEASURED_EVERY_S,
     SHARE,
     TIME_CONSTANT_S,
     AdaptiveMean,
@@ -63,7 +63,7 @@ def test_a_measurement_is_the_least_squares_fit_of_mean_departure_root_and_trans
     adaptive_mean, state, prior = AdaptiveMean(person.prior), person.state(0.7), person.prior
     problem, rows = person.problem(state)
     assert adaptive_mean.update(0.0, state, problem, rows)
-    k, first, tempering = len(prior.mean), prior.first, INDEPENDENT_AFTER / (2 * PERIOD_S)
+    k, first, tempering = len(prior.mean), prior.first, INDEPENDENT_AFTER / (2 * MEASURED_EVERY_S)
     others = np.r_[rows["image"], rows["upright"], rows["balance"]]
     A = prior.in_theta(problem.A[others, first:], person.mean.reshape(-1, 3))
     N = np.concatenate([problem.A[others, :first], problem.B[others]], axis=1)
@@ -105,7 +105,7 @@ def test_rows_in_theta_are_independent_of_the_increments_jacobian():
 def test_a_person_who_turns_round_is_estimated_correctly_after_a_while(seed):
     person = Person(seed)
     adaptive_mean = AdaptiveMean(person.prior)
-    for second in np.arange(0.0, 20.0, PERIOD_S):
+    for second in np.arange(0.0, 20.0, MEASURED_EVERY_S):
         state = person.state(0.8 * second)
         adaptive_mean.update(second, state, *person.problem(state))
     assert person.strangeness(adaptive_mean.mean) < 0.5 * person.strangeness(person.prior.mean)
@@ -121,7 +121,7 @@ def test_without_an_image_the_mean_returns_to_the_shipped_mean():
     assert np.abs(learned).max() > 0.05
     blank, rows = person.problem(state, weight=0.0)
     blank.z[:] = blank.A[:] = blank.B[:] = 0.0  # not even rows of uprightness and balance
-    assert not adaptive_mean.update(0.9 * PERIOD_S, state, blank, rows)
+    assert not adaptive_mean.update(0.9 * MEASURED_EVERY_S, state, blank, rows)
     assert adaptive_mean.update(TIME_CONSTANT_S, state, blank, rows)
     assert np.allclose(adaptive_mean.mean - shipped, learned / np.e)
     assert np.trace(known) > 0.1 * np.trace(lasting)

@@ -12,9 +12,9 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.frame_data import FrameData, View
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.learned.camera_finder import EVERY, FEWEST, CameraFinder
+from lassokin_ros.core.learned.camera_finder import EVERY, FEWEST_FRAMES, CameraFinder
 from lassokin_ros.core.learned.epipolar_fit import EpipolarFit, Pairs
-from lassokin_ros.core.learned.extrinsics import LONGEST, PERIOD_S, Extrinsics
+from lassokin_ros.core.learned.extrinsics import KEPT_EVERY_S, MOST_KEPT, Extrinsics
 from lassokin_ros.core.learned.height import SizeCheck
 from lassokin_ros.core.observation import CameraPose, Observation, Rejection, Status
 from lassokin_ros.core.tracker import Tracker
@@ -30,7 +30,7 @@ def scene():
     """(kinematics, true poses of 8 s, ten a second, camera to be found)."""
     skeleton = Skeleton.load("anthropometric", 1.75)
     kinematics = Kinematics(skeleton, Layout.load("coco17", skeleton))
-    truth = kinematics.pose(motion(skeleton, np.arange(80) * PERIOD_S))
+    truth = kinematics.pose(motion(skeleton, np.arange(80) * KEPT_EVERY_S))
     middle = truth.positions[:, 0].mean(0)
     return kinematics, truth, CameraPose("side", TURN, np.array([0.1, -0.2, 3.5]) - TURN @ middle)
 
@@ -55,7 +55,7 @@ def filled(scene, extrinsics, noise=0.0, joint_noise=0.0, path=0.0):
         shift = path * np.random.default_rng(frame).uniform(-1, 1, 3)
         joints = truth.positions[frame] + joint_noise * random.normal(size=(1, 3))
         own = side.into_camera(truth.positions[frame] + shift) + joint_noise * random.normal(size=(1, 3))
-        extrinsics.find("side", frame * PERIOD_S, views(scene, frame, noise, shift), (joints, own))
+        extrinsics.find("side", frame * KEPT_EVERY_S, views(scene, frame, noise, shift), (joints, own))
     return extrinsics
 
 
@@ -71,16 +71,16 @@ def apart(pose, other):
 
 def test_exact_joints_give_the_exact_pose(scene):
     _, truth, side = scene
-    finder = CameraFinder(PERIOD_S, LONGEST)
+    finder = CameraFinder(KEPT_EVERY_S, MOST_KEPT)
     due = [
-        finder.add(f * PERIOD_S, views(scene, f), (truth.positions[f], side.into_camera(truth.positions[f])))
+        finder.add(f * KEPT_EVERY_S, views(scene, f), (truth.positions[f], side.into_camera(truth.positions[f])))
         for f in range(80)
     ]
-    assert [i + 1 for i, now in enumerate(due) if now] == list(range(FEWEST, 81, EVERY))
+    assert [i + 1 for i, now in enumerate(due) if now] == list(range(FEWEST_FRAMES, 81, EVERY))
     found = finder.pose("side")
     assert found.name == "side" and np.linalg.det(found.rotation) == pytest.approx(1.0)
     assert np.allclose(found.rotation, side.rotation, atol=1e-9) and np.allclose(found.centre, side.centre, atol=1e-9)
-    assert not finder.add(80 * PERIOD_S - 0.15, views(scene, 0), (truth.positions[0], truth.positions[0]))
+    assert not finder.add(80 * KEPT_EVERY_S - 0.15, views(scene, 0), (truth.positions[0], truth.positions[0]))
 
 
 def test_the_epipolar_lines_mend_a_pose_from_wrong_joints(scene):
@@ -164,7 +164,7 @@ def test_a_few_wrong_points_hardly_move_the_pose(scene):
         front, beside = views(scene, frame, noise=1.0 / FOCAL)
         beside.points[9] += (frame % 4 == 0) * 60.0 / FOCAL
         joints = truth.positions[frame]
-        extrinsics.find("side", frame * PERIOD_S, (front, beside), (joints, side.into_camera(joints)))
+        extrinsics.find("side", frame * KEPT_EVERY_S, (front, beside), (joints, side.into_camera(joints)))
     degrees, metres = apart(extrinsics.found["side"], side)
     assert degrees < 2.0 and metres < 0.15  # 3.3 degrees with Huber's weights
 
@@ -177,4 +177,4 @@ def test_images_that_come_faster_are_left_out_so_that_the_kept_ones_are_of_the_l
     for frame in range(61):  # 60 Hz for a second
         front, beside = views(scene, frame)
         extrinsics.update(start + frame / 60, FrameData((front, beside), UP))
-    assert extrinsics.frame_count == pytest.approx(1 / PERIOD_S, abs=2)
+    assert extrinsics.frame_count == pytest.approx(1 / KEPT_EVERY_S, abs=2)

@@ -17,7 +17,7 @@ from lassokin_ros.core.learned.height import (
     ASSUMED_DEVIATION,
     CHANGE,
     CORRELATED_S,
-    FEWEST,
+    FEWEST_DEPTHS,
     FRAME_DEVIATION,
     LARGEST_FLOOR_DEVIATION,
     LEAST_DEVIATION,
@@ -145,11 +145,11 @@ def test_the_height_becomes_more_certain_up_to_the_spread_of_proportions():
     assert np.all(np.diff(deviations) < 1e-9) and LEAST_DEVIATION < deviations[-1] < 1.1 * LEAST_DEVIATION
 
 
-@pytest.mark.parametrize("case", [{"measured": FEWEST - 1}, {"repeated": 0.1}])
+@pytest.mark.parametrize("case", [{"measured": FEWEST_DEPTHS - 1}, {"repeated": 0.1}])
 def test_frames_without_enough_new_depths_are_not_used(case):
     estimator = HeightEstimator()
     assert not estimator.update(*person(1.2, **case), HERE, TYPICAL_HEIGHT) and not estimator.measured
-    estimator.update(*person(1.2, measured=FEWEST), HERE, TYPICAL_HEIGHT)
+    estimator.update(*person(1.2, measured=FEWEST_DEPTHS), HERE, TYPICAL_HEIGHT)
     assert estimator.measured
 
 
@@ -199,7 +199,7 @@ def test_with_several_cameras_the_sum_of_the_lengths_is_the_size():
 
 def test_few_lengths_are_not_used():
     estimator = HeightEstimator()
-    few = np.full(FEWEST - 1, 0.4)
+    few = np.full(FEWEST_DEPTHS - 1, 0.4)
     assert not estimator.update(*person(1.0, measured=0), HERE, TYPICAL_HEIGHT, (1.2 * few, few))
     assert not estimator.measured
 

@@ -371,7 +371,7 @@ def test_waiting_messages_are_stamped_with_their_time_of_arrival():
 
 
 def test_keypoints_without_a_stamp_are_reported_once(monkeypatch, capfd):
-    monkeypatch.setattr("lassokin_ros.node.log_throttle.PERIOD_S", 0.0)
+    monkeypatch.setattr("lassokin_ros.node.log_throttle.SAME_LINE_S", 0.0)
     with node_in_this_process("/unstamped_once") as (node, _):
         node._inputs.camera_info.take(camera_info(BACKEND))
         for index, stamp_ns in enumerate((0, *(time.time_ns() + n * STEP_NS for n in range(3)))):

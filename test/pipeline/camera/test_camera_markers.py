@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.camera_markers import PERIOD_S, CameraMarkers
+from lassokin_ros.pipeline.outputs.camera_markers import MARKERS_EVERY_S, CameraMarkers
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -70,8 +70,8 @@ def test_a_camera_that_moves_is_followed_and_one_without_a_pose_is_left_out():
     markers = CameraMarkers(BACKEND, session)
     places = [pyramid(markers.build(START_NS, 0.0).markers[0]).copy()]
     seen_by([robot], None, [0.1, 0.2, 0.3], session)
-    assert markers.build(START_NS, 0.9 * PERIOD_S) is None  # not yet due
-    places.append(pyramid(markers.build(START_NS, 1.1 * PERIOD_S).markers[0]))
+    assert markers.build(START_NS, 0.9 * MARKERS_EVERY_S) is None  # not yet due
+    places.append(pyramid(markers.build(START_NS, 1.1 * MARKERS_EVERY_S).markers[0]))
     turn = np.linalg.norm(places[1][:4] - places[0][:4], axis=1)
     assert 0.02 < turn.min() and turn.max() < 0.1  # 0.15 rad at 0.3 m and more
     assert np.allclose(robot.pose_at(0.3).into_camera(places[1])[4], 0, atol=1e-6)

@@ -10,7 +10,7 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.pipeline.input_checks.hands import ALIKE, EXCHANGED, FAR, FEWEST, LIMBS, ORDER, SAME, HandCheck
+from lassokin_ros.pipeline.input_checks.hands import ALIKE, EXCHANGED, FAR, FEWEST_POINTS, LIMBS, ORDER, SAME, HandCheck
 from lassokin_ros.pipeline.seen import Seen
 
 SKELETON = Skeleton.load("body_hands", 1.75)
@@ -163,7 +163,7 @@ def test_a_layout_without_hands_is_left_alone():
 def test_few_points_are_no_hand():
     given, counts = POINTS.copy(), Counter()
     far(given)
-    given[LEFT[FEWEST - 1 :]] = np.nan
+    given[LEFT[FEWEST_POINTS - 1 :]] = np.nan
     HandCheck(LAYOUT.names, counts).checked([seen(given)])
     assert not counts
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lassokin_ros.pipeline.input_checks.placeholders import (
-    FEWEST,
+    FEWEST_ALIKE,
     FEWEST_ROUNDED,
     is_shared,
     people_shown,
@@ -150,7 +150,7 @@ def test_from_three_on(axis, value):
     for count in range(1, 6):
         xy = points(12)
         xy[:count, axis] = value
-        assert is_shared(xy, IMAGE).tolist() == [count >= FEWEST] * count + [False] * (12 - count)
+        assert is_shared(xy, IMAGE).tolist() == [count >= FEWEST_ALIKE] * count + [False] * (12 - count)
 
 
 @pytest.mark.parametrize(

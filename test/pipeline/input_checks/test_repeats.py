@@ -13,7 +13,7 @@ from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
-from lassokin_ros.core.learned.height import FEWEST  # noqa: E402
+from lassokin_ros.core.learned.height import FEWEST_DEPTHS  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.depth.depth_images import EARLIER, MATCHED, REPEATED, UNMATCHED  # noqa: E402
@@ -260,12 +260,12 @@ def test_a_whole_message_that_repeats_keeps_its_depths():
 
 def test_few_depths_or_equal_ones_are_not_compared():
     own = OwnDepth()
-    few = np.where(np.arange(17) < FEWEST - 1, DEPTHS, np.nan)
+    few = np.where(np.arange(17) < FEWEST_DEPTHS - 1, DEPTHS, np.nan)
     for depth in (None, np.full(17, 2.5), few, np.full(17, np.nan)):
         for i in range(20):
             given = keypoints(i, depth)
             assert own.checked(given, i * STEP_NS) is given and own.warning == ""
-    enough = np.where(np.arange(17) < FEWEST, DEPTHS, np.nan)
+    enough = np.where(np.arange(17) < FEWEST_DEPTHS, DEPTHS, np.nan)
     assert own.checked(keypoints(0, enough), 0).depth is not None
     assert own.checked(keypoints(1, enough), STEP_NS).depth is None
 

@@ -11,7 +11,7 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 from messages import camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.pipeline.input_checks.stamps import FEWEST, StampRate  # noqa: E402
+from lassokin_ros.pipeline.input_checks.stamps import FEWEST_MESSAGES, StampRate  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -238,7 +238,9 @@ def test_rates_up_to_twice_as_high_and_irregular_arrivals_are_no_warning():
 
 def test_a_few_messages_arrivals_that_are_unknown_and_a_new_time_are_no_warning():
     assert warning(TIMES[:60] // 1000, TIMES[:60]) == ""
-    assert warning(TIMES[: 6 * (FEWEST - 1) : 6] // 1000, TIMES[: 6 * (FEWEST - 1) : 6]) == ""  # 5 Hz, for 3.6 s
+    assert (
+        warning(TIMES[: 6 * (FEWEST_MESSAGES - 1) : 6] // 1000, TIMES[: 6 * (FEWEST_MESSAGES - 1) : 6]) == ""
+    )  # 5 Hz, for 3.6 s
     assert warning(TIMES, np.zeros(90)) == ""
     loop = np.concatenate([TIMES // 1000, TIMES[:55]])
     assert warning(loop, np.concatenate([TIMES, TIMES[:55] + 10**10])) == ""
