@@ -76,8 +76,8 @@ class JointStateBuilder(StampedBuilder):
 class FieldsBuilder(StampedBuilder):
     """A message whose numbers are fields of its parts."""
 
-    def __init__(self, message: Any, headers: Sequence[Any], parts: Sequence[tuple[Any, str]]) -> None:
-        """parts: each with its fields of one letter, such as a point with "xyz", in the order of the numbers."""
+    def __init__(self, message: Any, headers: Sequence[Any], parts: Sequence[tuple[Any, Sequence[str]]]) -> None:
+        """parts: each with the names of its fields, such as a point with "xyz", in the order of the numbers."""
         self._fields = [(part, name) for part, names in parts for name in names]
         super().__init__(message, headers)
 
@@ -91,7 +91,7 @@ class FieldsBuilder(StampedBuilder):
             setattr(part, name, value)
 
 
-def pose_parts(pose: Any) -> list[tuple[Any, str]]:
+def pose_parts(pose: Any) -> list[tuple[Any, Sequence[str]]]:
     """Return the parts of a geometry_msgs/Pose: position and orientation, x, y, z, w."""
     return [(pose.position, "xyz"), (pose.orientation, "xyzw")]
 
@@ -104,21 +104,16 @@ class PointStampedBuilder(FieldsBuilder):
         super().__init__(message, [message.header], [(message.point, "xyz")])
 
 
-class RegionBuilder(StampedBuilder):
+class RegionBuilder(FieldsBuilder):
     """hri_msgs/NormalizedRegionOfInterest2D."""
 
     def __init__(self, backend: Backend) -> None:
         message = backend.make("hri_msgs/msg/NormalizedRegionOfInterest2D")
-        super().__init__(message, [message.header])
+        super().__init__(message, [message.header], [(message, ("xmin", "ymin", "xmax", "ymax", "c"))])
 
     def numbers(self, region: np.ndarray) -> np.ndarray:
         """region: (5,) xmin, ymin, xmax, ymax, 0 to 1 of the image, and confidence."""
         return region.astype(np.float32)
-
-    def write(self, numbers: np.ndarray) -> None:
-        """See StampedBuilder.write."""
-        target = self._message
-        target.xmin, target.ymin, target.xmax, target.ymax, target.c = numbers.tolist()
 
 
 class PoseArrayBuilder(FieldsBuilder):

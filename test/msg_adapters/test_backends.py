@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("rosbags", reason="rosbags knows the message types")
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
 
-from msg_adapters.backends import RclpyBackend, RosbagsBackend, _doubles  # noqa: E402
+from msg_adapters.backends import RclpyBackend, RosbagsBackend  # noqa: E402
 
 EVERYTHING = """
 std_msgs/Header header
@@ -74,11 +74,6 @@ def test_rclpy_fields_have_the_types_of_rclpy():
     assert doubles.typecode == "d" and list(doubles) == [2, 1]
     assert rclpy.byte(2) == b"\2"
     assert rclpy.uint8(b"\1\2") == array("B", [1, 2])
-
-
-def test_the_length_of_a_field_of_doubles_is_found():
-    assert _doubles(array("d", [1.0, 2.0])) == 2 and _doubles(array("d")) == 0
-    assert _doubles(array("f", [1.0])) == -1 and _doubles([1.0]) == -1 and _doubles(None) == -1
 
 
 def test_invalid_bytes_equal_no_message():

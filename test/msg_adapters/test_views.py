@@ -150,12 +150,6 @@ def test_keypoint_markers_are_on_the_rays_of_the_keypoints(shown):
     assert np.abs(in_image(info, detected) - pixels[seen]).max() < 0.01
 
 
-def test_ellipsoids_are_centred_at_the_joints(shown):
-    _, _, messages = shown
-    centres = [m.pose.position for m in messages[topics.UNCERTAINTY_MARKERS].markers]
-    assert np.allclose(places(centres), places(messages[topics.MARKERS].markers[1].points))
-
-
 def test_rviz_shows_existing_topics_with_matching_displays(rviz):
     shows = set()
     for display in rviz["Displays"]:

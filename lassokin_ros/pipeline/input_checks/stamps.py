@@ -35,23 +35,19 @@ DEFAULT_PERIOD_NS = 33_333_333
 class StampWatch:
     """Tracks the newest processed stamp, and a jump that is not confirmed yet; ns."""
 
-    _oldest: int | None
-    _newest: int | None
-    _jump: int | None
-    _last: tuple[int, int]
-    _used: int | None
-    _before: int | None
-    _reference: tuple[int, int] | None
-    _period_ns: int | None
-
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
         """Forget all stamps. The next stamp is accepted, whatever it is."""
-        self._oldest = self._newest = self._jump = None
-        self._used = self._before = None  # the last stamp that was not refused, and the one before it
-        self._reference = self._period_ns = None
+        self._oldest: int | None = None
+        self._newest: int | None = None
+        self._jump: int | None = None
+        self._used: int | None = None  # the last stamp that was not refused, and the one before it
+        self._before: int | None = None
+        self._reference: tuple[int, int] | None = None
+        self._period_ns: int | None = None
+        self._last = 0, 0
 
     def estimate(self, arrival_ns: int) -> int:
         """Return the stamp of a message that has none, ns.

@@ -39,7 +39,7 @@ def found(offset, person, pose_at=turning_eye("", 1.2).pose_at, seconds=16.0):
         stamp_ns = START_NS + round(1e9 * (now - 0.1 + offset))
         places.at("", stamp_ns) if places.newest else places.pose("", "optical", START_NS)
         pose = SimpleNamespace(positions=np.array([inside]))
-        frame = {"accepted": True, "others": (), "camera": CameraPose(), "label": "", "person": ""}
+        frame = {"accepted": True, "images": (), "camera": CameraPose(), "label": "", "person": ""}
         check.update([SimpleNamespace(stamp_ns=stamp_ns, estimate=SimpleNamespace(pose=pose), **frame)])
     return check.of(""), check.clear("") is not None
 
