@@ -56,11 +56,6 @@ def test_an_hri_skeleton_gives_pixels():
     assert (keypoints.stamp_ns, keypoints.frame_id, keypoints.persons) == (START_NS, FRAME, None)
 
 
-def test_hri_points_outside_the_image_are_kept():
-    points, _ = decode(HRI, hri_skeleton(BACKEND, 1, FRAME, XY[:18] - 200, SCORES, SIZE)).as_landmarks(18)
-    assert np.allclose(points, XY[:18] - 200, atol=1e-3)
-
-
 def test_hri_eyes_and_ears_have_their_own_order():
     hri, openpose = (Layout.load(name, SKELETON).names for name in ("hri18", "openpose18"))
     assert hri[14:] == ("left_eye", "right_eye", "left_ear", "right_ear")

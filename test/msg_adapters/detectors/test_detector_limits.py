@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("rosbags", reason="rosbags knows message types that are not installed")
 
 from detector_messages import HRI, YOLO, ZED, backend, hri_skeleton, yolo_detections, zed_objects  # noqa: E402
-from messages import CLOUD_FIELDS, cloud, multi_array, polygon, raw_cloud  # noqa: E402
+from messages import CLOUD_FIELDS, cloud, multi_array, raw_cloud  # noqa: E402
 
 from msg_adapters.detectors.point_cloud2 import DATATYPES, MAX_FIELDS, MAX_POINT_STEP  # noqa: E402
 from msg_adapters.detectors.registry import ADAPTERS, full_type_name, keypoint_adapter  # noqa: E402
@@ -147,17 +147,6 @@ def test_a_cloud_without_rows_or_columns_is_empty():
 
 
 # Polygons and arrays -------------------------------------------------------------------------------------------------
-
-
-def test_polygons_and_arrays_are_numbered_by_their_order():
-    for found in (
-        decode(POLYGON, polygon(BACKEND, STAMP, XY, [0.1, 0.2, 0.3], FRAME)),
-        decode(ARRAY, multi_array(BACKEND, 0, XY, [0.1, 0.2, 0.3])),
-    ):
-        assert found.ids.tolist() == [0, 1, 2] and found.xy.tolist() == XY.tolist()
-        assert found.confidence == pytest.approx([0.1, 0.2, 0.3])
-        assert found.persons is None and found.depth is None
-    assert decode(POLYGON, polygon(BACKEND, STAMP, XY, frame_id=FRAME)).frame_id == FRAME
 
 
 def dimensions(*sizes):

@@ -52,7 +52,7 @@ def test_the_live_node_publishes_the_same_late_frames_as_the_pipeline():
         for message, frame in zip(joints, expected):
             assert np.abs(np.array(message.position) - frame.positions).max() < 1e-9
         status = peer.next_diagnostics(lambda s: int(values_of(s)["accepted [messages]"]) == 20)
-        assert status.message == "tracking"
+        assert status.message.startswith("tracking")  # a busy machine gets them more slowly than their stamps say
         assert peer.call(Trigger, "reset", Trigger.Request()).success
         for i in range(20, 24):
             peer.send(stamp(i), PIXELS[i])
