@@ -420,6 +420,7 @@ def test_a_long_recording_is_thinned_with_a_note(clean, tmp_path, monkeypatch):
     assert len(person["series"]["reprojection"]["time"]) == 19
     full = drawn(clean[1])["people"][0]["series"]["reprojection"]["value"]
     assert max(person["series"]["reprojection"]["value"]) == max(full)  # peaks are kept
+    assert [len(data.worst(np.zeros(count), np.zeros(count))[0]) for count in (20, 21, 39)] == [20, 11, 20]
 
 
 def test_the_page_of_a_minute_is_small():
