@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks
@@ -14,6 +15,8 @@ from lassokin_ros.node.qos import overrides
 from lassokin_ros.pipeline.outputs import topics
 
 OUTPUT_DEPTH = 10
+KEPT_S = 0.04
+"""s: for so long it stays known which topics have subscribers, also from one message to the next."""
 
 
 class Publishers:
@@ -21,6 +24,8 @@ class Publishers:
 
     def __init__(self, node: Node) -> None:
         self._node = node
+        self._wanted: dict[Publisher, bool] = {}
+        self._asked_at = 0.0  # s, of a steady clock: since then `_wanted` is known
 
     def open(self, topic: topics.OutputTopic, name: str, lasting: bool = True) -> Publisher:
         """Create the publisher of an output topic. name: before remapping.
@@ -39,15 +44,22 @@ class Publishers:
 
     def close(self, out: Publisher) -> None:
         """Destroy a publisher."""
+        self._wanted.pop(out, None)
         self._node.destroy_publisher(out)
 
     def wanted(self, out: Publisher) -> bool:
-        """Return whether a subscription matches a publisher.
+        """Return whether a subscription matches a publisher, or did KEPT_S before.
 
         `get_subscription_count` enters the handle's context, which takes four times as long. That is for publishers
         that another thread may destroy.
         """
-        return out.handle.get_subscription_count() > 0  # type: ignore[no-any-return]
+        now = time.monotonic()
+        if now - self._asked_at > KEPT_S:
+            self._wanted.clear()
+            self._asked_at = now
+        if (wanted := self._wanted.get(out)) is None:
+            wanted = self._wanted[out] = out.handle.get_subscription_count() > 0
+        return wanted
 
     def write(self, out: Publisher, message: Any) -> None:
         """Publish a message object or a serialised message; the latter without the handle's context, see `wanted`."""

@@ -126,8 +126,9 @@ class CameraImages:
         self.frame_id = keypoints.frame_id or view.intrinsics.frame_id
         decoded, keypoints = keypoints, self._remove_placeholders(keypoints, view)
         shown = people_shown(decoded, keypoints, self.tracker_config.min_confidence)
-        self._count_nobody_and_outside(keypoints, view, shown)
-        self.image_size.refuse_outside(keypoints, view, self.tracker_config.min_confidence)
+        inside = view.contains(keypoints.xy)  # the usual case
+        self._count_nobody_and_outside(keypoints, view, shown, inside)
+        self.image_size.refuse_outside(keypoints, view, self.tracker_config.min_confidence, inside)
         if keypoints.stamp_ns is None:
             self.counts["unstamped"] += 1
         else:
@@ -198,8 +199,7 @@ class CameraImages:
             self.counts[PLACEHOLDERS] += 1
         return kept
 
-    def _count_nobody_and_outside(self, keypoints: Keypoints, view: View, shown: int) -> None:
-        confident = keypoints.confidence >= self.tracker_config.min_confidence  # others may be out of view
+    def _count_nobody_and_outside(self, keypoints: Keypoints, view: View, shown: int, inside: bool) -> None:
         self.nobody_in_view = shown == 0
         if self.nobody_in_view:
             self.counts[NOBODY] += 1
@@ -207,6 +207,9 @@ class CameraImages:
             self.counts[UNUSED] += self.unused_confidence > 0
             if self.unused_confidence == 0 and keypoints.unscored >= self.tracker_config.min_landmarks:
                 self.counts[UNSCORED] += 1
+        if inside:
+            return
+        confident = keypoints.confidence >= self.tracker_config.min_confidence  # others may be out of view
         if view.has_outside(keypoints.xy.compress(confident, axis=0)):
             self.counts.update({OUTSIDE_IMAGE, self.key(OUTSIDE_IMAGE)})
 

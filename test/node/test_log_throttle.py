@@ -1,8 +1,15 @@
-"""Each fault is logged once in some seconds: those with one key, too."""
+"""Each fault is logged once in some seconds: those with one key, too. The middleware is asked about subscribers every
+few frames.
+"""
+
+from types import SimpleNamespace
 
 import pytest
 
-from lassokin_ros.node.log_throttle import SAME_LINE_S, LogThrottle
+pytest.importorskip("rclpy")
+
+from lassokin_ros.node import publishers  # noqa: E402
+from lassokin_ros.node.log_throttle import SAME_LINE_S, LogThrottle  # noqa: E402
 
 
 @pytest.fixture
@@ -55,3 +62,14 @@ def test_lines_that_always_differ_do_not_flood_the_log(log):
         now[0] = 100.0 + i / 1000 * 2.9 * SAME_LINE_S
         throttle.log("bad", "x" * i, 4)
     assert len(lines) == 3 * 4
+
+
+def test_a_subscriber_is_known_within_a_tenth_of_a_second_at_30_hz(monkeypatch):
+    counts, now, asked = [0], [100.0], []
+    monkeypatch.setattr(publishers, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    out = type("Out", (), {"handle": SimpleNamespace(get_subscription_count=lambda: asked.append(1) or counts[0])})()
+    sink = publishers.Publishers(None)
+    assert not sink.wanted(out) and not sink.wanted(out) and len(asked) == 1
+    counts[0] = 1
+    now[0] += 0.1 - 1 / 30
+    assert sink.wanted(out)

@@ -8,7 +8,7 @@ import yaml
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
-from lassokin_ros.node.parameters import parameter_file, parameter_table
+from lassokin_ros.node.parameters import describe, parameter_file, parameter_table
 from lassokin_ros.pipeline.parameter_files import all_settings
 from lassokin_ros.pipeline.settings import NodeSettings
 
@@ -40,7 +40,19 @@ def test_the_reference_contains_the_table():
     if not files:
         pytest.skip("there is no documentation in this tree")
     text = "".join(file.read_text(encoding="utf-8") for file in files)
-    assert parameter_table() in text, "put in the output of: python3 -m lassokin_ros.node.parameters --table"
+    table = parameter_table()
+    assert len(table.splitlines()) == 2 + len(list(all_settings()))
+    assert table in text, "put in the output of: python3 -m lassokin_ros.node.parameters --table"
+
+
+def test_a_descriptor_has_unit_range_and_whether_the_parameter_is_live():
+    pytest.importorskip("rcl_interfaces")
+    for item in all_settings():
+        facts, told = item.metadata, describe(item)
+        unit = f" [{facts['unit']}]" if facts["unit"] else ""
+        assert (told.description, told.read_only) == (facts["description"] + unit, not facts["live"])
+        ranges = [(one.from_value, one.to_value) for one in (*told.floating_point_range, *told.integer_range)]
+        assert ranges == ([] if facts["low"] is None else [(facts["low"], facts["high"])])
 
 
 @pytest.mark.parametrize("prefix", ["/human/", "my human/", "\t"])

@@ -53,9 +53,9 @@ def test_results_of_before_a_reset_come_with_the_answers_that_were_held():
 def test_an_answer_keeps_the_arrival_of_its_message_also_if_nobody_was_in_the_image():
     order = AnswersInOrder()
     add(order, 10, [])
-    add(order, 11, [])
+    add(order, 11, [absent(11)])
     found = order.add(Answer(13, "", 1300, [accepted(10)], [13]), LAG)
-    assert [(answer.stamp_ns, answer.arrival_ns) for answer in found] == [(10, 1000), (11, 1100)]
+    assert [(one.stamp_ns, one.arrival_ns, len(one.accepted)) for one in found] == [(10, 1000, 1), (11, 1100, 0)]
 
 
 def test_a_result_has_the_stamp_of_any_image_of_its_instant():

@@ -36,6 +36,7 @@ from lassokin_ros.pipeline.input_checks import stamps  # noqa: E402
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState  # noqa: E402
 from lassokin_ros.pipeline.people.choice import NoPersonError  # noqa: E402
+from lassokin_ros.pipeline.seen import key_of  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
@@ -342,6 +343,22 @@ def test_who_numbers_people(person_ids, numbers, lasting):
     assert [frame.person for frame in frames] == (["p3"] if lasting else [])  # else after three messages
     assert session.ids == (["p3"] if lasting else [])
     assert session.counts["accepted"] == 1 and session.scene.image == (START_NS, FRAME)
+
+
+def test_people_who_were_seen_before_have_the_numbers_of_then_and_nobody_else_is_there():
+    first, second = (Session(TrackerConfig(height=1.75), NodeSettings(max_people=2)) for _ in range(2))
+
+    def frames(session, index, numbers):
+        session.set_camera(camera_info(BACKEND))
+        pairs = [(PIXELS[index] + [aside, 0], np.full(17, 0.9)) for aside in (-90, 90)]
+        return session.frames(crowd(BACKEND, START_NS + index * PERIOD_NS, pairs, numbers), 5)
+
+    seen = [(frame, one) for index in range(3) for frame in frames(first, index, [3, 5]) for one in frame.images]
+    second.identities = {(one.camera.name, key_of(one.points)): {"p3": 7, "p5": 4}[f.person] for f, one in seen}
+    for index in range(3):
+        left, right = sorted(frames(second, index, [5, 3]), key=lambda frame: np.nanmean(frame.detected[:, 0]))
+        assert (left.person, right.person) == ("p7", "p4")
+    assert frames(second, 4, [3, 5]) == [] and len(second.ids) == 2
 
 
 def test_held_results_come_later_and_with_a_flush():

@@ -65,12 +65,15 @@ class View:
         width, height = lens.size
         return View(lens, replace(self.intrinsics, K=lens.K, width=width, height=height), self.stamp_ns)
 
+    def contains(self, xy: np.ndarray) -> bool:
+        """Return True if no keypoint (k, 2), px, is outside the image, apart from a margin. NaN is not outside."""
+        least, greatest = self._limits
+        return not np.count_nonzero((xy < least) | (xy > greatest))
+
     def has_outside(self, xy: np.ndarray) -> bool:
         """Return True if many of the keypoints (k, 2), px, are outside the image: they belong to another one."""
         least, greatest = self._limits
         outside = (xy < least) | (xy > greatest)
-        if not np.count_nonzero(outside):
-            return False
         return int(np.count_nonzero(outside[:, 0] | outside[:, 1])) > FEW * len(xy)
 
 

@@ -101,14 +101,14 @@ class ImageSize:
             self._factor, self._agreeing, self._others = factor, self._others, 0
             self._scaled = self._info.scaled(factor) if factor not in (UNCERTAIN, 1.0) else self._info
 
-    def refuse_outside(self, keypoints: Keypoints, view: View, min_confidence: float) -> None:
+    def refuse_outside(self, keypoints: Keypoints, view: View, min_confidence: float, inside: bool) -> None:
         """Raise AdapterError with the reason `other_size` if people are outside of the image, or were so for certain.
 
-        keypoints: without placeholders. view: as `view` has returned it.
+        keypoints: without placeholders. view: as `view` has returned it. inside: whether it contains all keypoints.
         """
         if self._factor is not None or min(view.size) <= 0:
             return
-        farthest = person_outside(keypoints, view.size, MARGIN, min_confidence)
+        farthest = None if inside else person_outside(keypoints, view.size, MARGIN, min_confidence)
         self._outside += farthest is not None and bool((farthest > FAR_OUTSIDE * np.array(view.size)).any())
         if farthest is not None or self._outside >= OUTSIDE_MESSAGES:
             raise _other_image(farthest, view.size)

@@ -30,12 +30,11 @@ class Repeats:
     def __init__(self) -> None:
         self._seen: dict[bytes, tuple[int, int]] = {}  # stamps of the first and the last occurrence, ns
 
-    def age(self, stamp_ns: int, values: np.ndarray) -> float:
+    def age(self, stamp_ns: int, content: bytes) -> float:
         """Return s since the same content was first received; 0 if it is new, or comes again after SILENCE_NS.
 
         stamp_ns: ns, of this content.
         """
-        content = values.tobytes()
         first_ns, last_ns = self._seen.pop(content, (stamp_ns, stamp_ns))
         if last_ns > stamp_ns:  # time has jumped back
             self._seen.clear()
@@ -80,7 +79,7 @@ class OwnDepth:
         before, self._points = self._points, keypoints.xy.tobytes()
         measured = keypoints.depth[keypoints.depth > 0]
         if len(measured) >= FEWEST_DEPTHS and np.ptp(measured) > 0:
-            repeated_s = self._repeats.age(stamp_ns, keypoints.depth)
+            repeated_s = self._repeats.age(stamp_ns, keypoints.depth.tobytes())
             self._frozen_s = repeated_s if before != self._points else 0.0  # else the whole message is a repeat
         return replace(keypoints, depth=None) if self._frozen_s > 0 else keypoints
 

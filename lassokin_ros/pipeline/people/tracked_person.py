@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,9 +35,14 @@ LONGEST_PREDICTION_S = 0.5
 
 
 class _Held(NamedTuple):
-    """A result that waits for `smoothing_lag`. stamp: s, of the tracker. The others are those of `signs_of`."""
+    """A result that waits for `smoothing_lag`.
 
-    result: FrameResult
+    fields: those of the FrameResult that are known. stamp: s, of the tracker. The others are those of `signs_of`.
+    """
+
+    fields: dict[str, Any]
+    image: ImageOfPerson
+    stamp_ns: int
     stamp: float
     points: np.ndarray
     height: float
@@ -46,14 +50,12 @@ class _Held(NamedTuple):
 
     def signs(self, estimate: Estimate) -> Signs:
         """The signs of the estimate that is due."""
-        camera, lens = self.result.camera, self.result.lens
-        assert lens is not None
         return signs_of(
             estimate,
             points=self.points,
-            focal=lens.focal,
+            focal=self.image.lens.focal,
             height=self.height,
-            camera=camera,
+            camera=self.image.camera,
             frame_turn=self.frame_turn,
         )
 
@@ -146,35 +148,31 @@ class TrackedPerson:
         body = tracker.skeleton  # calibration and a measured height change it for the next frame only
         estimate = tracker.track(observations)
         self.status = estimate.status
-        result = FrameResult(
-            stamp_ns,
-            frame_id,
-            estimate,
-            person=person,
+        images = [ImageOfPerson(pose, one.lens, one.seen.pixels, one.seen.points) for one, pose in placed]
+        fields: dict[str, Any] = {
+            "stamp_ns": stamp_ns,
+            "frame_id": frame_id,
+            "person": person,
             **identity,
-            images=[ImageOfPerson(pose, one.lens, one.seen.pixels, one.seen.points) for one, pose in placed],
-            observations=observations,
-            skeleton=body,
-        )
+            "images": images,
+            "observations": observations,
+            "skeleton": body,
+        }
         if estimate.rejection is not None:
             reason, detail = self._refused(estimate, observations[0], min(frozen))
             due = self._due(tracker.published, stamp_ns)
-            return [*due, replace(result, rejection=reason, detail=detail)]
+            return [*due, FrameResult(estimate=estimate, rejection=reason, detail=detail, **fields)]
         self._update_motion(stamp_ns, estimate, body.height, None if len(placed) > 1 else placed[0][1])
         self.seen_by = {sight.camera.name: sight.stamp_ns for sight in sights}
-        result = replace(
-            result,
-            velocity=self._walk.velocity,
-            velocity_covariance=self._walk.velocity_covariance,
-            tracker=tracker,
-            doubts=tracker.learned.doubts,
-        )
+        fields["velocity"], fields["velocity_covariance"] = self._walk.velocity, self._walk.velocity_covariance
+        fields["tracker"], fields["doubts"] = tracker, tracker.learned.doubts
         seen = placed[0][0].seen
-        confident = seen.confidence >= tracker.config.min_confidence
-        several = len(placed) > 1  # `visible` is of all cameras
-        points = np.where(confident[:, None], seen.points, np.nan) if several else seen.points
-        held = _Held(result, estimate.stamp, points, tracker.skeleton.height, self._frame_turn)
-        self._waiting.append(held)
+        points = seen.points
+        if len(placed) > 1:  # `visible` is of all cameras
+            confident = seen.confidence >= tracker.config.min_confidence
+            points = np.where(confident[:, None], seen.points, np.nan)
+        of_pose = estimate.stamp, points, tracker.skeleton.height, self._frame_turn
+        self._waiting.append(_Held(fields, images[0], stamp_ns, *of_pose))
         return self._due(tracker.published, stamp_ns)
 
     def _refused(self, estimate: Estimate, observation: Observation, frozen_s: float) -> tuple[str, str]:
@@ -213,7 +211,7 @@ class TrackedPerson:
         name = sight.camera.name
         if name not in self._repeats:
             self._repeats[name] = Repeats()
-        content = np.column_stack((sight.seen.points, sight.seen.confidence))  # as the tracker compares them
+        content = sight.seen.points.tobytes() + sight.seen.confidence.tobytes()  # as the tracker compares them
         repeated = self._repeats[name].age(sight.stamp_ns, content)
         return repeated if repeated > self.tracker.config.lost_after else 0.0
 
@@ -237,7 +235,7 @@ class TrackedPerson:
             held = self._waiting.popleft()
             while held.stamp < estimate.stamp:  # skip results lost by an error
                 held = self._waiting.popleft()
-            stamp_ns = held.result.stamp_ns
+            stamp_ns = held.stamp_ns
             moment, before, earlier = Moment(stamp_ns, estimate.state, estimate.initialised), None, None
             last_ns = stamp_ns if self._last is None else self._last[0].stamp_ns
             if last_ns < self._frame_moved_ns <= stamp_ns:
@@ -250,13 +248,13 @@ class TrackedPerson:
                 if stamp_ns - before.stamp_ns >= SHORTEST_NS:
                     earlier = (stamp_ns - before.stamp_ns) * 1e-9, places
             self._last = moment, estimate.pose.positions
-            made = replace(
-                held.result,
+            made = FrameResult(
                 estimate=estimate,
                 pending=self._doubts.add(held.signs(estimate)),
                 angles=Angles(self._joint_states, moment, before),
                 earlier=earlier,
                 held_s=(now_ns - stamp_ns) * 1e-9,
+                **held.fields,
             )
             frames.append(made)
         return frames
@@ -277,7 +275,7 @@ class TrackedPerson:
             self._walk.displace(place)
         elif (seconds := (stamp_ns - self.seen_ns) * 1e-9) > 0:  # 0: another camera, same stamp
             sight = None if camera is None else place - camera.centre
-            sight = None if sight is None else sight / max(float(np.linalg.norm(sight)), 1e-6)
+            sight = None if sight is None else sight / max(math.sqrt(sight.dot(sight)), 1e-6)
             assert estimate.up is not None
             self._walk.update(seconds, place, sight, estimate.pose.orientations[0][:, 2], estimate.up)
         self._place, self._landmarks, self.seen_ns = place, estimate.pose.landmarks, stamp_ns

@@ -69,11 +69,11 @@ def stamp(i):
 
 
 def test_an_age_is_counted_from_the_first_occurrence():
-    repeats, a, b = Repeats(), np.array([1.0]), np.array([2.0])
-    in_turn = [repeats.age(i * 5 * 10**8, np.array([i % 4])) for i in range(9)]
+    repeats, a, b = Repeats(), b"1", b"2"
+    in_turn = [repeats.age(i * 5 * 10**8, bytes([i % 4])) for i in range(9)]
     assert in_turn == pytest.approx([0, 0, 0, 0, 2, 2, 2, 2, 4])
-    assert repeats.age(7 * 10**9, np.array([2])) == 0  # after a silence
-    assert [repeats.age(10**10 + i * 10**8, np.array([10 + i % 5])) for i in range(20)] == [0] * 20
+    assert repeats.age(7 * 10**9, bytes([2])) == 0  # after a silence
+    assert [repeats.age(10**10 + i * 10**8, bytes([10 + i % 5])) for i in range(20)] == [0] * 20
     ages = [
         repeats.age(t, x) for t, x in ((5, a), (10**9, a), (2 * 10**9, b), (3 * 10**9, b), (10**9, b), (2 * 10**9, b))
     ]

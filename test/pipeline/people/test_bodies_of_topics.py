@@ -5,14 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from depth_camera import depth_message
-from messages import rosbags_backend
+from messages import FRAME, HEIGHT, WIDTH, camera_info, pixels_of_motion, rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
+from msg_adapters.keypoints import Keypoints
 
+BACKEND = rosbags_backend()
+PIXELS = pixels_of_motion(1)[0]
 CONFIG = NodeSettings(rep155=True, max_people=2, keypoints_type="hri_msgs/msg/Skeleton2D")
 
 
@@ -74,8 +77,34 @@ def test_reset_and_settings_count_once_and_reach_all(bodies):
 def test_depth_images_stay_when_somebody_leaves():
     bodies = Session(TrackerConfig(height=1.75), replace(CONFIG, depth="/depth"))
     bodies.keep(["a", "b"])
-    bodies.first.depth.add(depth_message(rosbags_backend(), 5_000_000_000, np.full((4, 6), 2.0)), 5_000_000_000)
+    bodies.first.depth.add(depth_message(BACKEND, 5_000_000_000, np.full((4, 6), 2.0)), 5_000_000_000)
     bodies.keep(["b"])
     assert bodies.first.depth.newest_ns == 5_000_000_000
     bodies.reset()
     assert bodies.first.depth.newest_ns is None
+
+
+def test_one_depth_image_or_the_end_of_the_wait_releases_the_messages_of_all_bodies():
+    bodies = Session(TrackerConfig(height=1.75), replace(CONFIG, depth="/depth"))
+    bodies.set_camera(camera_info(BACKEND))
+    bodies.keep(["a", "b", "c"])
+
+    def sent_and_waiting(stamp_ns):
+        for body in "a", "b":
+            message = Keypoints(stamp_ns, FRAME, np.arange(len(PIXELS)), PIXELS, np.ones(len(PIXELS)))
+            assert bodies.push(message, stamp_ns, body=body) == []
+
+    def image(stamp_ns, late_ns=0):
+        depth = depth_message(BACKEND, stamp_ns, np.full((HEIGHT // 4, WIDTH // 4), 3.0))
+        answers = bodies.push_depth(depth, stamp_ns + late_ns)
+        return [(one.stamp_ns, [frame.person for frame in one.frames]) for one in answers]
+
+    start_ns, period_ns = 5_000_000_000, 33_333_333
+    assert image(start_ns) == image(start_ns + period_ns) == []  # from now on the period is known
+    for_a_third, for_a_fourth = start_ns + 2 * period_ns, start_ns + 3 * period_ns
+    sent_and_waiting(for_a_third)
+    assert image(for_a_third, late_ns=1_000_000) == [(for_a_third, ["a"]), (for_a_third, ["b"])]
+    sent_and_waiting(for_a_fourth)
+    assert bodies.due_at_ns is not None and bodies.due(bodies.due_at_ns - 1) == []
+    assert [one.stamp_ns for one in bodies.due(bodies.due_at_ns)] == [for_a_fourth, for_a_fourth]
+    assert bodies.due_at_ns is None and bodies.finish() == []

@@ -104,6 +104,16 @@ def test_the_more_complete_of_duplicate_detections_is_kept():
     assert [track.detection for track in tracks.seen_at(1)] == [full, other]
 
 
+def test_rivals_are_within_reach_or_at_an_unknown_distance():
+    tracks, unknown = ImageTracks(), [[NAN, NAN]] * 2
+    people = [seen([*BODY[:3], *unknown[:1]]), seen(BODY + [1.0, 0]), seen([*unknown, [9.0, 0.4], [9.3, 0.8]])]
+    people += [seen([[0.1, 9.0], [0.4, 9.0], *unknown])]
+    tracks.update(1, people, lasting=False, forget_after=1.0)
+    first, near, low, high = tracks.seen_at(1)
+    assert tracks.rivals(first, away_s=0.1) == [] and tracks.rivals(first, away_s=2.0) == [near]
+    assert tracks.rivals(low, away_s=0.1) == [high]  # they have no point in common
+
+
 LENS = Lens(np.array([[100.0, 0, 50], [0, 100, 50], [0, 0, 1]]))
 
 

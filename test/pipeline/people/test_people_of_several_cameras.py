@@ -2,12 +2,16 @@
 
 import numpy as np
 import pytest
-from camera_rig import MAP, eye, pixels, tf_of, truth_at
+from camera_rig import MAP, PERSON, eye, pixels, tf_of, truth_at
+from cases import body
 from messages import camera_info, crowd, rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.learned.height import SizeCheck
 from lassokin_ros.pipeline.answers import frames_of
-from lassokin_ros.pipeline.seen import MOST_PEOPLE
+from lassokin_ros.pipeline.people.cross_view import cross_view_cost
+from lassokin_ros.pipeline.seen import MOST_PEOPLE, Seen, Sight
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
@@ -60,6 +64,16 @@ def test_a_person_has_one_number_although_each_detector_has_another_one():
             person = {number: (rig.pixels(name, index), np.full(17, 0.9))}
             numbers += [frame.detector_id for frame in rig.send(name, index, person, later_ns) if frame.accepted]
     assert len(numbers) > 20 and set(numbers) == {7}
+
+
+@pytest.mark.parametrize(("scale", "cost"), [(1.0, 0.0), (0.75, 0.5 * np.log(1 / 0.75)), (1.3, 0.5 * np.log(1.3))])
+def test_people_of_another_size_than_the_known_body_are_others(scale, cost):
+    """Their points lie on common lines of sight."""
+    landmarks = PERSON + scale * (truth_at([0.0]).landmarks[0] - PERSON)
+    cameras = [EYES[name].pose_at(0.0) for name in ("left", "right")]
+    points = [project(camera.into_camera(landmarks)) for camera in cameras]
+    one, other = (Sight(START_NS, Seen(seen, np.ones(17)), None, camera) for seen, camera in zip(points, cameras))
+    assert cross_view_cost(one, other, SizeCheck(body("coco17", 1.75))) == pytest.approx(cost, abs=0.03)
 
 
 def test_the_points_of_a_bystander_are_not_published_as_the_persons():

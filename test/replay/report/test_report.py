@@ -386,8 +386,9 @@ def test_the_floor_is_under_the_feet(clean):
 
 def test_every_reason_has_a_description():
     keys = {rejection.value for rejection in Rejection}
-    for file in [*(ROOT / "msg_adapters").glob("*.py"), *(ROOT / "lassokin_ros").glob("*.py")]:
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for file in [*(ROOT / "msg_adapters").rglob("*.py"), *(ROOT / "lassokin_ros/pipeline").rglob("*.py")]:
+        code = file.read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(code)) if "AdapterError(" in code else ():
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "AdapterError":
                 keys |= {n.value for n in [node.args[0]] if isinstance(n, ast.Constant)}
     assert len(keys) > 15 and keys <= set(REASONS), keys - set(REASONS)
@@ -419,6 +420,7 @@ def test_a_long_recording_is_thinned_with_a_note(clean, tmp_path, monkeypatch):
     assert len(person["series"]["reprojection"]["time"]) == 19
     full = drawn(clean[1])["people"][0]["series"]["reprojection"]["value"]
     assert max(person["series"]["reprojection"]["value"]) == max(full)  # peaks are kept
+    assert [len(data.worst(np.zeros(count), np.zeros(count))[0]) for count in (20, 21, 39)] == [20, 11, 20]
 
 
 def test_the_page_of_a_minute_is_small():
@@ -472,3 +474,4 @@ def test_unreadable_messages_are_reported(tmp_path):
     page = report(write_messages(tmp_path / "bag", [camera, *broken]))
     assert ("problem", "Nothing was tracked: none of 4 messages produced a skeleton.") in said(page)
     assert any(text.startswith("4 frames rejected: malformed message") for _, text in said(page))
+    assert '<td>malformed message</td><td class="n">4</td>' in page.partition("Rejections by reason")[2]

@@ -150,7 +150,7 @@ def test_the_joints_of_a_replay_agree_with_the_newest_urdf(tmp_path):
     descriptions = [(time_ns, DescribedBody(m.data)) for time_ns, m in streams["robot_description"]]
     assert 4 < len(descriptions) <= 8 + frames / RATE
     apart = np.diff([time_ns for time_ns, _ in descriptions])  # often at first, then once per second
-    assert apart.min() > 0.9e9 * UPDATE.first and apart[-2:].min() > 0.9e9 * UPDATE.last
+    assert apart.min() > 0.9e9 * UPDATE[0] and apart[-2:].min() > 0.9e9 * UPDATE[-1]
     errors, first = [], descriptions[0][1]
     for (time_ns, state), (_, joints) in zip(streams["joint_states"], streams["joints"]):
         newest = [d for published, d in descriptions if published <= time_ns][-1]
