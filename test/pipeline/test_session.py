@@ -278,14 +278,6 @@ def test_nobody_is_locked_who_was_seen_long_ago(session):
     assert session.locked is None
 
 
-def test_the_setting_lock_locks_the_first_person():
-    session = Session(TrackerConfig(height=1.75), NodeSettings(lock=True))
-    session.set_camera(camera_info(BACKEND))
-    assert session.locked != "p1"
-    session.frames(message(0), START_NS)
-    assert session.locked == "p1"
-
-
 def test_why_nobody_can_be_locked_yet(session):
     with pytest.raises(NoPersonError, match="no usable keypoints arrived since the start or the last reset"):
         session.lock(START_NS)

@@ -370,16 +370,21 @@ def test_waiting_messages_are_stamped_with_their_time_of_arrival():
         assert stamps()[-1] < held_up_until
 
 
-def test_rejections_are_logged_and_missing_stamps_once(monkeypatch, capfd):
+def test_rejections_and_unusual_inputs_are_logged_and_missing_stamps_once(monkeypatch, capfd):
     monkeypatch.setattr("lassokin_ros.node.log_throttle.SAME_LINE_S", 0.0)
     with node_in_this_process("/unstamped_once") as (node, _):
         node._inputs.camera_info.take(camera_info(BACKEND))
         for index, stamp_ns in enumerate((0, *(time.time_ns() + n * STEP_NS for n in range(3)))):
             node.work_on(cloud(BACKEND, stamp_ns, PIXELS[index]))
         node.work_on(cloud(BACKEND, stamp_ns, PIXELS[0]))
+        node._publish_diagnostics()
+        for index in range(1, 4):
+            node.work_on(cloud(BACKEND, stamp_ns + index * STEP_NS, PIXELS[0], np.zeros(17)))
+        node._publish_diagnostics()
         assert node._session.counts["unstamped"] == 1
     said = capfd.readouterr().err
     assert (said.count("without a stamp"), said.count("keypoints rejected (old_stamp): ")) == (1, 1)
+    assert said.count("all confidences are 0 or NaN: fill them in the detector") == 1
 
 
 def test_a_node_of_the_same_name_is_reported_after_a_while():
