@@ -18,7 +18,7 @@ class Period:
     """Figures of one period. Times are s of a steady clock.
 
     Lists have one entry per message: times_ms, ms, of the callbacks; delays, s, from stamp to arrival, without the wait
-    of `smoothing_lag`; misfits, the largest `Signs.reprojection`. judged: the person of each accepted result, and what
+    of `smoothing_lag`; misfits, see `misfit`, the largest one. judged: the person of each accepted result, and what
     gives the doubt about it. unused_confidence: the largest one in messages without a confident keypoint. tracked,
     with_depth: messages with a tracked person, and those of them with measured depth. newest: accepted results of the
     last message that has some; last: all results of the last message.
@@ -69,8 +69,17 @@ class Period:
         accepted = [frame for frame in frames if frame.accepted and frame.estimate is not None]
         if accepted:
             self.newest = accepted
-            judged = [(frame.person, frame.pending) for frame in accepted if frame.pending is not None]
-            self.misfits.append(max((pending.signs.reprojection for _, pending in judged), default=0.0))
-            self.judged += judged
+            self.misfits.append(max(map(misfit, accepted)))
+            self.judged += [(frame.person, frame.pending) for frame in accepted if frame.pending is not None]
             self.tracked += 1
             self.with_depth += any(f.estimate.depth_measured for f in accepted if f.estimate is not None)
+
+
+def misfit(frame: FrameResult) -> float:
+    """As a fraction of the height: distance of the keypoints of an accepted frame from its body's landmarks, at its
+    distance.
+    """
+    estimate = frame.estimate
+    assert estimate is not None and estimate.state is not None and frame.lens is not None and frame.skeleton is not None
+    depth = float(frame.camera.into_camera(estimate.state.translation)[2])
+    return estimate.reprojection_px / frame.lens.focal * depth / frame.skeleton.height
