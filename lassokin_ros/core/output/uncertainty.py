@@ -59,11 +59,13 @@ POWER = 0.25
 LENGTHS_FACTOR, HAND_LENGTH_FACTOR = 3.0, 1.0
 """Factors on the standard deviation of the log-lengths: of a body, and of a hand's one length."""
 SMALLEST_BIAS = 0.01
-"""Smallest constant error of a keypoint / height, in each direction; the pose follows it, so residuals lack it."""
+"""Smallest constant error of a keypoint in each direction, as a fraction of the height. The pose follows such an error,
+so the residuals do not contain it."""
 LARGEST_DEVIATION = 0.6
 """m: s becomes s / sqrt(1 + (s / LARGEST_DEVIATION)^2), because a limb moves on a sphere."""
 HIDDEN_LEG = 0.25
-"""Least deviation / height of a leg without visible points from the knee down: the prior knows few people who sit."""
+"""Least deviation of a leg without visible points from the knee down, as a fraction of the height: the prior knows few
+people who sit."""
 SCALE_DEVIATION = 0.045
 """Deviation of the size of a body of given height, as a fraction; it moves the body along its line of sight."""
 WRONG_SCALE = 0.25
