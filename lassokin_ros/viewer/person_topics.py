@@ -21,7 +21,7 @@ from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.skeleton_readers import urdf
 from lassokin_ros.video.rerun_scene import REPROJECTION, RerunScene
 from msg_adapters.errors import AdapterError
-from msg_adapters.output_messages.joint_uncertainty import read_uncertainty_cloud
+from msg_adapters.output_messages.clouds import read_uncertainty_cloud
 
 DEPTH = 10
 ERROR_KEY = "reprojection error [px]"

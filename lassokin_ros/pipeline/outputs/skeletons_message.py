@@ -8,8 +8,8 @@ from typing import Any
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.people_messages import Image, id_of
 from msg_adapters.backends import Backend
+from msg_adapters.output_messages.clouds import JointsReport, SkeletonsCloudBuilder
 from msg_adapters.output_messages.people import number_of
-from msg_adapters.output_messages.skeleton_cloud import JointsReport, SkeletonsCloudBuilder
 
 
 class SkeletonsMessage:
