@@ -19,7 +19,7 @@ from lassokin_ros.common.missing_package import missing_package
 
 try:
     from lassokin_ros.core.yaml_files import user_path
-    from lassokin_ros.pipeline.outputs.description.urdf_from_parameters import urdf_from_settings
+    from lassokin_ros.pipeline.outputs.robot_description import urdf_from_settings
     from lassokin_ros.pipeline.outputs.topics import STATE_PUBLISHER
     from lassokin_ros.pipeline.parameter_files import file_parameters, offline_settings
     from lassokin_ros.pipeline.settings import ALL, OFF

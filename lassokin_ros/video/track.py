@@ -22,7 +22,7 @@ from lassokin_ros.core.config import CHECK, TrackerConfig
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.detector.backend import Detector, make_detector
-from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words
+from lassokin_ros.pipeline.outputs.figures import height_in_words
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import LASTING, MESSAGE
 from lassokin_ros.replay.output_paths import OutputError

@@ -17,8 +17,8 @@ from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.pipeline.camera.placement import JUMPS
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.outputs.description.skeleton_file import LEAST_MOTION
-from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words
+from lassokin_ros.pipeline.outputs.figures import height_in_words
+from lassokin_ros.pipeline.outputs.saved_files import LEAST_MOTION
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.replay.passes.kept_observations import KeptObservations
 from lassokin_ros.replay.playback import Playback

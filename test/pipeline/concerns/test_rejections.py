@@ -9,7 +9,7 @@ from sequences import CONFIG, frame
 from lassokin_ros.core.lasso import solver
 from lassokin_ros.core.observation import CameraPose, Rejection
 from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.pipeline.outputs.status.rejection_text import rejection_text
+from lassokin_ros.pipeline.concerns.rejections import rejection_text
 
 FEWEST = "expected 4 or more (min_landmarks)"
 

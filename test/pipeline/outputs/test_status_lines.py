@@ -17,7 +17,7 @@ from lassokin_ros.pipeline.depth.depth_images import MATCHED, RECEIVED, UNMATCHE
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
-from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.roster import GONE
 from lassokin_ros.pipeline.settings import NodeSettings

@@ -1,7 +1,7 @@
 """The warnings of a recording: each once, whatever its numbers."""
 
 from lassokin_ros.pipeline.concerns.catalogue import say
-from lassokin_ros.pipeline.outputs.status.warning_log import WarningLog
+from lassokin_ros.pipeline.outputs.diagnostics import WarningLog
 
 
 def of_rate(arrivals):

@@ -10,8 +10,7 @@ from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.pipeline.outputs.description.motion_ranges import range_of
-from lassokin_ros.pipeline.outputs.description.urdf import joint_names, urdf
+from lassokin_ros.pipeline.outputs.urdf import joint_names, range_of, urdf
 from lassokin_ros.pipeline.people.joint_angles import JointAngleReader
 from lassokin_ros.skeleton_readers import urdf as urdf_reader
 

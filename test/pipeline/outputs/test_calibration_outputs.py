@@ -14,8 +14,8 @@ from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.learned.bone_lengths import UPDATE, Calibration
-from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all, skeleton_text, write_text
-from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures
+from lassokin_ros.pipeline.outputs.figures import calibration_figures
+from lassokin_ros.pipeline.outputs.saved_files import save_all, skeleton_text, write_text
 
 NOW_NS = 1_700_000_000_123_456_789
 PROMISE_M = 1e-3
@@ -165,7 +165,7 @@ def test_replay_saves_the_learned_skeleton(tmp_path, capsys):
     from recordings import read, write_recording
 
     from lassokin_ros.cli.replay import main
-    from lassokin_ros.pipeline.outputs.description.urdf import urdf
+    from lassokin_ros.pipeline.outputs.urdf import urdf
 
     # The end is between two updates: the lengths learned from the last frame are saved, but not published.
     recording, saved = write_recording(tmp_path / "walk", 140), tmp_path / "me.yaml"
@@ -243,7 +243,7 @@ def test_the_running_node_publishes_saves_and_reports_learned_lengths(tmp_path):
     from std_srvs.srv import Trigger
 
     from lassokin_ros.pipeline.outputs import topics
-    from lassokin_ros.pipeline.outputs.description.urdf import urdf
+    from lassokin_ros.pipeline.outputs.urdf import urdf
 
     namespace, saved = "/calibrating", tmp_path / ".ros" / "calibrating_tracker_skeleton.yaml"
     pixels = pixels_of_motion(200, 25.0)

@@ -1,22 +1,21 @@
-"""The node's status once per second: level, sentence, and figures with units."""
+"""The node's status once per second: level, sentence and figures; and the warnings of a whole recording."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera_images import NOBODY
 from lassokin_ros.pipeline.concerns import catalogue, live
 from lassokin_ros.pipeline.concerns.cameras import SILENCE_S, camera_concerns, no_usable_image
-from lassokin_ros.pipeline.concerns.catalogue import Raised, Seen, say, words_of
+from lassokin_ros.pipeline.concerns.catalogue import Raised, Seen, say, without_numbers, words_of
 from lassokin_ros.pipeline.concerns.period import Period
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.input_checks.body_direction import BodyDirection
-from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
-from lassokin_ros.pipeline.outputs.status import presence_state
-from lassokin_ros.pipeline.outputs.status.camera_status import CameraStatus
-from lassokin_ros.pipeline.outputs.status.figures import figures
+from lassokin_ros.pipeline.input_checks.messages import FROZEN_S
+from lassokin_ros.pipeline.outputs import scene_messages
+from lassokin_ros.pipeline.outputs.figures import CameraStatus, figures
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.tracked_person import FROZEN
 from lassokin_ros.pipeline.session import Session
@@ -72,7 +71,7 @@ class Diagnostics:
         now: float,
         presence: Presence | None = None,
         concern: str = "",
-        state: str = presence_state.LOST,
+        state: str = scene_messages.LOST,
         as_of_ns: int = 0,
     ) -> StatusLine:
         """Return the status of the period since the last call, and start a new one.
@@ -88,7 +87,7 @@ class Diagnostics:
         roll = None if session.config.fixed_frame else session.placement.camera_angles[0]
         self._direction.update(period.newest if tracking else (), roll, now)
         of_cameras = self._cameras.update(now, seconds)
-        state = presence_state.TRACKING if tracking else state
+        state = scene_messages.TRACKING if tracking else state
         level, message = self._level_and_text(now, state, concern)
         ages = now, self._camera_at
         values = {**figures(period, seconds, ages, presence, state, as_of_ns), **of_cameras}
@@ -100,13 +99,13 @@ class Diagnostics:
         if blocked := next(self._blocked(now, state), None):
             level = {catalogue.ERROR: ERROR, catalogue.NOTE: OK}.get(blocked.level, WARN)
             return level, "; ".join(filter(None, [blocked.text, concern * (blocked.key in live.WAITING)]))
-        tracking, recent = state == presence_state.TRACKING, self._period.recent
+        tracking, recent = state == scene_messages.TRACKING, self._period.recent
         found = list(self._found(now, tracking))
         self.concerns = [raised for raised in found if Seen.SUMMARY in raised.seen and raised.level in WARNINGS]
         self.inputs = words_of(found, Seen.LOG)
         if recent["received"]:
             self._nobody = recent[NOBODY] == recent["received"]
-        nobody = state == presence_state.NOBODY or (self._nobody and not tracking)
+        nobody = state == scene_messages.NOBODY or (self._nobody and not tracking)
         warned = concern or any(raised.level in WARNINGS for raised in found)
         warnings = [raised.text for raised in found if raised.level in WARNINGS]
         notes = [raised.text for raised in found if raised.level not in WARNINGS]
@@ -129,7 +128,7 @@ class Diagnostics:
             elif now - period.keypoints_at > SILENCE_S:
                 yield say("silent", limit=SILENCE_S)
         refused_s = period.recent[f"rejected: {FROZEN}"] + period.recent[f"rejected: {FROZEN} (a person)"]
-        if repeated_s(period.last) > FROZEN_S or (refused_s and state != presence_state.TRACKING):
+        if repeated_s(period.last) > FROZEN_S or (refused_s and state != scene_messages.TRACKING):
             yield say("frozen", limit=FROZEN_S)
 
     def _found(self, now: float, tracking: bool) -> Iterator[Raised]:
@@ -153,3 +152,23 @@ class Diagnostics:
         """Return that nobody is in view, with advice if the confidences of the period nearly reached the limit."""
         limit = NEAR_LIMIT * self._session.tracker.config.min_confidence
         return f"{NOBODY}; {NEAR_LIMIT_ADVICE}" if self._period.unused_confidence >= limit else NOBODY
+
+
+class WarningLog:
+    """Collects the warnings of each period of the diagnostics."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, tuple[int, Raised]] = {}
+
+    def add(self, warnings: Iterable[Raised]) -> None:
+        """Add the warnings of one period. Those that differ in their numbers only are one; the first text is kept."""
+        for raised in warnings:
+            key = without_numbers(raised.text)
+            count, first = self._found.get(key, (0, raised))
+            self._found[key] = count + 1, first
+
+    @property
+    def found(self) -> list[Raised]:
+        """The warnings, the most frequent first, each with its number of periods of 1 s."""
+        ordered = sorted(self._found.values(), key=lambda item: -item[0])
+        return [raised._replace(text=f"{raised.text} (for {count} s)") for count, raised in ordered]

@@ -9,7 +9,7 @@ from detector_messages import YOLO, ZED, backend, yolo_detections, zed_objects  
 from messages import FRAME, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from msg_adapters.output_messages.builders import OK, WARN  # noqa: E402

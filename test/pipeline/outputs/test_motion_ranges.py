@@ -8,7 +8,7 @@ from benchmarks.data.mocap import load_clip, true_state
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.pipeline.outputs.description.motion_ranges import RANGES, range_of
+from lassokin_ros.pipeline.outputs.urdf import RANGES, range_of
 from lassokin_ros.pipeline.people.joint_angles import JointAngleReader
 
 CLIPS = sorted((data_folder() / "corpus").glob("*.npz"))[::18]

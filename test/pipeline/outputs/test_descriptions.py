@@ -16,21 +16,21 @@ from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.errors import SkeletonError  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
-from lassokin_ros.pipeline.outputs.description.robot_description import (  # noqa: E402
+from lassokin_ros.pipeline.outputs.body_frames import Naming  # noqa: E402
+from lassokin_ros.pipeline.outputs.figures import averaged_sides  # noqa: E402
+from lassokin_ros.pipeline.outputs.frame_messages import id_list  # noqa: E402
+from lassokin_ros.pipeline.outputs.robot_description import (  # noqa: E402
     LARGEST_ERROR,
     RobotDescription,
     farthest_move,
+    urdf_from_settings,  # noqa: E402
 )
-from lassokin_ros.pipeline.outputs.description.skeleton_file import (  # noqa: E402
+from lassokin_ros.pipeline.outputs.saved_files import (  # noqa: E402
     check_skeleton_file,
     for_person,
     write_text,
 )
-from lassokin_ros.pipeline.outputs.description.urdf import has_prefix, joint_names, urdf  # noqa: E402
-from lassokin_ros.pipeline.outputs.description.urdf_from_parameters import urdf_from_settings  # noqa: E402
-from lassokin_ros.pipeline.outputs.frame_messages import id_list  # noqa: E402
-from lassokin_ros.pipeline.outputs.naming import Naming  # noqa: E402
-from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides  # noqa: E402
+from lassokin_ros.pipeline.outputs.urdf import has_prefix, joint_names, urdf  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = rosbags_backend()

@@ -1,4 +1,4 @@
-"""All people in one message per image, for ~/people."""
+"""The messages about the whole image: ~/people, ~/skeletons, ~/state, and the cameras on ~/markers."""
 
 from __future__ import annotations
 
@@ -10,12 +10,16 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.body.rotations import to_quaternion
-from lassokin_ros.core.observation import HERE, CameraPose
+from lassokin_ros.core.observation import HERE, CameraPose, Status
 from lassokin_ros.pipeline.frame_result import BODY_FROM_ROOT, FrameResult
 from lassokin_ros.pipeline.image_sets import LONGEST_LATE_NS
 from lassokin_ros.pipeline.people.out_of_view import Absent
+from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.session import Session
 from msg_adapters.backends import Backend
-from msg_adapters.output_messages.people import PersonReport, people_builder
+from msg_adapters.output_messages.markers import CameraMarkersBuilder
+from msg_adapters.output_messages.people import PersonReport, number_of, people_builder
+from msg_adapters.output_messages.skeleton_cloud import JointsReport, SkeletonsCloudBuilder
 
 Image = tuple[int, str]
 """Stamp in ns and frame_id of an image."""
@@ -188,3 +192,114 @@ def confidence(frame: FrameResult) -> float:
     """Return the probability that the pose is right, 0 to 1; 0 if it is unknown."""
     wrong = frame.likely_wrong
     return 1.0 - wrong if math.isfinite(wrong) else 0.0
+
+
+class SkeletonsMessage:
+    """Makes one message per image from the accepted frames of the image. People without one are not in it."""
+
+    def __init__(self, backend: Backend, joint_count: int, serialised: bool = False) -> None:
+        """serialised: return serialised messages where that is faster."""
+        self._builder = SkeletonsCloudBuilder(backend, joint_count, serialised)
+
+    def build(self, image: Image, frames: Sequence[FrameResult]) -> Any:
+        """Return the message. image: stamp in ns and frame_id of the keypoints; frames: the results of the image."""
+        return self._builder.fill(*image, [joints_report(frame) for frame in frames if frame.accepted])
+
+
+def joints_report(frame: FrameResult) -> JointsReport:
+    """Return what ~/skeleton and ~/skeletons say about the person of an accepted frame."""
+    assert frame.estimate is not None and frame.estimate.pose is not None
+    still, up = frame.estimate.still, frame.estimate.up
+    assert still is not None and up is not None
+    return JointsReport(
+        number_of(id_of(frame)),
+        frame.estimate.pose.positions,
+        frame.joint_velocities,
+        frame.uncertainty.absolute.joints,
+        frame.observed,
+        frame.contacts,
+        still,
+        frame.uncertainty.rotation_deviation,
+        frame.uncertainty.deviation,
+        frame.quaternions[:-1],
+        up,
+    )
+
+
+MARKERS_EVERY_S = 0.2
+"""s between two messages; markers disappear after 1 s without one."""
+
+UNKNOWN_HALF = 0.5
+"""Tangent of half the field of view of a camera whose camera_info has no image size."""
+
+
+class CameraMarkers:
+    """Makes a message of all cameras whose place is known."""
+
+    def __init__(self, backend: Backend, session: Session) -> None:
+        self._session, self._builder = session, CameraMarkersBuilder(backend)
+        self._last = -math.inf
+
+    def build(self, stamp_ns: int, now: float) -> Any | None:
+        """Return the message; None if no place is known, or MARKERS_EVERY_S has not passed. now: s of any clock."""
+        places = self._session.placement.places
+        if places is None or now - self._last < MARKERS_EVERY_S:
+            return None
+        extrinsics = self._session.extrinsics
+        found = {}
+        for name, pose in places.newest.items():
+            view = self._session.cameras[name].camera.view
+            if view is None or name in places.faults:
+                continue
+            pose = pose if extrinsics is None else extrinsics.corrected(pose)
+            if not pose.known:
+                continue
+            half = 0.5 * np.array(view.size) / view.lens.focal
+            quaternion = to_quaternion(pose.rotation.T[None])[0]
+            found[name] = pose.centre, quaternion, np.where(half > 0, half, UNKNOWN_HALF)
+        if not found:
+            return None
+        self._last = now
+        return self._builder.fill(stamp_ns, places.base, found)
+
+
+TRACKING, LOST, NOBODY = "tracking", "lost", "nobody"
+
+
+class PresenceState:
+    """Derives the state from the presence of people, and detects its changes.
+
+    tracking: somebody was tracked less than `lost_after` ago. nobody: the images of the last `stale_after` show nobody.
+    lost: otherwise, that is, the last frame of a person is less than `forget_after` ago, or no usable keypoints arrive,
+    so that somebody may be there.
+    """
+
+    def __init__(self) -> None:
+        self.value = LOST
+        """The present state."""
+        self._lost_ns: int | None = None
+
+    def update(
+        self, presence: Presence, now_ns: int, lost_after: float, forget_after: float, informed: bool = True
+    ) -> bool:
+        """Return True if the state has changed. now_ns: ns of the clock of arrivals; lost_after, forget_after: s.
+
+        informed: see `Session.scene_known_empty`.
+        """
+        before, state = self.value, self._state(presence, now_ns, forget_after - lost_after)
+        self.value = LOST if state == NOBODY and not informed else state
+        return self.value != before
+
+    def _state(self, presence: Presence, now_ns: int, patience_s: float) -> str:
+        if presence.status is Status.TRACKING:
+            return TRACKING
+        if presence.status is Status.SEARCHING or presence.ids == []:
+            return NOBODY
+        if presence.ids is not None:  # several people: those present are not yet forgotten
+            return LOST
+        if self.value == TRACKING:
+            self._lost_ns = now_ns
+        remembered = self._lost_ns is not None and (now_ns - self._lost_ns) * 1e-9 < patience_s
+        if not remembered:
+            self._lost_ns = None
+        return LOST if remembered else NOBODY

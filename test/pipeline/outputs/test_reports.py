@@ -15,10 +15,8 @@ from lassokin_ros.doubt.doubt import Doubt
 from lassokin_ros.doubt.monitor import Judgement
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.body_frames import BodyFrames, hip_joints
-from lassokin_ros.pipeline.outputs.frame_messages import principal_axes
-from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, confidence, person_report
-from lassokin_ros.pipeline.outputs.status.certificate_status import certificate_status
-from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState
+from lassokin_ros.pipeline.outputs.frame_messages import certificate_status, principal_axes
+from lassokin_ros.pipeline.outputs.scene_messages import PeopleMessages, PresenceState, confidence, person_report
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.builders import OK, WARN
@@ -51,7 +49,7 @@ def result(stamp_ns=SECOND, frame_id="a", wrong=0.25, person="", rejection=None,
 def people(monkeypatch):
     """PeopleMessages whose message is the list of reports."""
     builder = SimpleNamespace(fill=lambda stamp_ns, frame_id, reports, _: (stamp_ns, frame_id, reports))
-    monkeypatch.setattr("lassokin_ros.pipeline.outputs.people_messages.people_builder", lambda *_: builder)
+    monkeypatch.setattr("lassokin_ros.pipeline.outputs.scene_messages.people_builder", lambda *_: builder)
     return PeopleMessages(None, "")
 
 

@@ -1,4 +1,4 @@
-"""robot_description of one body, published again if the base frame or the bones have changed.
+"""robot_description of one body: from the settings, and again whenever the base frame or the bones have changed.
 
 At every frame, the newest description and joint_states reproduce `joints` with an error of at most LARGEST_ERROR.
 Calibration changes the lengths five times in the first second, later once per second until it ends; descriptions are
@@ -12,9 +12,14 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.outputs.description.urdf import urdf
-from lassokin_ros.pipeline.outputs.naming import Naming
+from lassokin_ros.pipeline.outputs.body_frames import Naming
+from lassokin_ros.pipeline.outputs.topics import link_prefix
+from lassokin_ros.pipeline.outputs.urdf import urdf
+from lassokin_ros.pipeline.parameter_files import NODE_NAME
+from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.skeleton_readers.load import load_skeleton
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.builders import StringBuilder
 
@@ -67,3 +72,9 @@ def farthest_move(one: Skeleton, other: Skeleton) -> float:
     """Largest distance in m, in any pose, of a joint between two skeletons with the same tree, root on root."""
     bones = np.linalg.norm(one.offsets - other.offsets, axis=1)
     return float((one.ancestors @ bones).max())
+
+
+def urdf_from_settings(tracker: TrackerConfig, settings: NodeSettings, node: str = NODE_NAME) -> str:
+    """Return the URDF as XML text. node: the full name of the node without the first slash. Raises a LassokinError."""
+    prefix = link_prefix(settings.frame_prefix, node)
+    return urdf(load_skeleton(tracker.skeleton, tracker.assumed_height), settings.root_frame, prefix)
