@@ -15,7 +15,7 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess, LogInfo, Opaqu
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from lassokin_ros.common.missing_package import missing_package
+from lassokin_ros.common.command_line import missing_package
 
 try:
     from lassokin_ros.core.yaml_files import user_path

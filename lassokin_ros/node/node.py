@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from lassokin_ros.common.version import version
+from lassokin_ros.common.command_line import version
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.node.inputs.camera_publishers import DuplicateNode

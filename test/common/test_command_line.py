@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from lassokin_ros.common.missing_package import missing_package
+from lassokin_ros.common.command_line import missing_package
 
 
 @pytest.mark.parametrize(
