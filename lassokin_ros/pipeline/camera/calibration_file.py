@@ -142,7 +142,7 @@ def read_cameras(file: Path, names: Sequence[str], any_unit: bool = False) -> di
     any_unit: the places may be in another unit than m, which the caller finds out.
 
     TOML of Pose2Sim, Anipose or caliscope; a camchain of Kalibr, whose poses are relative to the camera before; a file
-    of OpenCV's stereo calibration with R and T; or those of `motion_capture_files`. Raises CameraError.
+    of OpenCV's stereo calibration with R and T; or those of `calibration_formats`. Raises CameraError.
     """
     data = values_in(file)
     cameras = _cameras(data)
