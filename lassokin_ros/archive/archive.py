@@ -27,9 +27,9 @@ from lassokin_ros.archive.tasks import (
     Task,
     check_files,
 )
+from lassokin_ros.common.command_line import print_summary
 from lassokin_ros.common.interruption import Interrupted
 from lassokin_ros.common.progress import Progress
-from lassokin_ros.common.summary_output import print_summary
 from lassokin_ros.core.yaml_files import user_path
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.replay.output_paths import check_output_paths

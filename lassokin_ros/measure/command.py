@@ -9,10 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lassokin_ros.common.atomic_files import AtomicFiles, refuse_existing
-from lassokin_ros.common.distinct_paths import refuse_shared
-from lassokin_ros.common.exit_codes import USAGE_ERROR
-from lassokin_ros.common.summary_output import print_summary
+from lassokin_ros.common.atomic_files import AtomicFiles, refuse_existing, refuse_shared
+from lassokin_ros.common.command_line import USAGE_ERROR, print_summary
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.measure import report
 from lassokin_ros.measure.exercises import JOINT, measure_repetitions, measure_squats

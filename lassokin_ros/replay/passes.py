@@ -24,8 +24,8 @@ from lassokin_ros.core.recording import track_backward
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.camera.placement import JUMPS
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.outputs.description.skeleton_file import LEAST_MOTION
-from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words
+from lassokin_ros.pipeline.outputs.figures import height_in_words
+from lassokin_ros.pipeline.outputs.saved_files import LEAST_MOTION
 from lassokin_ros.pipeline.seen import key_of
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.replay.playback import Playback

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from lassokin_ros.common.version import version
+from lassokin_ros.common.command_line import version
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.core.yaml_files import load_mapping, read_text, user_path

@@ -20,9 +20,9 @@ from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.pipeline.depth.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.description.skeleton_file import check_skeleton_file
+from lassokin_ros.pipeline.outputs.figures import averaged_sides, height_in_words
 from lassokin_ros.pipeline.outputs.outputs import LINK_AS_FRAME
-from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides, height_in_words
+from lassokin_ros.pipeline.outputs.saved_files import check_skeleton_file
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
