@@ -19,7 +19,7 @@ from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.core.yaml_files import load_mapping, read_text, user_path
 from lassokin_ros.pipeline.camera.calibration_file import split_camera
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.replay.sqlite_journal import journals_of
+from lassokin_ros.replay.recording_files import journals_of
 from lassokin_ros.skeleton_readers.naming import names_file
 
 KEY = "lassokin_ros"

@@ -32,11 +32,11 @@ from lassokin_ros.replay.camera_source import RecordedCamera, messages_of, recor
 from lassokin_ros.replay.exports.exports import Exports, is_inside_name
 from lassokin_ros.replay.motion import MotionRecorder
 from lassokin_ros.replay.output_paths import OutputError, check_output_paths, refuse_existing_files
-from lassokin_ros.replay.passes.passes import Bodies, learn
+from lassokin_ros.replay.passes import Bodies, learn
 from lassokin_ros.replay.playback import PATIENCE_S, NodeMessages, Playback
 from lassokin_ros.replay.record import KEY, Figures, Record, origin_of
-from lassokin_ros.replay.recorded_images import RecordedImages, recorded_images
 from lassokin_ros.replay.recording_files import recording_name
+from lassokin_ros.replay.report.images import RecordedImages, recorded_images
 
 if TYPE_CHECKING:
     from lassokin_ros.replay.report.report import Report

@@ -27,7 +27,7 @@ from lassokin_ros.pipeline.outputs.figures import height_in_words
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import LASTING, MESSAGE
 from lassokin_ros.replay.output_paths import OutputError
-from lassokin_ros.replay.passes.passes import Bodies, Known, learn
+from lassokin_ros.replay.passes import Bodies, Known, learn
 from lassokin_ros.replay.playback import Playback
 from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.cameras.filmed import (

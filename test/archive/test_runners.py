@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from lassokin_ros.archive.process_pool import WorkerPool
+from lassokin_ros.archive.runners import WorkerPool
 from lassokin_ros.archive.tasks import Task
 
 
