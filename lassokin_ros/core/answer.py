@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import cached_property, reduce
 from itertools import repeat
 
@@ -15,10 +16,9 @@ from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.increment import Increment
-from lassokin_ros.core.record import record
 
 
-@record
+@dataclass(eq=False)
 class Answer:
     """What was measured, the state about which it was linearised, and its lasso's answer.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
@@ -11,14 +12,13 @@ import numpy as np
 
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.observation import HERE, CameraPose
-from lassokin_ros.core.record import record
 
 MARKED = 0.17
 """Probability from which a pose is marked: 94 % or more of the frames under 60 mm stay unmarked."""
 NO_TURN = np.eye(3)
 
 
-@record
+@dataclass(eq=False)
 class Signs:
     """What is known of one tracked frame; a figure that is not known is NaN.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +20,6 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import has_passed, is_longer
-from lassokin_ros.core.record import record
 
 if TYPE_CHECKING:
     from lassokin_ros.core.answer import Answer
@@ -44,7 +43,7 @@ COST_SHARE = 0.5
 """A newly fitted state replaces the tracked one if its cost is below this share of the tracked state's cost."""
 
 
-@record
+@dataclass(eq=False)
 class Start:
     """The state about which a frame is linearised. initialised: whether it was fitted to this frame alone. fitted:
     whether it is another one than the tracked state, but near it.

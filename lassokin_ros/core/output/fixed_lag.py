@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.observation import is_longer
 from lassokin_ros.core.output.output_filter import Forward, is_too_far_in_depth, moved
-from lassokin_ros.core.record import record
 
 TOLERANCE = 0.003
 """s: tolerance of the lag. Four frames at 60 Hz are 0.3 ms shorter than 0.067 s, and stamps of cameras jitter."""
@@ -31,7 +30,7 @@ TEMPER = 0.1
 """Factor on the difference of the costs, log-likelihoods: both tracks see the same points with the same errors."""
 
 
-@record
+@dataclass(eq=False)
 class Backward:
     """A frame by a track backward in time: its state, and that state's cost."""
 
@@ -39,7 +38,7 @@ class Backward:
     cost: float
 
 
-@record
+@dataclass(eq=False)
 class Waiting:
     """A frame that waits: estimate, forward pass, `Kinematics.vectors` of its body, and its reprojection error.
 

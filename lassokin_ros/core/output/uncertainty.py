@@ -19,6 +19,7 @@ The marginal of a joint's own part of the increment is the uncertainty of its ro
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -38,7 +39,6 @@ from lassokin_ros.core.image.projection import squared_norm
 from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.learned.errors import LEAST_ERROR
-from lassokin_ros.core.record import record
 
 FACTOR = 1.6
 """Factor on the posterior's standard deviation s, at the usual disagreement of the pose with the depth network."""
@@ -82,7 +82,7 @@ STILL_DEVIATION = 0.5
 """rad about each axis: least deviation of these, that of joints without a prior (`PoseDistribution`)."""
 
 
-@record
+@dataclass(eq=False)
 class AbsoluteUncertainty:
     """Covariances of positions, in the frame of the skeleton.
 
@@ -94,7 +94,7 @@ class AbsoluteUncertainty:
     pelvis: np.ndarray
 
 
-@record
+@dataclass(eq=False)
 class JointUncertainty:
     """Uncertainty of an estimate.
 
@@ -255,7 +255,7 @@ class UncertaintyModel:
         return least
 
 
-@record
+@dataclass(eq=False)
 class Posterior:
     """The Gaussian posterior of an estimate, and what turns it into the uncertainty of the joints.
 
