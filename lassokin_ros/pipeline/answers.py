@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from lassokin_ros.core.observation import Rejection
-from lassokin_ros.core.output.fixed_lag import TOLERANCE
+from lassokin_ros.core.output.smoothing import TOLERANCE
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.people.people_tracker import PERSON_ABSENT

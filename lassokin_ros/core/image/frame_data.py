@@ -127,6 +127,11 @@ class FrameData:
         """Whether the depth of half of the landmarks is measured, or several cameras see the person."""
         return self.depth_covers or self.seen_by > 1
 
+    @property
+    def depth_measured(self) -> bool:
+        """Whether measured depths are used."""
+        return any(view.depth_weights is not None for view in self.views)
+
     @cached_property
     def depth_covers(self) -> bool:
         """Whether half of a camera's used keypoints or more have a measured depth."""

@@ -19,7 +19,7 @@ from lassokin_ros.core.body.roles import SIDES
 from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.kernel import lapack
-from lassokin_ros.core.output.uncertainty import HAND_FACTOR, JointUncertainty, Posterior
+from lassokin_ros.core.output.uncertainty import JointUncertainty, Posterior
 
 Levers = Callable[[np.ndarray, np.ndarray], np.ndarray]
 COUNT = 21
@@ -99,7 +99,7 @@ class HandPoints:
         axes, wrist = hand_axes(places), places[WRIST]
         points = (places - wrist) @ axes
         lever = levers(rows, self._moved[rows] & self._fingers[hand])
-        covariance = HAND_FACTOR**2 * axes.T @ _covariance(posterior, lever) @ axes
+        covariance = axes.T @ _covariance(posterior, lever) @ axes
         covariance += SIZE_DEVIATION**2 * points[:, :, None] * points[:, None, :]
         covariance += PLACE_DEVIATION**2 * np.eye(3)
         covariance[WRIST] = 0.0

@@ -11,7 +11,7 @@ import numpy as np
 from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.observation import CameraPose, Observation
-from lassokin_ros.core.output.fixed_lag import Backward
+from lassokin_ros.core.output.smoothing import Backward
 from lassokin_ros.core.recording import track_backward
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.frame_result import FrameResult
