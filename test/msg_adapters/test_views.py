@@ -15,13 +15,13 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import WEBCAM, Detector, detections, exact_pixels, motion
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.description.urdf import joint_names
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
+from lassokin_ros.pipeline.outputs.urdf import joint_names
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.inputs import camera_info, point_cloud
-from msg_adapters.output_messages.image_markers import DETECTED, REPROJECTED, ImageMarkerBuilder
+from msg_adapters.output_messages.markers import DETECTED, REPROJECTED, ImageMarkerBuilder
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is the independent projection")
 

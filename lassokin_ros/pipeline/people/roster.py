@@ -15,7 +15,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.outputs.description.urdf import check_names
+from lassokin_ros.pipeline.outputs.urdf import check_names
 from lassokin_ros.pipeline.people.choice import NEAREST, preferred
 from lassokin_ros.pipeline.people.image_tracks import ImageTrack
 from lassokin_ros.pipeline.people.matching import is_trackable

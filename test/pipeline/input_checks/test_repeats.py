@@ -17,9 +17,9 @@ from lassokin_ros.core.learned.height import FEWEST_DEPTHS  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.depth.depth_images import EARLIER, MATCHED, REPEATED, UNMATCHED  # noqa: E402
-from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S, OwnDepth, Repeats, same_image  # noqa: E402
-from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
-from lassokin_ros.pipeline.outputs.status.presence_state import LOST, TRACKING, PresenceState  # noqa: E402
+from lassokin_ros.pipeline.input_checks.messages import FROZEN_S, OwnDepth, Repeats, same_image  # noqa: E402
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics  # noqa: E402
+from lassokin_ros.pipeline.outputs.scene_messages import LOST, TRACKING, PresenceState  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from msg_adapters.keypoints import Keypoints  # noqa: E402
@@ -247,15 +247,15 @@ def test_repeated_depths_of_moving_points_are_dropped_and_named_after_a_second()
     for i in range(20):
         found = own.checked(keypoints(i), i * STEP_NS)
         assert (found.depth is None) == (i > 0) and len(found.xy) == 17
-        assert bool(own.warning) == (0.1 * i > FROZEN_S), i
-    assert "the same ones for more than 1 s" in own.warning
-    assert own.checked(keypoints(20, DEPTHS + 0.01), 2 * 10**9).depth is not None and own.warning == ""
+        assert (own.concern is not None) == (0.1 * i > FROZEN_S), i
+    assert "the same ones for more than 1 s" in own.concern.text
+    assert own.checked(keypoints(20, DEPTHS + 0.01), 2 * 10**9).depth is not None and own.concern is None
 
 
 def test_a_whole_message_that_repeats_keeps_its_depths():
     own = OwnDepth()
     for i in range(20):
-        assert own.checked(keypoints(0), i * STEP_NS).depth is not None and own.warning == ""
+        assert own.checked(keypoints(0), i * STEP_NS).depth is not None and own.concern is None
 
 
 def test_few_depths_or_equal_ones_are_not_compared():
@@ -264,7 +264,7 @@ def test_few_depths_or_equal_ones_are_not_compared():
     for depth in (None, np.full(17, 2.5), few, np.full(17, np.nan)):
         for i in range(20):
             given = keypoints(i, depth)
-            assert own.checked(given, i * STEP_NS) is given and own.warning == ""
+            assert own.checked(given, i * STEP_NS) is given and own.concern is None
     enough = np.where(np.arange(17) < FEWEST_DEPTHS, DEPTHS, np.nan)
     assert own.checked(keypoints(0, enough), 0).depth is not None
     assert own.checked(keypoints(1, enough), STEP_NS).depth is None
@@ -273,6 +273,6 @@ def test_few_depths_or_equal_ones_are_not_compared():
 def test_the_note_of_the_message_is_that_of_the_last_one():
     own = OwnDepth()
     own.checked(keypoints(0, None, "in another frame"), 0)
-    assert own.warning == "in another frame"
+    assert own.concern.text == "in another frame"
     own.checked(keypoints(1, None), 1)
-    assert own.warning == ""
+    assert own.concern is None
