@@ -18,12 +18,11 @@ from lassokin_ros.pipeline.outputs.outputs import Outputs
 from lassokin_ros.pipeline.outputs.saved_files import save_all
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.session import Session
-from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.replay.bags import register_types
 from msg_adapters.backends import RosbagsBackend
-from msg_adapters.detectors.definitions import DEFINITIONS as OF_DETECTORS
+from msg_adapters.definitions import DEFINITIONS
 from msg_adapters.detectors.registry import full_type_name
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
-from msg_adapters.output_messages.people import DEFINITIONS
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 LAST_PERIOD_NS = 700_000_000
@@ -153,7 +152,8 @@ class NodeMessages:
 
     def __init__(self, session: Session, types: Any, write: Write) -> None:
         """types: the typestore of rosbags."""
-        register_types(types, session.config)
+        packages = [full_type_name(session.config.people_type).partition("/")[0], *["hri_msgs"] * session.config.rep155]
+        register_types(types, {name: DEFINITIONS[name] for name in DEFINITIONS if name.partition("/")[0] in packages})
         backend = RosbagsBackend(types)
         self._session, self._sink = session, _BagSink(write)
         self._outputs = Outputs(session, self._sink, backend, NODE_NAME)
@@ -229,17 +229,3 @@ class _BagSink:
     def write(self, out: tuple[str, str, bool], message: Any) -> None:
         name, kind, latched = out
         self._write(name, kind, self.time_ns, message, latched)
-
-
-def register_types(types: Any, config: NodeSettings) -> None:
-    """Register the message types of the outputs that Jazzy lacks. types: the typestore of rosbags."""
-    from rosbags.typesys import get_types_from_msg
-
-    package = full_type_name(config.people_type).split("/")[0]
-    wanted = {name: text for name, text in DEFINITIONS.items() if name.split("/")[0] == package}
-    if config.rep155:
-        for topic in (topics.REP155_TRACKED_OUTPUT, topics.ROI_OUTPUT, topics.GESTURE_OUTPUT):
-            wanted[topic.message_type] = OF_DETECTORS[topic.message_type]
-    for name, definition in wanted.items():
-        if name not in types.types:
-            types.register(get_types_from_msg(definition, name))

@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """Track, print the summary and return the exit code. Raises a LassokinError."""
-    from lassokin_ros.video.output_paths import check_output_paths
+    from lassokin_ros.video.run_settings import check_output_paths
     from lassokin_ros.video.track import track
 
     several = len(options.sources) > 1 or options.cameras is not None

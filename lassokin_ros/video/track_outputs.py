@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import argparse
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-
-import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.command_line import print_note
@@ -23,15 +21,13 @@ from lassokin_ros.replay.report.images import ReportImages
 from lassokin_ros.replay.report.report import Report, check_report
 from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.camera import DEFAULT_FOV, assumed_fov_warning
-from lassokin_ros.video.cameras.filmed import Filmed
-from lassokin_ros.video.detections import FIRST_STAMP_NS, stamp_of
-from lassokin_ros.video.live_view import LiveView
+from lassokin_ros.video.cameras import Filmed
 from lassokin_ros.video.output_video import OutputVideo
-from lassokin_ros.video.sources import Image
+from lassokin_ros.video.rerun_scene import LiveView
+from lassokin_ros.video.run_settings import ASSUMED_HEIGHT, height_given
+from lassokin_ros.video.sources import FIRST_STAMP_NS, Image, stamp_of
+from lassokin_ros.video.synchrony import on_first_clock
 
-ASSUMED_HEIGHT = 1.75
-"""m: height of the person in a video that does not show the size, if none is given. It is not measured, so that the
-lengths can be learned, and the video can be tracked backward."""
 HEIGHT_ASSUMED = (
     f"The person is taken to be {ASSUMED_HEIGHT:g} m tall. The images do not show the size: with another "
     "height, all lengths and the distance change by the same factor; set `--height`."
@@ -96,11 +92,11 @@ class TrackOutputs:
         if camera in self._report_images:
             self._report_images[camera].add(stamp_of(image.seconds), lambda: image.rgb)
 
-    def move_report_images(self, camera: str, moved: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Move the images of a camera to other times. moved: returns the new times (k,) s of given ones."""
-        if camera in self._report_images:
-            self._report_images[camera].move(
-                lambda stamp_ns: stamp_of(float(moved(np.array([(stamp_ns - FIRST_STAMP_NS) * 1e-9]))[0]))
+    def move_report_images(self, camera: Filmed) -> None:
+        """Put the images of a camera on the clock of the first one."""
+        if camera.name in self._report_images:
+            self._report_images[camera.name].move(
+                lambda stamp: stamp_of(float(on_first_clock(camera.course, (stamp - FIRST_STAMP_NS) * 1e-9)))
             )
 
     def follow(self, tracker: Playback) -> None:
@@ -166,12 +162,6 @@ class TrackOutputs:
         remarks = {} if self._exports is None else self._exports.remarks
         lines = [f"{name:<15} {text}" for name, text in remarks.items()]
         return lines + ([] if self._report is None else self._report.summary_lines)
-
-
-def height_given(options: argparse.Namespace) -> bool:
-    """Return whether the options give the person's height, or settings that may."""
-    named = any(parameter.startswith("height:=") for parameter in options.p)
-    return options.height is not None or bool(options.params_file) or named
 
 
 def camera_name(options: argparse.Namespace) -> str:

@@ -15,9 +15,9 @@ from recordings import webcam_info, write_messages, write_recording  # noqa: E40
 from ruamel.yaml import YAML  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
-from lassokin_ros.replay.bags import BagReader, register_detector_types, typestore  # noqa: E402
+from lassokin_ros.replay.bags import BagReader, register_types, typestore  # noqa: E402
 from lassokin_ros.replay.recording_files import BagError  # noqa: E402
-from msg_adapters.detectors.definitions import DEFINITIONS, OLDER  # noqa: E402
+from msg_adapters.definitions import DEFINITIONS, OLDER  # noqa: E402
 from msg_adapters.detectors.registry import keypoint_adapter  # noqa: E402
 
 FRAMES, LATE = 18, 6
@@ -283,7 +283,7 @@ def without_schemas(monkeypatch):
 def test_messages_of_an_older_zed_msgs_need_no_definition(storage, tmp_path, monkeypatch):
     """Its bodies lack the confidence of each keypoint that the present definition has."""
     older = typestore()
-    register_detector_types(older, {**DEFINITIONS, **OLDER})
+    register_types(older, {**DEFINITIONS, **OLDER})
     _, (pixels, _) = people(LAYOUTS[ZED])
     sent = [message_of(ZED, [pixels[1][n]] * (1 + n % 2), stamp_of(n), [3, 4][: 1 + n % 2]) for n in range(4)]
     messages = [("/keypoints", ZED, stamp_of(n), bytes(older.serialize_cdr(m, ZED))) for n, m in enumerate(sent)]

@@ -37,12 +37,20 @@ from msg_adapters.output_messages.builders import (
     StringBuilder,
     TransformsBuilder,
 )
-from msg_adapters.output_messages.hand_cloud import GestureBuilder, HandCloudBuilder
-from msg_adapters.output_messages.image_markers import ImageMarkerBuilder, KeypointMarkerBuilder
-from msg_adapters.output_messages.joint_uncertainty import UncertaintyCloudBuilder, UncertaintyMarkersBuilder
-from msg_adapters.output_messages.markers import SkeletonMarkersBuilder
+from msg_adapters.output_messages.clouds import (
+    GestureBuilder,
+    HandCloudBuilder,
+    LimbCloudBuilder,
+    SkeletonCloudBuilder,
+    UncertaintyCloudBuilder,
+)
+from msg_adapters.output_messages.markers import (
+    ImageMarkerBuilder,
+    KeypointMarkerBuilder,
+    SkeletonMarkersBuilder,
+    UncertaintyMarkersBuilder,
+)
 from msg_adapters.output_messages.serialised_messages import SerialisedMessage
-from msg_adapters.output_messages.skeleton_cloud import LimbCloudBuilder, SkeletonCloudBuilder
 
 OF_IMAGE = (topics.IMAGE_MARKERS, topics.KEYPOINT_MARKERS, topics.ROI)
 """Topics about the image of the first camera; images of others have no such messages."""
@@ -216,9 +224,8 @@ def certificate_status(frame: FrameResult, name: str, hardware_id: str) -> Statu
     the camera frame.
     """
     estimate = frame.estimate
-    assert estimate is not None
-    problem, solution = estimate.problem, estimate.solution
-    assert problem is not None and solution is not None
+    assert estimate is not None and estimate.increment is not None
+    problem, solution = estimate.increment.problem, estimate.increment.solution
     certificate = solution.certificate
     support = solution.support
     signs = np.sign(solution.omega[support])

@@ -17,9 +17,9 @@ from lassokin_ros.pipeline.people.out_of_view import Absent
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.session import Session
 from msg_adapters.backends import Backend
+from msg_adapters.output_messages.clouds import JointsReport, SkeletonsCloudBuilder
 from msg_adapters.output_messages.markers import CameraMarkersBuilder
 from msg_adapters.output_messages.people import PersonReport, number_of, people_builder
-from msg_adapters.output_messages.skeleton_cloud import JointsReport, SkeletonsCloudBuilder
 
 Image = tuple[int, str]
 """Stamp in ns and frame_id of an image."""

@@ -10,7 +10,6 @@ import numpy as np
 from lassokin_ros.doubt.monitor import LIMBS
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.concerns.catalogue import DOUBT, NOTE, PROBLEM, Raised, Seen, say
-from lassokin_ros.pipeline.concerns.live import of_person
 from lassokin_ros.pipeline.concerns.rejections import advice_for, reason_text
 from lassokin_ros.replay.frames import DETECTED, OUTLINE
 from lassokin_ros.replay.report.facts import Facts, bends, bone_changes, landmark_errors
@@ -39,7 +38,7 @@ def likely_wrong(facts: Facts) -> Iterator[Raised]:
         signs = [span for span in facts.wrong[person] if span.certain_sign]
         for span in signs[:MOST_LISTED]:
             when, reasons = f"from {span.start:.1f} to {span.end:.1f} s", ", ".join(span.reasons)
-            yield say("likely_wrong", whose=of_person(person), when=when, reasons=reasons)
+            yield say("likely_wrong", of=person, when=when, reasons=reasons)
         if rest := signs[MOST_LISTED:]:
             yield say("more_spans", level=DOUBT, count=len(rest), seconds=sum(one.end - one.start for one in rest))
         if weak := [span for span in facts.wrong[person] if not span.certain_sign]:
@@ -132,7 +131,7 @@ def findings(facts: Facts, warnings: Sequence[Raised] = ()) -> list[Raised]:
     rules = VIDEO_RULES if facts.own_keypoints else RULES
     found = [raised for rule in rules for raised in rule(facts)]
     known = {raised.key for raised in found} | ({"outside"} if any(r.key == "partly_outside" for r in found) else set())
-    found += [raised for raised in warnings if Seen.PAGE in raised.seen and raised.key not in known]
+    found += [raised for raised in warnings if Seen.REPLAY in raised.seen and raised.key not in known]
     serious = [raised for level in (PROBLEM, DOUBT) for raised in found if raised.level == level]
     return [*(serious or [_good(facts)]), *(raised for raised in found if raised.level == NOTE)]
 

@@ -13,8 +13,8 @@ from live import BACKEND, NodeProcess, Peer, stamp_of  # noqa: E402
 from messages import FRAME, crowd, pixels_of_motion  # noqa: E402
 
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
+from msg_adapters.output_messages.clouds import SKELETONS_POINT  # noqa: E402
 from msg_adapters.output_messages.people import CLOUD_TYPE, POINT  # noqa: E402
-from msg_adapters.output_messages.skeleton_cloud import SKELETONS_POINT  # noqa: E402
 
 PEOPLE_OUTPUT = topics.people_output(CLOUD_TYPE)
 PIXELS = pixels_of_motion(40)

@@ -27,18 +27,16 @@ from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.replay.playback import register_types
+from lassokin_ros.replay.bags import register_types
 from msg_adapters.backends import RosbagsBackend
-from msg_adapters.output_messages.people import BUILDERS, CLOUD_TYPE, DETECTIONS_TYPE, PEOPLE_TYPE, POINT
-from msg_adapters.output_messages.skeleton_cloud import POINT as SKELETON_POINT
-from msg_adapters.output_messages.skeleton_cloud import SKELETONS_POINT
+from msg_adapters.output_messages.clouds import SKELETON_POINT, SKELETONS_POINT
+from msg_adapters.output_messages.people import CLOUD_TYPE, DETECTIONS_TYPE, PEOPLE_TYPE, POINT, TYPES
 
 pytest.importorskip("rosbags")
 START_NS, SECOND = 5_000_000_000, 1_000_000_000
 PIXELS = pixels_of_motion(8)
 BACKEND = rosbags_backend()
-for _type in BUILDERS:
-    register_types(BACKEND._typestore, NodeSettings(people_type=_type))
+register_types(BACKEND._typestore)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +55,7 @@ def people_at(frames, message_type, stamp_ns):
     return store.deserialize_cdr(store.serialize_cdr(message, message_type), message_type)
 
 
-@pytest.mark.parametrize("message_type", BUILDERS)
+@pytest.mark.parametrize("message_type", TYPES)
 @pytest.mark.parametrize("age_s, state", [(0, "tracking"), (2, "lost"), (4, "nobody")])
 def test_each_people_type_contains_the_person_of_the_frame(frames, message_type, age_s, state):
     newest = frames[-1]
@@ -150,7 +148,7 @@ def test_a_late_image_of_one_camera_hides_nobody_whom_another_one_has_seen_later
     assert messages.build((early.stamp_ns - 2 * SECOND, FRAME), 1.0, 3.0).width == 0  # the stamps begin anew
 
 
-@pytest.mark.parametrize("message_type", BUILDERS)
+@pytest.mark.parametrize("message_type", TYPES)
 def test_people_who_are_not_tracked_have_no_place_in_point_clouds_alone(frames, message_type):
     messages = PeopleMessages(BACKEND, message_type)
     messages.update(frames, None)

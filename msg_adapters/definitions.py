@@ -1,8 +1,8 @@
-"""Message types of detectors whose packages are not part of Jazzy: field names, types and order.
+"""Message types of packages that are not part of Jazzy: field names, types and order.
 
-Recordings in sqlite3 contain no definitions; these are used instead. They are those of the packages: hri_msgs of
-github.com/ros4hri/hri_msgs, yolo_msgs of github.com/mgonzs13/yolo_ros, zed_msgs of
-github.com/stereolabs/zed-ros2-interfaces.
+Recordings in sqlite3 contain no definitions; these are used instead, and to write recordings without ROS. They are
+those of the packages: hri_msgs of github.com/ros4hri/hri_msgs, yolo_msgs of github.com/mgonzs13/yolo_ros, zed_msgs of
+github.com/stereolabs/zed-ros2-interfaces, vision_msgs and people_msgs.
 """
 
 DEFINITIONS = {
@@ -47,6 +47,21 @@ DEFINITIONS = {
         "float32[70] skeleton_keypoint_confidence"
     ),
     "zed_msgs/msg/ObjectsStamped": "std_msgs/Header header\nzed_msgs/Object[] objects",
+    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
+    "vision_msgs/msg/ObjectHypothesisWithPose": (
+        "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"
+    ),
+    "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
+    "vision_msgs/msg/Detection3D": (
+        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\nvision_msgs/BoundingBox3D bbox\n"
+        "string id"
+    ),
+    "vision_msgs/msg/Detection3DArray": "std_msgs/Header header\nvision_msgs/Detection3D[] detections",
+    "people_msgs/msg/Person": (
+        "string name\ngeometry_msgs/Point position\ngeometry_msgs/Point velocity\nfloat64 reliability\n"
+        "string[] tagnames\nstring[] tags"
+    ),
+    "people_msgs/msg/People": "std_msgs/Header header\npeople_msgs/Person[] people",
 }
 """Message type -> definition. Each type comes after the types of its fields."""
 
