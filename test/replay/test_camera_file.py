@@ -78,12 +78,12 @@ def test_the_file_replaces_camera_info_of_the_recording(folder, tmp_path, capsys
     assert f"camera_info     file {file}\n" in capsys.readouterr().out and "twice.yaml" in page.read_text()
 
 
-def test_an_archive_uses_the_file_and_repeats_with_another(folder, tmp_path, monkeypatch, capsys, forked_workers):
+def test_an_archive_uses_the_file_and_repeats_with_another(folder, tmp_path, monkeypatch, capsys, tasks_here):
     monkeypatch.chdir(folder)
     (tmp_path / "other.yaml").write_text(calibration(WEBCAM.K * 1.01))
     outcomes = []
     for name in ("lens.yaml", "lens.yaml", str(tmp_path / "other.yaml")):
-        code = main(["bare", "walk", "-o", str(tmp_path / "out"), "--jobs", "1", "--camera-info", name])
+        code = main(["bare", "walk", "-o", str(tmp_path / "out"), "--camera-info", name])
         outcomes.append((code, capsys.readouterr().out.splitlines()[-1]))
     assert outcomes[0] == (0, "2 recordings: 2 tracked, 0 done before")
     assert outcomes[1] == (0, "2 recordings: 0 tracked, 2 done before")
