@@ -72,7 +72,7 @@ def make_detector(name: str) -> Detector:
     name: "mediapipe", "mediapipe_hands" for a body with hands, or the path of a MediaPipe or an ONNX file.
     """
     if name == "mediapipe_hands":
-        from lassokin_ros.detector.mediapipe_hands import MediaPipeHands
+        from lassokin_ros.detector.mediapipe_pose import MediaPipeHands
 
         return MediaPipeHands()
     if name == "mediapipe" or name.endswith(".task"):

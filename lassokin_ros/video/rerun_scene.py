@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.common.atomic_files import refuse_existing
+from lassokin_ros.common.command_line import one_line
 from lassokin_ros.core.body.rotations import logarithm, to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
@@ -169,7 +170,7 @@ class RerunScene:
         try:
             self._stream.flush()
         except Exception as error:  # RuntimeError of Rerun, such as for a full disk, or its own of newer releases
-            reason = " ".join(str(error).split())[:200]
+            reason = one_line(error, 200)
             raise ViewError(f"'{self._path or 'the view'}' cannot be written completely: {reason}") from None
         self._stream.disconnect()
         part, self._part = self._part, None
@@ -195,7 +196,7 @@ class RerunScene:
             try:
                 self._stream.spawn(default_blueprint=self._blueprint())
             except Exception as error:  # Rerun's own, of several kinds
-                raise ViewError(f"the viewer cannot be started: {' '.join(str(error).split())[:200]}") from None
+                raise ViewError(f"the viewer cannot be started: {one_line(error, 200)}") from None
             return
         if self._path.suffix != ".rrd":
             raise ViewError(f"{self._option} '{self._path}'; expected a name that ends in .rrd, or none (a window)")
@@ -203,7 +204,7 @@ class RerunScene:
         try:
             self._stream.save(self._part, default_blueprint=self._blueprint())
         except Exception as error:
-            raise ViewError(f"'{self._path}' cannot be written: {' '.join(str(error).split())[:200]}") from None
+            raise ViewError(f"'{self._path}' cannot be written: {one_line(error, 200)}") from None
 
     def _blueprint(self) -> Any:
         from rerun import blueprint

@@ -14,7 +14,8 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.image_sets import SAME_INSTANT_NS
 from lassokin_ros.replay.exports.exports import Exports
-from lassokin_ros.replay.motion import ASSUMED, GIVEN, MotionRecorder
+from lassokin_ros.replay.frames import FrameTable
+from lassokin_ros.replay.motion import ASSUMED, GIVEN, motions, scene_of
 from lassokin_ros.replay.playback import Playback
 from lassokin_ros.replay.report.images import ReportImages
 from lassokin_ros.replay.report.report import Report, check_report
@@ -66,13 +67,9 @@ class TrackOutputs:
             check_report(options.report, options.force)
             self._report_images = {name: ReportImages() for name in session.cameras}
         self._level = session.placement.level
-        names = session.tracker.layout.names
-        config, topics = session.tracker.config, session.config.camera_names
-        self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, topics, lens, height)
+        self._known_from = {"lens": lens, "height_from": height}
         people = session.config.several_people
-        self._exports = None
-        if options.export:
-            self._exports = Exports(options.export, self._motion, self._given, people, options.force)
+        self._exports = Exports(options.export, self._given, people, options.force) if options.export else None
         self._video = self._view = None
         if options.video is not None:
             sizes = {name: size for name, (_, size) in views.items()}
@@ -104,12 +101,12 @@ class TrackOutputs:
 
     def follow(self, tracker: Playback) -> None:
         """Take the results of a tracker from now on."""
+        self._session, self._table = tracker.session, FrameTable(tracker.session)
         if self._options.report is not None or not self._source.live:
-            self._report = Report(self._options.report, tracker.session, self._options.force, self._given)
+            self._report = Report(self._options.report, tracker.session, self._table, self._options.force, self._given)
             self._report.images = self._report_images
-            tracker.listeners.append(self._report.add)
-        if self._exports is not None:
-            tracker.listeners.append(self._motion.add)
+        if self._report is not None or self._exports is not None:
+            tracker.listeners.append(self._table.add)
         if self._video is not None:
             tracker.listeners.append(self._draw)
         if self._view is not None:
@@ -143,14 +140,12 @@ class TrackOutputs:
         written = []
         if self._report is not None:
             topics = f"of {Path(self._options.detector).name}", camera_name(self._options)
-            if self._options.report is None:
-                self._report.conclude(self._source.name, topics, own_keypoints=True)
-            else:
-                self._report.remarks = self.remarks
-                self._report.write(files, self._source.name, topics, own_keypoints=True)
-                written.append(self._options.report)
+            self._report.remarks = self.remarks
+            self._report.write(files, self._source.name, topics, own_keypoints=True)
+            written += [] if self._options.report is None else [self._options.report]
         if self._exports is not None:
-            written += self._exports.write(Path(), files)
+            found = motions(self._table, scene_of(self._session, self._level, **self._known_from), FIRST_STAMP_NS)
+            written += self._exports.write(found, Path(), files)
         if self._video is not None:
             while self._waiting:  # images after the last result
                 self._draw_images(self._waiting.popleft()[1], [])

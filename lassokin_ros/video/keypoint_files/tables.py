@@ -13,6 +13,7 @@ from zlib import error as DamagedArchive
 
 import numpy as np
 
+from lassokin_ros.common.command_line import one_line
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.video.keypoint_files.keypoints import (
     MOST_NUMBERS,
@@ -57,7 +58,7 @@ def read_table(file: Path) -> KeypointFile:
         with file.open(encoding="utf-8-sig", newline="") as text:
             rows = [row for row in csv.reader(text) if row]
     except (OSError, ValueError, csv.Error) as error:
-        raise SourceError(f"'{file}' is no table ({' '.join(str(error).split())[:160]}); {FORM}") from None
+        raise SourceError(f"'{file}' is no table ({one_line(error)}); {FORM}") from None
     header, body = _header(rows)
     if len({len(row) for row in body} | {len(header)}) != 1 or not body:
         raise SourceError(f"'{file}' has no rows, or rows of different lengths; {FORM}")
