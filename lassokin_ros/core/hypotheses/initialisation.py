@@ -8,6 +8,7 @@ fit with the lowest cost is used.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +20,6 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import capped_weights
 from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import WEAKEST
-from lassokin_ros.core.record import record
 
 START_ROTATIONS = np.array([
     [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
@@ -36,17 +36,13 @@ SIDES = 8
 POOR_FIT = 1.5
 """Cost per visible landmark of the best fit above which other orientations are tried: 19 of 20 first frames of upright
 people cost less, and hardly any fit with a wrong orientation does."""
-FAR = (8.0,) * 8 + (2.0,) * 6 + (1.0,) * 6
-"""Factor on the noise in each iteration of a fit whose start may be far from the solution."""
-NEAR = (4.0,) * 3 + (1.0,) * 5
-"""The same for a start near the solution. With half the iterations, poses after a gap had larger errors."""
-LARGEST_ROTATION = 0.7
-"""rad: largest rotation of a degree of freedom in one step; all of a larger step are scaled."""
+FAR, NEAR = (8.0,) * 8 + (2.0,) * 6 + (1.0,) * 6, (4.0,) * 3 + (1.0,) * 5
+"""Factor on the noise in each iteration of a fit whose start may be far from the solution, and of one that is near."""
 LEAST_DEPTH = 0.3
 """m: smallest depth of a fitted state."""
 
 
-@record
+@dataclass(eq=False)
 class Fit:
     """A fitted state, and its cost on the frame."""
 
@@ -133,9 +129,7 @@ class Initialiser:
         step = _solved(H, (rows.columns @ rows.z[..., None])[..., 0])
         largest = np.abs(step[:, :-3]).max(axis=-1, keepdims=True)
         omega = np.zeros((len(step), 3 * self._kinematics.joint_count))
-        omega[:, self._kinematics.live_index] = step[:, :-3] * (
-            LARGEST_ROTATION / np.maximum(largest, LARGEST_ROTATION)
-        )
+        omega[:, self._kinematics.live_index] = step[:, :-3] * (0.7 / np.maximum(largest, 0.7))  # rad
         return omega, step[:, -3:]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,39 +20,33 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import has_passed, is_longer
-from lassokin_ros.core.record import record
 
 if TYPE_CHECKING:
     from lassokin_ros.core.answer import Answer
 
-STUCK_AFTER = 3
-"""Consecutive frames without a usable answer (no certificate, behind the camera, too small) after which the tracker
-initialises anew; every third frame only, because the full search takes a hundred times as long as a frame."""
-GOOD_FIT = 3.0
-"""Cost per visible landmark up to which a fit that started from the network's pose is used without another search."""
-GOOD_HAND_FIT = 8.0
-"""The same for a hand alone."""
+GOOD_FIT, GOOD_HAND_FIT = 3.0, 8.0
+"""Cost per visible landmark up to which a fit that started from the network's pose is used without another search, of a
+body and of a hand alone."""
 FIT_AFTER = 0.15
 """s since the last new keypoints from which the frame starts from a fit, because the last state is too old."""
-HIGH_COST = 2.4
-"""Cost per landmark and per depth (negative log-likelihood) above which a state is doubtful: 1 frame in 100."""
-HIGH_COST_S = 0.06
-"""s for which the cost must stay above `HIGH_COST`."""
+HIGH_COST, HIGH_COST_S = 2.4, 0.06
+"""Cost per landmark and per depth (negative log-likelihood) above which a state is doubtful, 1 frame in 100; and s for
+which it must stay above."""
 SHORTEST_INTERVAL, LONGEST_INTERVAL = 0.15, 2.4
 """s between two attempts: it doubles with each, until a longest one passes without a frame of high cost."""
 COST_SHARE = 0.5
 """A newly fitted state replaces the tracked one if its cost is below this share of the tracked state's cost."""
 
 
-@record
+@dataclass(eq=False)
 class Start:
-    """The state about which a frame is linearised. initialised: whether it was fitted to this frame alone. fitted:
-    whether it is another one than the tracked state, but near it.
+    """The state about which a frame is linearised. initialised: whether it was fitted to this frame alone. replaced:
+    whether it is another one than the last one solved.
     """
 
     state: EvaluatedState
     initialised: bool = False
-    fitted: bool = False
+    replaced: bool = False
 
 
 class Reinitialisation:
@@ -60,8 +54,7 @@ class Reinitialisation:
 
     If the new fit has less than half of the tracked state's cost, the tracked state is nearly always wrong. If not, the
     observation itself is unlikely (a rare pose, a wrong skeleton, a detector with larger errors than configured), and
-    the next attempt is later. MPJPE of people who lie: 51 mm with, 63 without. With the network it changes
-    nothing: there the network's pose is the other explanation.
+    the next attempt is later. With the network, its pose is the other explanation.
     """
 
     def __init__(self) -> None:
@@ -123,6 +116,8 @@ class Starts:
         """Forget the person."""
         self.cost, self._stuck_frames = math.nan, 0
         """Negative log-likelihood of the last solved state with new keypoints; of the fit of a first frame."""
+        self.replaced = False
+        """Whether the next frame starts from another state than the last one solved."""
         self._other_pose.reset()
         self.reinitialisation.reset()
 
@@ -132,16 +127,18 @@ class Starts:
 
     def start(self, tracked: EvaluatedState | None, measurement: Measurement, frame: FrameData) -> Start:
         """The state about which a frame is linearised. tracked: the last one; None before the first."""
-        stuck = self._stuck_frames > 0 and self._stuck_frames % STUCK_AFTER == 0
+        # After three frames in a row without a usable answer; the full search takes a hundred times as long as a frame.
+        stuck = self._stuck_frames > 0 and self._stuck_frames % 3 == 0
         if tracked is None or measurement.lost or stuck:
             return self._from_fit(self._first_fit(frame))
         if self.network_pose is None:
             return self._without_network(tracked, measurement, frame)
         if not has_passed(measurement.since_new_keypoints, FIT_AFTER):
-            return Start(tracked)
+            return Start(tracked, replaced=self.replaced)
         starts = tracked.state, self._network_state(frame)
         fits = [self.initialiser.fit_near(start, frame) for start in starts if start is not None]
-        return Start(self._frame_model.evaluate(min(fits, key=lambda fit: fit.cost).state), fitted=True)
+        self.replaced = True
+        return Start(self._frame_model.evaluate(min(fits, key=lambda fit: fit.cost).state), replaced=True)
 
     def _network_state(self, frame: FrameData) -> BodyState | None:
         """The pose by the network, with translation 0; None without one."""
@@ -156,9 +153,9 @@ class Starts:
         views = sum(bool(np.count_nonzero(view.weights)) for view in frame.views)
         count = views * self._frame_model.kinematics.landmark_count + frame.count - frame.point_count
         if measurement.repeated or not self.reinitialisation.due(measurement.stamp, self.cost, count):
-            return Start(tracked)
+            return Start(tracked, replaced=self.replaced)
         fit = self.initialiser.fit(frame)
-        return self._from_fit(fit) if fit.cost < COST_SHARE * self.cost else Start(tracked)
+        return self._from_fit(fit) if fit.cost < COST_SHARE * self.cost else Start(tracked, replaced=self.replaced)
 
     def _first_fit(self, frame: FrameData) -> Fit:
         """A state from one frame: from the network's pose if that explains the frame, else from all start poses."""
@@ -178,8 +175,10 @@ class Starts:
 
     def better(self, answer: Answer) -> EvaluatedState | None:
         """The state from which the next frame starts, if another pose explains this frame better."""
-        if answer.initialised or answer.repeated:
+        self.replaced = False
+        if answer.start.initialised or answer.repeated:
             return None
         self.cost = float(self._frame_model.cost(answer.solved, answer.frame))
         better = self._other_pose.better_state(answer.stamp, answer.frame, answer.solved, self.cost)
+        self.replaced = better is not None
         return None if better is None else self._frame_model.evaluate(better)
