@@ -304,7 +304,7 @@ class LiveNode:
         """
         last = max((message.published for name in FRAME_NAMES for message in self.got[name][-1:]), default=math.inf)
         states = [message for message in self.got[topics.STATE] if message.published <= last]
-        return str(self.types.deserialize_cdr(states[-1].data, topics.STATE_OUTPUT.message_type).data) if states else ""
+        return str(self.types.deserialize_cdr(states[-1].data, topics.STATE.message_type).data) if states else ""
 
     def record(self, path: Path, storage: str = "mcap", replace: bool = False) -> None:
         """Write all received messages to a recording, with times relative to the playback. Raises BagError."""

@@ -76,7 +76,7 @@ class PersonTopics:
         """Called with each new URDF."""
         hands = HandPoints(skeleton, session.tracker.layout)
         listed = [*topics.person_outputs(config.detects_bodies, bool(hands.sides))]
-        listed += [topics.TF_OUTPUT] * (config.publish_tf != OFF)
+        listed += [topics.TF] * (config.publish_tf != OFF)
         self.outs: dict[str, Any] = {}
         """The handles by the topic's name."""
         for topic in listed:
@@ -150,9 +150,9 @@ class Outputs:
         else:
             if not config.topic_per_body:  # else the detector publishes the list
                 scene.append(topics.REP155_TRACKED_OUTPUT if config.rep155 else topics.TRACKED_OUTPUT)
-            scene.append(topics.MARKERS_OUTPUT)
+            scene.append(topics.MARKERS)
         kind = full_type_name(config.people_type)
-        for topic in (*scene, topics.people_output(kind), topics.STATE_OUTPUT, topics.SKELETONS_OUTPUT):
+        for topic in (*scene, topics.people_output(kind), topics.STATE, topics.SKELETONS):
             if (out := sink.open(topic, topic.name, True)) is not None:
                 self._outs[topic.name] = out
         self._newest = PeopleMessages(backend, kind, True, config.several_cameras)
