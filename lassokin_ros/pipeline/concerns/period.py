@@ -85,7 +85,7 @@ class Period:
             self.newest = accepted
             self.misfits.append(max(map(misfit, accepted)))
             self.judged += [(frame.person, frame.pending) for frame in accepted if frame.pending is not None]
-            self.with_depth += any(f.estimate.depth_measured for f in accepted if f.estimate is not None)
+            self.with_depth += any(f.estimate.frame.depth_measured for f in accepted if f.estimate and f.estimate.frame)
 
 
 def misfit(frame: FrameResult) -> float:

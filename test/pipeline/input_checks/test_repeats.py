@@ -215,7 +215,7 @@ def test_depths_in_the_message_that_repeat_are_no_evidence_and_are_named(scene):
     for i in range(COUNT):
         fresh = depth + 0.015 * min(i, LIVE) + 0.001 * np.random.default_rng(min(i, LIVE)).normal(size=17)
         (frame,) = session.send(i, with_depths(BACKEND, cloud(BACKEND, stamp(i), pixels[i]), fresh))
-        used.append(frame.estimate.depth_measured)
+        used.append(frame.estimate.frame.depth_measured)
     assert all(used[1:LIVE]) and not any(used[LIVE + 1 :])
     status = session.status(COUNT)
     assert status.level == WARN and "the depths in the keypoint messages are frozen" in status.message
@@ -227,7 +227,7 @@ def test_a_slow_detector_that_repeats_keypoints_with_their_depths_is_used(scene)
         shown = i // 10 * 10
         message = with_depths(BACKEND, cloud(BACKEND, stamp(i), scene[1][shown]), depth[shown])
         (frame,) = session.send(i, message)
-        assert frame.estimate.depth_measured or i == 0
+        assert frame.estimate.frame.depth_measured or i == 0
     assert "depth" not in session.status(COUNT).message
 
 

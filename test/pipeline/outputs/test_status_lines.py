@@ -78,7 +78,8 @@ def diagnostics(session):
 
 def frame(stamp_ns=SECOND, reprojection_px=2.0, depth=3.5, repeated=0.0, deviation=0.05, held_s=0.0, measured=False):
     state = SimpleNamespace(translation=np.array([0, 0, depth]))
-    estimate = SimpleNamespace(reprojection_px=reprojection_px, state=state, repeated=repeated, depth_measured=measured)
+    seen = SimpleNamespace(depth_measured=measured)
+    estimate = SimpleNamespace(reprojection_px=reprojection_px, state=state, repeated=repeated, frame=seen)
     estimate.pose = None
     uncertainty = SimpleNamespace(deviation=np.array([0.01, deviation]))
     return FrameResult(
