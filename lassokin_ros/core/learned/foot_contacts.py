@@ -21,12 +21,6 @@ BEGUN, ENDED = 0.5, 0.2
 NEW_DEVIATION, SETTLED_DEVIATION, SETTLED_S = 0.03, 0.015, 1.0
 """m: standard deviations of an ankle about its anchor in a contact that begins, and in one of `SETTLED_S`, s, or more;
 1 / deviation grows linearly between."""
-ANCHOR_S = 0.3
-"""s: time constant of the anchor, a running mean of the ankle's place."""
-SPEED_S = 0.15
-"""s: time constant of the fitted ankle's velocity."""
-LONGEST_STEP = 0.15
-"""s between frames above which the feet are forgotten."""
 FLOOR_GATE = 0.1
 """m: an ankle that is higher than this above the lower one is not on the floor."""
 
@@ -57,11 +51,11 @@ class FootContacts:
         sight; NaN for a foot without any.
         """
         step = stamp - self._stamp
-        if step <= 0 or is_longer(step, LONGEST_STEP):
+        if step <= 0 or is_longer(step, 0.15):  # s
             self.reset()
             self._stamp, self._places, self._velocity = stamp, places, np.zeros(places.shape)
             return
-        self._velocity = self._velocity + _share(step, SPEED_S) * ((places - self._places) / step - self._velocity)
+        self._velocity = self._velocity + _share(step, 0.15) * ((places - self._places) / step - self._velocity)
         self._stamp, self._places = stamp, places
         fast, fast_body = speeds / STILL, squared_norm(self._velocity) / STILL_BODY**2
         probability = ((1 + fast * fast) * (1 + fast_body)) ** -2
@@ -70,7 +64,7 @@ class FootContacts:
         before = np.full(places.shape, np.nan) if self.anchors is None else self.anchors
         touching = np.isfinite(before[:, 0])
         stays = probability > np.where(touching, ENDED, BEGUN)  # False for NaN
-        moved = np.where(touching[:, None], before + _share(step, ANCHOR_S) * (places - before), places)
+        moved = np.where(touching[:, None], before + _share(step, 0.3) * (places - before), places)
         self._begun = np.where(stays & touching, self._begun, stamp)
         self.anchors = np.where(stays[:, None], moved, np.nan) if stays.any() else None
 
@@ -82,5 +76,5 @@ def on_floor(ankles: np.ndarray, up: np.ndarray) -> np.ndarray:
 
 
 def _share(step: float, time_constant: float) -> float:
-    """Share of a new value in a running mean."""
+    """Share of a new value in a running mean. step, time_constant: s."""
     return 1 - math.exp(-step / time_constant)
