@@ -80,7 +80,7 @@ class Floor(_Feet):
 
 
 class FootContact(_Feet):
-    """Rows (anchor - ankle) / deviation, three per foot; 0 for a foot without an anchor."""
+    """Rows stiffness (anchor - ankle), three per foot; 0 for a foot that does not stand."""
 
     name, count, scale = "foot contact", 3 * len(ANKLES), 3.0
 
@@ -89,8 +89,6 @@ class FootContact(_Feet):
         return frame.anchors is not None
 
     def _errors(self, states: EvaluatedState, frame: FrameData) -> tuple[np.ndarray, np.ndarray]:
-        assert frame.anchors is not None and frame.anchor_deviation is not None
-        held = np.isfinite(frame.anchors[:, :1])
-        anchors, stiffness = np.where(held, frame.anchors, 0.0), held / frame.anchor_deviation[:, None]
-        places = states.pose.positions.take(self._ankles, axis=-2)
-        return stiffness * (anchors - places), stiffness[..., None] * AXES
+        assert frame.anchors is not None and frame.stiffness is not None
+        away = frame.anchors - states.pose.positions.take(self._ankles, axis=-2)
+        return frame.stiffness[:, None] * away, frame.stiffness[:, None, None] * AXES
