@@ -9,6 +9,7 @@ the air or on a chair, or an anchor that the image contradicts, has hardly any i
 from __future__ import annotations
 
 from abc import abstractmethod
+from typing import Any
 
 import numpy as np
 
@@ -83,6 +84,14 @@ class FootContact(_Feet):
     """Rows stiffness (anchor - ankle), three per foot; 0 for a foot that does not stand."""
 
     name, count, scale = "foot contact", 3 * len(ANKLES), 3.0
+
+    def __init__(self, kinematics: Kinematics) -> None:
+        super().__init__(kinematics)
+        self._tables = self._ankles, kinematics.reach_of(self._ankles, 3), self.scale
+
+    def kernel_input(self, frame: FrameData, row: int) -> tuple[Any, ...]:
+        """Tables and data of a frame for the kernel, and the first of the rows."""
+        return *self._tables, frame.anchors, frame.stiffness, row
 
     def present(self, frame: FrameData) -> bool:
         """Whether a foot is in contact."""
