@@ -6,7 +6,7 @@ The l1 penalty is always on the frame's total increment.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from lassokin_ros.core.image.projection import huber_weights
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver
 from lassokin_ros.core.observation import is_longer
-from lassokin_ros.core.record import record
 
 SHORT_STEP, LONG_STEP = 1 / 30, 0.06
 """s between frames, see `for_step`."""
@@ -32,7 +31,7 @@ LEAST_MOTION = 0.003
 """rad per frame: lower limit of the typical motion of a degree of freedom."""
 
 
-@record
+@dataclass(eq=False)
 class Increment:
     """Increment of one frame: omega (3 n,) rad for all joints and x (3,) m for the root, from the last solution.
 

@@ -102,14 +102,16 @@ def write_page(folder: Path) -> None:
     from lassokin_ros.pipeline.session import Session
     from lassokin_ros.pipeline.settings import NodeSettings
     from lassokin_ros.replay.bags import BagReader
+    from lassokin_ros.replay.frames import FrameTable
     from lassokin_ros.replay.keypoint_recording import CAMERA_INFO, KEYPOINTS
     from lassokin_ros.replay.playback import Playback
     from lassokin_ros.replay.report.report import Report, ReportError
 
     with BagReader(folder / "keypoints") as bag:
         tracker = Playback(Session(TrackerConfig(), NodeSettings()))
-        report = Report(folder / "report.html", tracker.session, replace=True)
-        tracker.listeners.append(report.add)
+        table = FrameTable(tracker.session)
+        report = Report(folder / "report.html", tracker.session, table, replace=True)
+        tracker.listeners.append(table.add)
         for topic, time_ns, message in bag.messages(bag.topics):
             process = tracker.keypoints if topic == KEYPOINTS else tracker.camera_info
             process(message, time_ns)  # only the page is needed; the outputs of the node are recorded already

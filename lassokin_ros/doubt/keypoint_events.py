@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from lassokin_ros.core.body.proportions import partners
 from lassokin_ros.core.image.projection import carried, norm
-from lassokin_ros.core.record import record
 
 PAIRS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 """Landmarks that exist on both sides."""
@@ -33,7 +33,7 @@ no motion of 44 recordings and 550 clips reached. All of 16 changes of person ex
 _HALVES = np.full(2, 0.5)
 
 
-@record
+@dataclass(eq=False)
 class KeypointMotion:
     """The motion between two frames, in trunk lengths of the image (middle of the shoulders to middle of the hips).
 

@@ -21,7 +21,7 @@ from lassokin_ros.core.learned.bone_lengths import Calibration
 from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.core.learned.height import HeightEstimator
 from lassokin_ros.core.observation import Status
-from lassokin_ros.core.output.fixed_lag import Backward
+from lassokin_ros.core.output.smoothing import Backward
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.answers import Answer, AnswersInOrder, Results, frames_of
 from lassokin_ros.pipeline.camera.camera_places import GivenPoses

@@ -30,7 +30,8 @@ from lassokin_ros.replay.bag_writer import BagWriter
 from lassokin_ros.replay.bags import BagReader, RecordedTopic
 from lassokin_ros.replay.camera_source import RecordedCamera, messages_of, recorded_cameras
 from lassokin_ros.replay.exports.exports import Exports, is_inside_name
-from lassokin_ros.replay.motion import MotionRecorder
+from lassokin_ros.replay.frames import FrameTable
+from lassokin_ros.replay.motion import motions, scene_of
 from lassokin_ros.replay.output_paths import OutputError, check_output_paths, refuse_existing_files
 from lassokin_ros.replay.passes import Bodies, learn
 from lassokin_ros.replay.playback import PATIENCE_S, NodeMessages, Playback
@@ -79,7 +80,8 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
 
         known = learn(make, source.play, tracker_config) if options.two_pass else None
         session = make(tracker_config) if known is None else known.session(make)
-        report = _report(options, session, None if known is None else known.first.tracker.given_skeleton)
+        table = FrameTable(session)
+        report = _report(options, session, table, None if known is None else known.first.tracker.given_skeleton)
         exports = _exports(options, session)
         images = recorded_images(bag, options, report, {one.name: one.keypoints for one in source.cameras})
         output, storage = options.output, options.storage or bag.storage
@@ -87,12 +89,11 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
                 tracker = Playback(session, NodeMessages(session, bag.types, writer.write))
-                collectors = (report, None if exports is None else exports.recorder)
-                tracker.listeners += [one.add for one in collectors if one is not None]
+                tracker.listeners += [] if report is None and exports is None else [table.add]
                 seconds = source.play(tracker, "messages", images)
                 figures = _figures(tracker)
                 writer.note(KEY, Record(origin_of(options), figures).text)
-                written = _files(options, tracker, exports, writer, files)
+                written = _files(options, tracker, exports, table, writer, files)
                 if report is not None:
                     report.write(files, options.bag.resolve().name, source.names, warnings=tracker.warnings.found)
                 files.check()
@@ -185,22 +186,28 @@ def _inputs(tracker: Playback, cameras: Sequence[RecordedCamera], others: Sequen
 
 
 def _files(
-    options: argparse.Namespace, tracker: Playback, exports: Exports | None, writer: BagWriter, files: AtomicFiles
+    options: argparse.Namespace,
+    tracker: Playback,
+    exports: Exports | None,
+    table: FrameTable,
+    writer: BagWriter,
+    files: AtomicFiles,
 ) -> dict[str, str]:
     """Write the skeletons and the exports; return their lines of the summary."""
     lines = {}
     if options.save_skeleton is not None:
         lines["skeleton"] = ", ".join(map(str, tracker.save_skeleton(options.save_skeleton, files)))
     if exports is not None:
-        paths = exports.write(writer.folder, files)
+        found = motions(table, scene_of(tracker.session, tracker.session.placement.level))
+        paths = exports.write(found, writer.folder, files)
         names = [str(options.output / path.name if path.parent == writer.folder else path) for path in paths]
         lines["exported"] = ", ".join(names) or "nothing: nobody was tracked"
         lines |= exports.remarks if names else {}
     return lines
 
 
-def _report(options: argparse.Namespace, session: Session, given: Skeleton | None) -> Report | None:
-    """Return the collector of the report, None without --report. Raises a LassokinError for an unusable path.
+def _report(options: argparse.Namespace, session: Session, table: FrameTable, given: Skeleton | None) -> Report | None:
+    """Return the report, None without --report. Raises a LassokinError for an unusable path.
 
     given: the skeleton before the first of two passes, if there are two.
     """
@@ -208,16 +215,14 @@ def _report(options: argparse.Namespace, session: Session, given: Skeleton | Non
         return None
     from lassokin_ros.replay.report.report import Report
 
-    return Report(options.report, session, options.force, given)
+    return Report(options.report, session, table, options.force, given)
 
 
 def _exports(options: argparse.Namespace, session: Session) -> Exports | None:
-    """Return the collector of the exports, None without --export. Raises a LassokinError for an unusable path."""
+    """Return the exports, None without --export. Raises a LassokinError for an unusable path."""
     if not options.export:
         return None
-    names, config = session.tracker.layout.names, session.tracker.config
-    recorder = MotionRecorder(names, config, lambda: session.placement.level, 0, session.config.camera_names)
-    return Exports(options.export, recorder, session.tracker.skeleton, session.config.several_people, options.force)
+    return Exports(options.export, session.tracker.skeleton, session.config.several_people, options.force)
 
 
 def _figures(tracker: Playback) -> Figures:

@@ -9,7 +9,7 @@ from sequences import CONFIG, RATE, observations
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.core.output.fixed_lag import COMPARED_S, TEMPER, Backward
+from lassokin_ros.core.output.smoothing import COMPARED_S, TEMPER, Backward
 from lassokin_ros.core.recording import WHOLE_FILE, published, track_backward, track_recording
 from lassokin_ros.core.tracker import Tracker
 

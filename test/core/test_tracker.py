@@ -44,10 +44,10 @@ def test_every_frame_is_tracked_certified_and_consistent():
         shown = (observation.points - project(pose.landmarks)) * FOCAL
         assert estimate.reprojection_px == pytest.approx(np.sqrt(np.mean(np.sum(shown**2, axis=-1))), rel=0.5)
         if last is not None and not replaced:  # the step that is reported leads from the last state to this one
-            stepped = last.retract(estimate.omega, estimate.translation_step)
+            stepped = last.retract(estimate.increment.omega, estimate.increment.x)
             assert np.abs(stepped.rotations - estimate.solved.rotations).max() < 1e-9
             assert np.abs(stepped.translation - estimate.solved.translation).max() < 1e-9
-        last, replaced = estimate.solved, tracker._replaced
+        last, replaced = estimate.solved, tracker._starts.replaced
         errors.append(aligned_error(estimate, truth))
     assert np.median(errors) < 0.08 and estimate.reprojection_px < 4 * NOISE_PX
 
@@ -57,7 +57,7 @@ def test_larger_penalties_move_fewer_joints():
     sizes = []
     for sparsity in (0.05, 0.5, 5.0, 100.0):
         tracker = Tracker(replace(CONFIG, sparsity=sparsity))
-        moved = [np.count_nonzero(tracker.track(o).omega) for _, o in observations(tracker, 1.0)][1:]
+        moved = [np.count_nonzero(tracker.track(o).increment.omega) for _, o in observations(tracker, 1.0)][1:]
         sizes.append(np.mean(moved))
     assert sizes[0] > sizes[1] > sizes[2] >= sizes[3]
     assert sizes[0] < 72 and sizes[3] < 1
@@ -73,7 +73,7 @@ def test_translation_is_followed_when_no_joint_may_move():
         estimate = tracker.track(Observation(i / RATE, points, np.ones(17), FOCAL))
         if i == 0:
             offset = estimate.state.translation - shifted.translation
-    assert not estimate.omega.any()
+    assert not estimate.increment.omega.any()
     assert np.abs(estimate.state.translation - offset - shifted.translation).max() < 0.02
 
 
@@ -253,7 +253,7 @@ def test_tune_takes_effect_on_the_next_frame():
     tracker.tune(replace(CONFIG, min_landmarks=18))
     assert tracker.track(replace(good, stamp=0.2)).rejection is Rejection.TOO_FEW_LANDMARKS
     tracker.tune(replace(CONFIG, sparsity=100.0))
-    assert not tracker.track(replace(good, stamp=0.3, points=good.points + 0.01)).omega.any()
+    assert not tracker.track(replace(good, stamp=0.3, points=good.points + 0.01)).increment.omega.any()
     tracker.tune(CONFIG)
     assert tracker.track(replace(good, stamp=0.4, points=good.points + 0.02)).accepted
 
@@ -338,14 +338,11 @@ def test_a_new_height_reaches_the_network_of_a_skeleton_in_metres():
 
 
 @pytest.mark.parametrize("wrong", [float("nan"), float("inf"), -1e300])
-def test_a_mount_or_a_floor_that_is_no_place_is_refused_and_changes_nothing(wrong):
+def test_a_floor_that_is_no_place_is_refused_and_changes_nothing(wrong):
     tracker, left_alone = Tracker(CONFIG), Tracker(CONFIG)
     for _, observation in observations(tracker, 0.2):
         with pytest.raises(ConfigurationError, match=r"floor_below is .*; expected metres"):
             tracker.floor_below = wrong
-        if not np.isfinite(wrong):
-            with pytest.raises(ConfigurationError, match=r"roll 0.1 and pitch .*; expected finite angles"):
-                tracker.move_camera(0.1, wrong)
         assert tracker.floor is None
         assert same(tracker.track(observation).state, left_alone.track(observation).state)
 
@@ -433,7 +430,7 @@ def test_without_warm_start_the_qp_solver_gives_the_same_answers():
     cold._increments.warm_start = False
     for _, observation in observations(warm, 1.0):
         a, b = warm.track(observation), cold.track(observation)
-        assert {a.solution.method, b.solution.method} <= {"proxqp", "zero"}
+        assert {a.increment.solution.method, b.increment.solution.method} <= {"proxqp", "zero"}
         assert np.abs(a.pose.positions - b.pose.positions).max() < 1e-6
 
 
@@ -454,7 +451,7 @@ def test_the_certificate_is_of_the_problem_that_is_given():
     tracker, raised = Tracker(replace(CONFIG, sparsity=1e-4)), 0
     for _, observation in observations(tracker, 2.0):
         estimate = tracker.track(observation)
-        problem, solution = estimate.problem, estimate.solution
+        problem, solution = estimate.increment.problem, estimate.increment.solution
         again = certify(problem.A, problem.B, problem.z, problem.alpha, solution.omega, solution.x)
         assert estimate.accepted and again.kkt_residual < 1e-6
         raised += bool(np.all(problem.alpha > 1.01 * 1e-4 / tracker._increments._motion))

@@ -20,7 +20,7 @@ from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.video import track as track_module
-from lassokin_ros.video.cameras.filmed import calibration_toml
+from lassokin_ros.video.cameras import calibration_toml
 from lassokin_ros.video.command import main
 from lassokin_ros.video.output_video import HEIGHT_OF_SEVERAL
 from lassokin_ros.video.people import largest_in

@@ -13,10 +13,9 @@ from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, Thread
 import numpy as np
 import pytest
 
-from lassokin_ros.core.errors import CameraError
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.video import sources
-from lassokin_ros.video.camera import choose_camera, content_size
+from lassokin_ros.video.camera import content_size, from_fov
 from lassokin_ros.video.sources import SourceError, natural_key, open_source
 
 cv2 = pytest.importorskip("cv2")
@@ -205,12 +204,10 @@ def test_a_camera_has_its_own_times(tmp_path, monkeypatch):
 
 def test_a_fisheye_has_its_field_of_view_between_the_sides():
     """A point at the right side is seen 59 degrees from the axis, one in the middle of the half 29.5."""
-    camera = choose_camera(None, 118.0, (801, 601), (801, 601), fisheye=True)
+    camera = from_fov(118.0, (801, 601), fisheye=True)
     lens = Lens(camera.K, camera.D, camera.model)
     right = lens.normalise(np.array([[400.0 + 400.5, 300.0], [400.0 + 200.25, 300.0]]))
     assert np.allclose(np.degrees(np.arctan(right[:, 0])), [59.0, 29.5], atol=1e-6)
-    with pytest.raises(CameraError, match="expected --fov beside it"):
-        choose_camera(None, None, (801, 601), (801, 601), fisheye=True)
 
 
 @pytest.mark.parametrize("fps", [-5.0, 0.0, float("nan"), float("inf"), 1e6])
@@ -248,7 +245,7 @@ def test_names_that_crash_opencv_are_refused(tmp_path):
 def test_a_portrait_video_has_its_field_of_view_along_its_height(tmp_path):
     source = open_source(str(record(tmp_path / "portrait.mp4", corner((96, 160)))))
     assert source.size == source.content == (96, 160)
-    K = choose_camera(None, 90.0, source.size, source.content).K
+    K = from_fov(90.0, source.size, source.content).K
     assert np.allclose([K[0, 0], K[0, 2], K[1, 2]], [80, 47.5, 79.5])
 
 
@@ -257,7 +254,7 @@ def test_black_bars_do_not_count_for_the_field_of_view(tmp_path):
     image[:, :53] = image[:, -53:] = 0
     source = open_source(str(record(tmp_path / "bars.mp4", image)))
     assert source.size == (160, 96) and abs(source.content[0] - 54) <= 4 and source.content[1] == 96
-    K = choose_camera(None, 90.0, source.size, source.content).K
+    K = from_fov(90.0, source.size, source.content).K
     assert np.allclose([K[0, 0], K[0, 2], K[1, 2]], [48, 79.5, 47.5])
 
 

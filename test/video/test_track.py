@@ -13,14 +13,15 @@ import numpy as np
 import pytest
 
 from lassokin_ros.common.progress import Progress
+from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.detector.backend import Detected, DetectorError, make_detector
 from lassokin_ros.pipeline.session import Session
+from lassokin_ros.video import cameras
 from lassokin_ros.video import track as track_module
-from lassokin_ros.video.camera import from_file
-from lassokin_ros.video.cameras import filmed
+from lassokin_ros.video.camera import from_file, from_fov
+from lassokin_ros.video.cameras import Filmed
 from lassokin_ros.video.command import main
-from lassokin_ros.video.detections import Detections
 from lassokin_ros.video.output_video import OutputVideo
 from lassokin_ros.video.sources import Image, Source, open_source
 
@@ -359,7 +360,7 @@ def test_a_long_gap_between_the_images_is_as_long_on_the_page(tmp_path, monkeypa
     rgb, page = np.zeros((240, 320, 3), np.uint8), tmp_path / "page.html"
     times = [begin + number / 30 for begin in (0, 20) for number in range(25)]
     source = Source("joined.mkv", (320, 240), (320, 240), 30.0, 50, iter([Image(at, rgb) for at in times]))
-    monkeypatch.setattr(filmed, "open_input", lambda _: (source, None))
+    monkeypatch.setattr(cameras, "open_input", lambda *_: (source, None))
     monkeypatch.setattr(track_module, "make_detector", lambda name: Twice())
     assert main(["joined.mkv", "--fov", "60", "--height", "1.8", "--report", str(page)]) == 0
     text = page.read_text(encoding="utf-8")
@@ -477,5 +478,6 @@ def test_an_estimated_number_of_images_is_no_damage(fps, count, times, begin, da
     """A Matroska file announces its duration, also that before the first image, times its nominal rate."""
     images = iter([Image(float(seconds), np.zeros((2, 2, 3), np.uint8)) for seconds in times])
     source = Source("phone.mkv", (320, 240), (320, 240), fps, count, images, begin=begin)
-    list(Detections(source, Standing(), "camera", keep=False).images([], Progress(0, "images")))
+    filmed = Filmed("", source, from_fov(60.0, (320, 240)), CameraPose(""))
+    list(filmed.detect(Standing(), [], Progress(0, "images")))
     assert ("may be damaged" in capsys.readouterr().err) == damaged

@@ -6,6 +6,7 @@ The compiled kernel treats regular frames: one state, Huber's weights, and rows 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,10 +26,9 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import CAP, NEAREST_DEPTH, THRESHOLD, huber_weights
 from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.network.hand_network import hand_index
-from lassokin_ros.core.record import record
 
 
-@record
+@dataclass(eq=False)
 class LinearisedFrame:
     """columns: (..., live + 3, r), J transposed; z: (..., r). rows: the slice of the r rows of each piece, by name."""
 

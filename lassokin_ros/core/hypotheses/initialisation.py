@@ -8,6 +8,7 @@ fit with the lowest cost is used.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +20,6 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import capped_weights
 from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import WEAKEST
-from lassokin_ros.core.record import record
 
 START_ROTATIONS = np.array([
     [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
@@ -46,7 +46,7 @@ LEAST_DEPTH = 0.3
 """m: smallest depth of a fitted state."""
 
 
-@record
+@dataclass(eq=False)
 class Fit:
     """A fitted state, and its cost on the frame."""
 

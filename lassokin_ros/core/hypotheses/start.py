@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +20,6 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import has_passed, is_longer
-from lassokin_ros.core.record import record
 
 if TYPE_CHECKING:
     from lassokin_ros.core.answer import Answer
@@ -44,15 +43,15 @@ COST_SHARE = 0.5
 """A newly fitted state replaces the tracked one if its cost is below this share of the tracked state's cost."""
 
 
-@record
+@dataclass(eq=False)
 class Start:
-    """The state about which a frame is linearised. initialised: whether it was fitted to this frame alone. fitted:
-    whether it is another one than the tracked state, but near it.
+    """The state about which a frame is linearised. initialised: whether it was fitted to this frame alone. replaced:
+    whether it is another one than the last one solved.
     """
 
     state: EvaluatedState
     initialised: bool = False
-    fitted: bool = False
+    replaced: bool = False
 
 
 class Reinitialisation:
@@ -123,6 +122,8 @@ class Starts:
         """Forget the person."""
         self.cost, self._stuck_frames = math.nan, 0
         """Negative log-likelihood of the last solved state with new keypoints; of the fit of a first frame."""
+        self.replaced = False
+        """Whether the next frame starts from another state than the last one solved."""
         self._other_pose.reset()
         self.reinitialisation.reset()
 
@@ -138,10 +139,11 @@ class Starts:
         if self.network_pose is None:
             return self._without_network(tracked, measurement, frame)
         if not has_passed(measurement.since_new_keypoints, FIT_AFTER):
-            return Start(tracked)
+            return Start(tracked, replaced=self.replaced)
         starts = tracked.state, self._network_state(frame)
         fits = [self.initialiser.fit_near(start, frame) for start in starts if start is not None]
-        return Start(self._frame_model.evaluate(min(fits, key=lambda fit: fit.cost).state), fitted=True)
+        self.replaced = True
+        return Start(self._frame_model.evaluate(min(fits, key=lambda fit: fit.cost).state), replaced=True)
 
     def _network_state(self, frame: FrameData) -> BodyState | None:
         """The pose by the network, with translation 0; None without one."""
@@ -156,9 +158,9 @@ class Starts:
         views = sum(bool(np.count_nonzero(view.weights)) for view in frame.views)
         count = views * self._frame_model.kinematics.landmark_count + frame.count - frame.point_count
         if measurement.repeated or not self.reinitialisation.due(measurement.stamp, self.cost, count):
-            return Start(tracked)
+            return Start(tracked, replaced=self.replaced)
         fit = self.initialiser.fit(frame)
-        return self._from_fit(fit) if fit.cost < COST_SHARE * self.cost else Start(tracked)
+        return self._from_fit(fit) if fit.cost < COST_SHARE * self.cost else Start(tracked, replaced=self.replaced)
 
     def _first_fit(self, frame: FrameData) -> Fit:
         """A state from one frame: from the network's pose if that explains the frame, else from all start poses."""
@@ -178,8 +180,10 @@ class Starts:
 
     def better(self, answer: Answer) -> EvaluatedState | None:
         """The state from which the next frame starts, if another pose explains this frame better."""
-        if answer.initialised or answer.repeated:
+        self.replaced = False
+        if answer.start.initialised or answer.repeated:
             return None
         self.cost = float(self._frame_model.cost(answer.solved, answer.frame))
         better = self._other_pose.better_state(answer.stamp, answer.frame, answer.solved, self.cost)
+        self.replaced = better is not None
         return None if better is None else self._frame_model.evaluate(better)

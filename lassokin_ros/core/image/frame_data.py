@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from lassokin_ros.core.observation import HERE, CameraPose
-from lassokin_ros.core.record import record
 
 WITHOUT_DEPTH = 4.0
 """Factor on the noise from which measured depth is not used, see `FrameData.with_larger_noise`."""
@@ -25,7 +24,7 @@ NEARBY, NARROW = 0.5, np.radians(5.0)
 no better than one."""
 
 
-@record
+@dataclass(eq=False)
 class JointDepths:
     """Depths of k joints relative to the middle of the hips, as the depth network estimates them.
 
@@ -38,7 +37,7 @@ class JointDepths:
     whitening: np.ndarray
 
 
-@record
+@dataclass(eq=False)
 class HandDepths:
     """Depths of a hand's points relative to its wrist, as the hand network estimates them.
 
@@ -55,7 +54,7 @@ class HandDepths:
 NO_HANDS: tuple[HandDepths | None, HandDepths | None] = (None, None)
 
 
-@record
+@dataclass(eq=False)
 class View:
     """What one camera sees of the person.
 
@@ -106,7 +105,7 @@ class View:
         return replace(self, weights=self.weights / factor, depth_weights=depth_weights)
 
 
-@record
+@dataclass(eq=False)
 class FrameData:
     """The measurements of one frame, as arrays.
 
@@ -129,6 +128,11 @@ class FrameData:
     def observes_depth(self) -> bool:
         """Whether the depth of half of the landmarks is measured, or several cameras see the person."""
         return self.depth_covers or self.seen_by > 1
+
+    @property
+    def depth_measured(self) -> bool:
+        """Whether measured depths are used."""
+        return any(view.depth_weights is not None for view in self.views)
 
     @cached_property
     def depth_covers(self) -> bool:

@@ -12,6 +12,7 @@ of +-1), so that they are well scaled for every alpha.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,6 @@ import proxsuite
 from lassokin_ros.core.errors import SolverError
 from lassokin_ros.core.kernel import kernel, lapack
 from lassokin_ros.core.lasso.problem import Reduced
-from lassokin_ros.core.record import record
 
 _proxqp = proxsuite.proxqp
 _SOLVED = _proxqp.QPSolverOutput.PROXQP_SOLVED
@@ -45,7 +45,7 @@ def available_solvers() -> list[str]:
     return ["proxqp"] + sorted(set(qpsolvers.available_solvers) - {"proxqp"})
 
 
-@record
+@dataclass(eq=False)
 class Form:
     """A dual as a QP: the smallest 1/2 v^T H v + g^T v with |C v| <= bound, entry by entry; C is None for the identity.
 

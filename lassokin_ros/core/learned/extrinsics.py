@@ -91,8 +91,10 @@ class Extrinsics:
         self._newest, self.frame_count = -math.inf, 0
         self.lately.reset()
 
-    def adopt(self, other: Extrinsics) -> None:
-        """Begin with what was learned about the same cameras."""
+    def adopt(self, other: Extrinsics | None) -> None:
+        """Begin with what was learned about the same cameras, if poses are corrected."""
+        if other is None or not self._used:
+            return
         self.found, self.corrections, self._solutions = {**other.found}, {**other.corrections}, {**other._solutions}
         self._frames = {name: frames.copy() for name, frames in other._frames.items()}
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,7 +32,6 @@ from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.feet import ANKLE_HEIGHT, FLOOR_DEVIATION
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.observation import CameraPose, has_passed
-from lassokin_ros.core.record import record
 
 PEOPLE_DEVIATION = 0.15
 """Standard deviation of the logarithm of people's heights about that of `TYPICAL_HEIGHT`, children included."""
@@ -65,7 +65,7 @@ RANGE = 0.5, 2.3
 """m: limits of the height. A frame outside them is ignored: its depths are those of the wall behind, for example."""
 
 
-@record
+@dataclass(eq=False)
 class FloorSize:
     """ratio: size by the floor / size in use. deviation: standard deviation of its logarithm by tilt and distance."""
 

@@ -178,16 +178,16 @@ class Learned:
         """
         self._note_what_observes_size(answer)
         changed, problem = False, answer.increment.problem
-        if config.calibrate and (answer.initialised or not answer.repeated):
+        if config.calibrate and (answer.start.initialised or not answer.repeated):
             changed = self.lengths.update(answer.stamp, answer.solved.state, answer.frame, restarted)
         if not answer.repeated:
-            if not answer.initialised and self._upright:
+            if not answer.start.initialised and self._upright:
                 root, step = answer.solved.state.rotations[0], answer.together.since_new_keypoints
                 self.vertical.update(root, step)
             if self.model_error.due(answer.stamp):
                 self._update_model_error(answer)
-            if not answer.initialised:
-                start, rows = answer.start.state, answer.increment.rows
+            if not answer.start.initialised:
+                start, rows = answer.start.state.state, answer.increment.rows
                 changed |= self.mean_pose.update(answer.stamp, start, problem, rows)
         if self.height is None:
             self._check_size(answer, config.tilt_deviation)

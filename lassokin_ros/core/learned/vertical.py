@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from lassokin_ros.core.body.rotations import exponential, least_turn
+from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.observation import is_longer
 
 TIME_CONSTANT_S = 0.5, 5.0
@@ -20,8 +20,6 @@ TILT, TILT_COST = 0.45, 4.0
 """rad: pitch of the alternative verticals of `candidates`; and their cost, a negative log-likelihood."""
 LEAST_COSINE = 0.5
 """Cosine of the lean, 60 degrees, beyond which a person is not used."""
-LEAST_TILT = 1e-4
-"""Difference of two unit vectors below which the mount is the same."""
 KNOWN_AFTER = 1.0
 """s for which the vertical must have been learned before it is input to the depth network."""
 LONGEST_STEP = 0.2
@@ -55,19 +53,6 @@ class Vertical:
         """(3,) unit vector in the frame of the skeleton. Learning replaces the array."""
         self.learned_for = 0.0
         """s for which the vertical has been learned."""
-
-    def move_mount(self, roll: float, pitch: float) -> None:
-        """Set the measured mount, rad, of a camera that may move, and rotate the learned vertical with it.
-
-        The first measured mount is no motion: it replaces what was learned with an assumed one.
-        """
-        mount = vertical_of(roll, pitch) if self._given is None else self._given
-        if not self.configured:
-            self.mount, self.configured = mount, True
-            self.reset()
-        elif np.abs(mount - self.mount).max() > LEAST_TILT:
-            moved = mount if self.learned_for == 0 else least_turn(self.mount, mount) @ self.direction
-            self.direction, self.mount = moved, mount
 
     def candidates(self) -> list[tuple[np.ndarray, float]]:
         """The verticals (3,) to try in a first fit without the depth network, with their costs.

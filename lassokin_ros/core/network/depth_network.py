@@ -16,6 +16,7 @@ scale.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -29,7 +30,6 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import carried
 from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.observation import AXES
-from lassokin_ros.core.record import record
 
 TIMES = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
 """s before the present: times of the keypoints in the input."""
@@ -121,7 +121,7 @@ def lengths_between(place: dict[str, np.ndarray]) -> np.ndarray:
     return np.array([across[0], limbs[0], limbs[1], trunk, across[1], limbs[2], limbs[3], neck])
 
 
-@record
+@dataclass(eq=False)
 class Scene:
     """The input of the network, with any leading axes; all points are normalised image coordinates.
 

@@ -9,6 +9,7 @@ wrist's joint, so that a hand in its own axes depends on the fingers' joints alo
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,8 +19,7 @@ from lassokin_ros.core.body.roles import SIDES
 from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.kernel import lapack
-from lassokin_ros.core.output.uncertainty import HAND_FACTOR, JointUncertainty, Posterior
-from lassokin_ros.core.record import record
+from lassokin_ros.core.output.uncertainty import JointUncertainty, Posterior
 
 Levers = Callable[[np.ndarray, np.ndarray], np.ndarray]
 COUNT = 21
@@ -33,7 +33,7 @@ PLACE_DEVIATION = 0.003
 """m, per axis: standard deviation of the place at which a detector sees a point of the hand."""
 
 
-@record
+@dataclass(eq=False)
 class HandReading:
     """One hand of a pose.
 
@@ -99,7 +99,7 @@ class HandPoints:
         axes, wrist = hand_axes(places), places[WRIST]
         points = (places - wrist) @ axes
         lever = levers(rows, self._moved[rows] & self._fingers[hand])
-        covariance = HAND_FACTOR**2 * axes.T @ _covariance(posterior, lever) @ axes
+        covariance = axes.T @ _covariance(posterior, lever) @ axes
         covariance += SIZE_DEVIATION**2 * points[:, :, None] * points[:, None, :]
         covariance += PLACE_DEVIATION**2 * np.eye(3)
         covariance[WRIST] = 0.0

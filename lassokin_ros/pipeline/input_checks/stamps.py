@@ -15,7 +15,7 @@ from collections import deque
 
 import numpy as np
 
-from lassokin_ros.pipeline.concerns.catalogue import say
+from lassokin_ros.pipeline.concerns.catalogue import Raised, say
 from msg_adapters.errors import AdapterError
 
 ALWAYS_AHEAD_S = 2.0
@@ -152,23 +152,23 @@ class StampRate:
             self._pairs.popleft()
 
     @property
-    def warning(self) -> str:
-        """Both rates, in words, if they differ by more than FARTHEST; else empty."""
+    def concern(self) -> Raised | None:
+        """That both rates differ by more than FARTHEST."""
         if len(self._pairs) < FEWEST_MESSAGES:
-            return ""
+            return None
         stamps, arrivals = 1e-9 * np.diff(np.array(self._pairs), axis=0).T
         usual = arrivals <= LONG_STEP * np.median(arrivals)
         regular = bool(np.mean(usual) >= REGULAR)
         if regular:
             stamps, arrivals = stamps[usual], arrivals[usual]
         if arrivals.sum() < SHORTEST_S:
-            return ""
+            return None
         for mean in (np.mean, np.median) if regular else (np.mean,):
             step, period = float(mean(stamps)), float(mean(arrivals))
             if period > 0 and not 1 / FARTHEST <= step / period <= FARTHEST:
                 rate = f"{1 / step:.3g} Hz" if step > 0 else "no time between them"
-                return say("stamp_rate", rate=rate, arrivals=1 / period).text
-        return ""
+                return say("stamp_rate", rate=rate, arrivals=1 / period)
+        return None
 
 
 def _is_jump(stamp_ns: int, arrival_ns: int) -> bool:

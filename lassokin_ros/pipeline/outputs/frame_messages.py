@@ -224,9 +224,8 @@ def certificate_status(frame: FrameResult, name: str, hardware_id: str) -> Statu
     the camera frame.
     """
     estimate = frame.estimate
-    assert estimate is not None
-    problem, solution = estimate.problem, estimate.solution
-    assert problem is not None and solution is not None
+    assert estimate is not None and estimate.increment is not None
+    problem, solution = estimate.increment.problem, estimate.increment.solution
     certificate = solution.certificate
     support = solution.support
     signs = np.sign(solution.omega[support])

@@ -136,7 +136,7 @@ def test_the_tracker_goes_on_with_the_placed_camera(scene, setting):
     if setting != "learn":
         assert estimate.cameras == 1 and len(tracker._cameras) == 1
         return
-    assert estimate.cameras == 2 and not tracker._unplaced
+    assert estimate.cameras == 2 and not tracker._unplaced.trackers
     degrees, metres = apart(tracker.learned.extrinsics.corrected(unknown), side)
     assert degrees < 3.0 and metres < 0.3
 

@@ -104,46 +104,6 @@ def test_reset_returns_to_the_mount():
     assert np.array_equal(vertical.direction, vertical_of(0.0, 0.1)) and vertical.learned_for == 0 and vertical.known
 
 
-def test_the_first_measured_mount_replaces_what_was_learned():
-    """It is no motion of the camera: a learned vertical would be turned away from the true one."""
-    vertical = learned()
-    vertical.move_mount(0.0, -0.35)
-    assert vertical.configured and vertical.known and vertical.learned_for == 0
-    assert np.array_equal(vertical.direction, vertical_of(0.0, -0.35))
-    assert np.array_equal(vertical.mount, vertical.direction)
-
-
-@pytest.mark.parametrize("roll, pitch", [(0.0, 0.5), (0.3, -0.2), (1.2, 0.4)])
-def test_later_mounts_rotate_what_was_learned(roll, pitch):
-    vertical = Vertical()
-    vertical.move_mount(0.0, 0.1)
-    learned(leaning(15), vertical=vertical)
-    before, known_for = vertical.direction, vertical.learned_for
-    error = apart(before, vertical.mount)
-    vertical.move_mount(roll, pitch)
-    mount = vertical_of(roll, pitch)
-    assert np.array_equal(vertical.mount, mount) and vertical.learned_for == known_for
-    assert apart(vertical.direction, mount) == pytest.approx(error) and error > 5
-    axis = np.cross(vertical_of(0.0, 0.1), mount)
-    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(apart(vertical_of(0.0, 0.1), mount)))
-    assert np.allclose(vertical.direction, turn.apply(before), atol=1e-9)
-
-
-def test_the_same_mount_again_changes_nothing_and_a_reversed_one_turns_the_vertical_by_half_a_turn():
-    vertical = learned(leaning(15), vertical=Vertical(0.0, 0.1))
-    before, mount = vertical.direction, vertical.mount
-    vertical.move_mount(0.0, 0.1 + 1e-6)
-    assert vertical.direction is before and vertical.mount is mount
-    vertical.move_mount(np.pi, -0.1)
-    assert vertical.direction.dot(-mount) == pytest.approx(before.dot(mount))
-
-
-def test_a_mount_before_anything_was_learned_is_used_exactly():
-    vertical = Vertical(0.0, 0.1)
-    vertical.move_mount(0.4, -0.3)
-    assert np.array_equal(vertical.direction, vertical_of(0.4, -0.3))
-
-
 def test_the_vertical_that_was_learned_for_the_longest_time_is_adopted():
     short, long, new = learned(leaning(10), 1.0), learned(leaning(20), 3.0), Vertical()
     new.adopt(iter([short, long, Vertical()]))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import body, central_difference, random_state, relative_error
+from cases import body, central_difference, one_view, random_state, relative_error
 
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import exponential, logarithm
@@ -15,6 +15,7 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.learned_depth import WEIGHT
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.increment import Increment
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.learned.errors import LEAST_ERROR
 from lassokin_ros.core.observation import Observation, Status
@@ -32,7 +33,6 @@ from lassokin_ros.core.output.uncertainty import (
     SMALLEST_BIAS,
     STILL_DEVIATION,
     WRONG_SCALE,
-    ObservedJoints,
     UncertaintyModel,
     moved_joints,
     position_jacobian,
@@ -63,8 +63,10 @@ def jacobian(kinematics, pose, columns):
 
 def estimate_of(problem, pose, **more):
     """An estimate of one camera that sees all landmarks, with large errors: its rows keep their weight."""
-    visible = np.ones(len(pose.landmarks), dtype=bool)
-    return Estimate(0.0, Status.TRACKING, pose=pose, problem=problem, visible=visible, keypoint_error_ratio=1e3, **more)
+    count = len(pose.landmarks)
+    increment, frame = Increment(np.zeros(0), problem, None, {}), one_view(np.zeros((count, 2)), np.ones(count))
+    more = {"visible": np.ones(count, dtype=bool), "keypoint_error_ratio": 1e3, **more}
+    return Estimate(0.0, Status.TRACKING, pose=pose, increment=increment, frame=frame, **more)
 
 
 def test_jacobian_is_the_derivative_of_the_joints_about_the_root():
@@ -104,8 +106,7 @@ def test_covariances_are_those_of_the_joints_jacobian(seen):
     problem = Lasso(random.normal(size=(100, seen)), random.normal(size=(100, 3)), np.zeros(100), np.ones(seen))
     before = problem.reduced.H.copy()
     pose = kinematics.pose(random_state(random, kinematics))
-    observed = ObservedJoints(kinematics.skeleton, kinematics.layout.joints)
-    model = UncertaintyModel(FrameModel(kinematics, prior), prior, Proportions(kinematics), observed)
+    model = UncertaintyModel(FrameModel(kinematics, prior), prior, Proportions(kinematics))
     found = model.evaluate(estimate_of(problem, pose)).covariance
     assert np.array_equal(problem.reduced.H, before)
     variance = np.diag(np.diagonal(prior.covariance).astype(float))
@@ -121,9 +122,8 @@ def test_covariances_are_those_of_the_joints_jacobian(seen):
 def test_uncertain_lengths_affect_the_joints_below_them():
     random, kinematics = np.random.default_rng(2), body()
     proportions, pose = Proportions(kinematics), kinematics.pose(random_state(random, kinematics))
-    observed = ObservedJoints(kinematics.skeleton, kinematics.layout.joints)
     prior = PoseDistribution.load(kinematics.skeleton)
-    exact = UncertaintyModel(FrameModel(kinematics, prior), prior, proportions, observed)
+    exact = UncertaintyModel(FrameModel(kinematics, prior), prior, proportions)
     count = int(np.count_nonzero(kinematics.live))
     problem = Lasso(random.normal(size=(count + 9, count)), np.eye(count + 9, 3), np.zeros(count + 9), np.ones(count))
     deviation = np.zeros(proportions.count)
@@ -224,7 +224,7 @@ def replace_points(tracker, estimate):
 
 def numeric_absolute(tracker, estimate):
     """(n, 3, 3) and (6, 6): of the whole linear model of Omega and x, before calibration of the uncertainty."""
-    problem, pose = estimate.problem, estimate.pose
+    problem, pose = estimate.increment.problem, estimate.pose
     live = np.flatnonzero(tracker.kinematics.live)
     model = np.hstack([problem.A, problem.B])
     information = model.T @ model
@@ -240,7 +240,7 @@ def numeric_absolute(tracker, estimate):
 
 def test_absolute_covariances_are_those_of_increment_and_translation():
     tracker, estimate = followed()
-    uncertainty = tracker.uncertainty(estimate_of(estimate.problem, estimate.pose))
+    uncertainty = tracker.uncertainty(estimate_of(estimate.increment.problem, estimate.pose))
     found = uncertainty.absolute
     joints, pelvis = numeric_absolute(tracker, estimate)
     place = estimate.pose.positions[0]
@@ -271,7 +271,7 @@ def test_the_absolute_covariance_of_the_pelvis_is_positive_if_only_legs_are_seen
 
 def problem_free(estimate):
     """(B^T B)^-1 of the frame's problem."""
-    B = estimate.problem.B
+    B = estimate.increment.problem.B
     return np.linalg.inv(B.T @ B)
 
 
@@ -289,7 +289,7 @@ def test_a_keypoint_that_is_extrapolated_is_no_measured_depth():
     points, confidence = project(before.pose.landmarks), np.ones(len(before.pose.landmarks))
     confidence[0] = 0.0
     estimate = tracker.track(Observation(before.stamp + 1 / 30, points, confidence, FOCAL))
-    assert estimate.measurements > np.count_nonzero(estimate.visible) and not estimate.depth_measured
+    assert estimate.frame.count > np.count_nonzero(estimate.visible) and not estimate.frame.depth_measured
     deviation = np.sqrt(tracker.uncertainty(estimate).absolute.joints[0][2, 2])
     assert deviation > SCALE_DEVIATION * estimate.pose.positions[0][2]
 
@@ -300,7 +300,7 @@ def test_measured_depth_makes_the_distance_certain():
     tracker.reset()
     depth = without.pose.landmarks[:, 2]
     measured = tracker.track(Observation(0.0, points, np.ones(len(points)), FOCAL, depth=depth))
-    assert measured.depth_measured and not without.depth_measured
+    assert measured.frame.depth_measured and not without.frame.depth_measured
     before, after = (np.sqrt(tracker.uncertainty(e).absolute.joints[0][2, 2]) for e in (without, measured))
     assert after < 0.05 < before
 
@@ -313,7 +313,7 @@ def test_depths_of_half_of_the_landmarks_make_the_joints_certain():
         tracker.reset()
         some = np.where(np.arange(len(points)) < count, depth, np.nan)
         estimate = tracker.track(Observation(0.0, points, np.ones(len(points)), FOCAL, depth=some))
-        assert estimate.depth_measured and estimate.depth_covers == (count > 3)
+        assert estimate.frame.depth_measured and estimate.frame.depth_covers == (count > 3)
         known = replace(estimate, length_deviation=np.zeros_like(estimate.length_deviation))
         deviations.append(tracker.uncertainty(known).deviation.mean())
     few, all_landmarks = deviations
@@ -324,11 +324,11 @@ def information_of(estimate, share=1.0):
     """(live, live): information of the increment, with the translation eliminated, without the anchors of the feet, and
     with the network's own deviations. share: factor on the rows of the image.
     """
-    A, B = estimate.problem.A.copy(), estimate.problem.B.copy()
+    A, B = estimate.increment.problem.A.copy(), estimate.increment.problem.B.copy()
     for rows in (A, B):
-        rows[estimate.rows.get(FootContact.name, slice(0))] = 0.0
-        rows[estimate.rows["learned depth"]] /= WEIGHT
-        rows[estimate.rows["image"]] *= share
+        rows[estimate.increment.rows.get(FootContact.name, slice(0))] = 0.0
+        rows[estimate.increment.rows["learned depth"]] /= WEIGHT
+        rows[estimate.increment.rows["image"]] *= share
     projected = A - B @ np.linalg.solve(B.T @ B, B.T @ A)
     return projected.T @ projected + WEAKEST * np.eye(A.shape[1])
 
@@ -352,7 +352,7 @@ def test_the_deviation_of_a_rotation_is_that_of_its_marginal():
 def test_rows_of_the_image_are_weaker_also_if_others_hold_the_translation():
     """Those of a floor do."""
     tracker, estimate = followed(noise_px=1.0, camera_height=1.0)
-    assert estimate.problem.B[estimate.rows["feet on the floor"]].any()
+    assert estimate.increment.problem.B[estimate.increment.rows["feet on the floor"]].any()
     share = estimate.keypoint_error_ratio * LEAST_ERROR / SMALLEST_BIAS
     assert share < 1
     variance = np.diagonal(np.linalg.inv(information_of(estimate, share)))[:3].sum()

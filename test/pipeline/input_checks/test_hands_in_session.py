@@ -15,8 +15,7 @@ from lassokin_ros.core.body.rotations import exponential, from_quaternion
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.output.hand_points import HandPoints
-from lassokin_ros.detector.backend import make_detector
-from lassokin_ros.detector.keypoint_message import keypoint_message
+from lassokin_ros.detector.backend import keypoint_message, make_detector
 from lassokin_ros.gestures import GESTURES
 from lassokin_ros.pipeline.concerns.catalogue import CONCERNS
 from lassokin_ros.pipeline.concerns.live import HANDS

@@ -3,7 +3,6 @@
 import csv
 import os
 import sys
-from dataclasses import replace
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
@@ -13,6 +12,7 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
+from exported import motion_of  # noqa: E402
 from messages import camera_info, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
 from recordings import START_NS, contents, read, synthetic_pixels, write_messages, write_recording  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
@@ -24,8 +24,7 @@ from lassokin_ros.pipeline.outputs.urdf import joint_names  # noqa: E402
 from lassokin_ros.replay.exports import markers  # noqa: E402
 from lassokin_ros.replay.exports.amass import smpl_rotations, write_amass  # noqa: E402
 from lassokin_ros.replay.exports.markers import Markers, markers_of  # noqa: E402
-from lassokin_ros.replay.exports.sampling import ExportError, uniform  # noqa: E402
-from lassokin_ros.replay.motion import Motion  # noqa: E402
+from lassokin_ros.replay.exports.sampling import Y_UP, ExportError, uniform  # noqa: E402
 from lassokin_ros.skeleton_readers.load import load_skeleton  # noqa: E402
 
 FRAMES = 45
@@ -302,7 +301,7 @@ def test_c3d_has_the_markers_of_the_trc(tracked):
 def test_c3d_refuses_more_frames_than_it_counts(frames, tmp_path, monkeypatch):
     ezc3d = pytest.importorskip("ezc3d", reason="a .c3d file needs ezc3d")
     places = np.random.default_rng(0).normal(size=(frames, 1, 3))
-    monkeypatch.setattr(markers, "markers_of", lambda motion: Markers(1 / 30, ("Hip",), places))
+    monkeypatch.setattr(markers, "markers_of", lambda motion, world: Markers(1 / 30, ("Hip",), places))
     if frames > markers.MOST_FRAMES:
         with pytest.raises(ExportError, match="counts up to 65535 frames, the motion has 65536; expected .trc"):
             markers.write_c3d(None, BytesIO())
@@ -310,7 +309,7 @@ def test_c3d_refuses_more_frames_than_it_counts(frames, tmp_path, monkeypatch):
     with (tmp_path / "long.c3d").open("wb") as file:
         markers.write_c3d(None, file)
     read = ezc3d.c3d(str(tmp_path / "long.c3d"))["data"]["points"][:3, 0].T
-    assert np.allclose(read, 1e3 * places[:, 0] @ markers.Z_UP.T, atol=1e-2)
+    assert np.allclose(read, 1e3 * places[:, 0], atol=1e-2)
 
 
 def test_a_missing_ezc3d_is_named_before_any_work(recording, tmp_path, monkeypatch, capsys):
@@ -322,37 +321,32 @@ def test_a_missing_ezc3d_is_named_before_any_work(recording, tmp_path, monkeypat
 
 def test_a_skeleton_without_the_points_of_the_markers_is_refused():
     with pytest.raises(ExportError, match="needs the points of halpe26: .* export .csv or .npz"):
-        markers_of(some_motion(np.arange(5) / 30))
+        markers_of(some_motion(np.arange(5) / 30), Y_UP)
 
 
 def some_motion(stamps_s, turn_rate=2.0, speed=1.0):
     """A joint that rotates and moves at constant speed."""
     times = np.array(stamps_s, dtype=float)
-    count = len(times)
     rotations = Rotation.from_rotvec(np.outer(times * turn_rate, [0.0, 0.6, 0.8])).as_matrix()[:, None]
     joints = [{"name": "pelvis", "parent": None, "position": [0, 0, 0]}]
     skeleton = Skeleton.from_mapping({"height_unit": "metre", "joints": joints}, 1.75)
-    nothing = np.zeros(count)
-    places = np.outer(times * speed, [1.0, 0.0, 0.0])
     stamps = 10**18 + np.round(times * 1e9).astype(np.int64)
-    rest = (rotations, places, np.zeros((count, 1, 3)), np.zeros((count, 0, 3)), np.zeros((count, 0, 2)))
-    deviations = np.zeros((count, 1)), np.full((count, 1), 0.25)
-    doubts = (*deviations, np.ones((count, 1), dtype=bool), nothing > 0, np.zeros((count, 1), dtype=bool))
-    figures = (nothing, nothing, nothing, nothing > 0, *doubts, np.eye(3))
-    return Motion("", "camera", skeleton, (), stamps, places[:, None], *rest, *figures)
+    return motion_of(skeleton, stamps, rotations, np.outer(times * speed, [1.0, 0.0, 0.0]))
 
 
 def test_speeds_are_those_of_the_joints():
-    assert np.allclose(some_motion([0.0, 0.1, 0.3, 0.4], speed=1.5).speeds, 1.5)
-    backwards = some_motion([0.0, 0.1, 0.2, 0.0, 0.1]).speeds[:, 0]
+    assert np.allclose(some_motion([0.0, 0.1, 0.3, 0.4], speed=1.5)["joint_speeds"], 1.5)
+    backwards = some_motion([0.0, 0.1, 0.2, 0.0, 0.1])["joint_speeds"][:, 0]
     assert np.isnan(backwards).tolist() == [False, False, True, True, False]
-    assert np.isnan(some_motion([0.0]).speeds).all()
+    assert np.isnan(some_motion([0.0])["joint_speeds"]).all()
 
 
 def test_frames_with_regular_stamps_are_not_changed():
     motion = some_motion(np.arange(50) / 30 + np.random.default_rng(0).uniform(-4e-4, 4e-4, 50))
     track = uniform(motion)
-    assert track.rotations is motion.rotations and track.period == pytest.approx(1 / 30, rel=1e-3)
+    assert np.array_equal(track.translations, motion["translation"] * [1, -1, -1]) and track.period == pytest.approx(
+        1 / 30, rel=1e-3
+    )
     alone = uniform(some_motion([0.0]))
     assert len(alone.translations) == 1 and alone.period == pytest.approx(1 / 30)
 
@@ -364,7 +358,7 @@ def test_frames_with_irregular_stamps_are_resampled():
     motion = some_motion(times)
     track = uniform(motion)
     samples = np.arange(len(track.translations)) * track.period
-    expected = some_motion(samples)
+    expected = uniform(some_motion(samples))
     assert track.period == pytest.approx(1 / 30, rel=0.2) and samples[-1] > times[-1] - track.period
     assert np.abs(track.translations - expected.translations).max() < 1e-6
     assert np.abs(track.rotations - expected.rotations).max() < 1e-6
@@ -534,8 +528,8 @@ def test_a_motion_is_not_changed_by_its_exports(tmp_path):
     from lassokin_ros.replay.exports.bvh import write_bvh
 
     motion = some_motion(np.arange(5) / 30)
-    before = replace(motion, rotations=motion.rotations.copy())
+    before = motion["joint_rotations"].copy()
     for write in (write_bvh, write_amass):
         with (tmp_path / "file").open("wb") as file:
             write(motion, file)
-    assert np.array_equal(motion.rotations, before.rotations)
+    assert np.array_equal(motion["joint_rotations"], before)

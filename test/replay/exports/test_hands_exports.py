@@ -8,6 +8,8 @@ from scipy.spatial.transform import Rotation
 
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
+from exported import motion_of  # noqa: E402
+
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics  # noqa: E402
 from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.body.rotations import exponential  # noqa: E402
@@ -18,7 +20,6 @@ from lassokin_ros.replay.exports.amass import write_amass  # noqa: E402
 from lassokin_ros.replay.exports.bvh import write_bvh  # noqa: E402
 from lassokin_ros.replay.exports.named_angles import finger_angles  # noqa: E402
 from lassokin_ros.replay.exports.tables import write_csv  # noqa: E402
-from lassokin_ros.replay.motion import Motion  # noqa: E402
 
 SKELETON = Skeleton.load("body_hands", 1.75)
 BODY = Kinematics(SKELETON, Layout.load("mediapipe75", SKELETON))
@@ -64,12 +65,8 @@ def motion():
     pose = BODY.pose(BodyState(rotations, translations))
     reader = JointAngleReader(SKELETON.axes)
     angles = np.array([reader.read(frame) for frame in rotations])
-    some, none = np.zeros(FRAMES), np.zeros((FRAMES, 0, 3))
-    flags = np.ones((FRAMES, COUNT), bool), some > 0, np.zeros((FRAMES, COUNT), bool)
-    figures = some, some, some, some > 0, np.zeros((FRAMES, COUNT)), np.full((FRAMES, COUNT), 0.1), *flags, np.eye(3)
     stamps = np.arange(FRAMES) * 40_000_000
-    rest = pose.positions, rotations, translations, angles, none, none[..., :2]
-    return Motion("", "camera", SKELETON, (), stamps, *rest, *figures)
+    return motion_of(SKELETON, stamps, rotations, translations, joint_positions=pose.positions, joint_angles=angles)
 
 
 MOTION = motion()

@@ -1,11 +1,11 @@
 """Findings about videos: nobody is there, people who lie, and words that agree with each other."""
 
 from collections import Counter
-from dataclasses import dataclass, field
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lassokin_ros.replay.report import findings
 from lassokin_ros.replay.report.facts import landmark_errors
@@ -13,31 +13,24 @@ from lassokin_ros.replay.report.facts import landmark_errors
 LANDMARKS = ("left_shoulder", "right_shoulder", "left_hip", "right_hip", "left_ankle", "right_ankle")
 
 
-@dataclass
 class Facts:
-    """What the rules read."""
+    """What the rules read. columns: of the table, all of whose frames have a skeleton."""
 
-    tracks: list = field(default_factory=list)
-    messages: tuple = ()
-    landmarks: tuple = LANDMARKS
-    own_keypoints: bool = True
-    rate: float = 30.0
-    level: np.ndarray = field(default_factory=lambda: np.eye(3))
-    people: tuple = ("",)
-    cameras: tuple = ("",)
+    landmarks, own_keypoints, rate, level, people, sizes = LANDMARKS, True, 30.0, np.eye(3), ("",), (None,)
+    node = SimpleNamespace(several_people=False)
 
-    def __post_init__(self):
-        self.log = SimpleNamespace(messages=self.messages)
-        self.node = SimpleNamespace(several_people=False)
+    def __init__(self, messages=(), **columns):
+        self.columns = columns
+        self.table = SimpleNamespace(messages=messages)
         joints = (*(f"{side}_{joint}" for side in ("left", "right") for joint in ("hip", "knee", "ankle")), "pelvis")
         self.skeleton = SimpleNamespace(joint_names=joints)
-        self.times = np.arange(len(self.messages)) / self.rate
-        self.duration = len(self.messages) / self.rate
+        self.times = np.arange(len(messages)) / self.rate
+        self.duration = len(messages) / self.rate
 
-    def rows(self, person):
-        return self.tracks
+    def rows(self, name, person=None):
+        return self.columns[name]
 
-    accepted = rows
+    of = rows
 
 
 def keys(rule, facts):
@@ -51,7 +44,7 @@ def test_scraps_of_skeletons_are_probably_nobody(shown, doubted):
 
 
 def lying(points):
-    return Facts([SimpleNamespace(detected=np.array(points, dtype=float))] * 3)
+    return Facts(detected=np.array([points] * 3, dtype=float))
 
 
 def test_a_bridge_is_not_upside_down_but_hanging_is():
@@ -62,24 +55,22 @@ def test_a_bridge_is_not_upside_down_but_hanging_is():
 
 
 def test_the_fit_is_judged_by_the_size_of_the_body_also_of_people_who_lie():
-    flat = np.array([[0.0, 0.0], [400.0, 60.0]])
+    flat = np.array([[[0.0, 0.0], [400.0, 60.0]]] * 3)
     for error, doubted in ((5.0, 0), (15.0, 1)):
-        facts = Facts([SimpleNamespace(outline=flat, reprojection_px=error)] * 3)
+        facts = Facts(outline=flat, reprojection_px=np.full(3, error))
         assert keys(findings._poor_fit, facts)["poor_fit"] == doubted
 
 
 def test_knees_are_not_judged_by_a_few_frames_with_legs():
+    turns = np.tile(Rotation.from_rotvec([40, 0, 0], degrees=True).as_matrix(), (100, 7, 1, 1))
     for seen, doubted in ((20, 0), (70, 1)):
-        rows = [
-            SimpleNamespace(observed=np.full(7, frame < seen), bends=np.full(7, 40.0), positions=None)
-            for frame in range(100)
-        ]
-        assert keys(findings.bent_knees, Facts(rows))["bent_knees"] == doubted
+        shown = np.tile(np.arange(100)[:, None] < seen, (1, 7))
+        facts = Facts(joint_observed=shown, joint_positions=np.zeros((100, 7, 3)), joint_rotations=turns)
+        assert keys(findings.bent_knees, facts)["bent_knees"] == doubted
 
 
 def test_a_landmark_that_is_placed_but_hardly_seen_does_not_count_as_seen():
-    row = SimpleNamespace(
-        in_view=lambda name, number: np.zeros((6, 2)) + (name == "detected"), visible=np.arange(6) != 4
-    )
-    middle, seen = landmark_errors(Facts(), [row] * 4)
+    places, visible = np.zeros((4, 6, 2)), np.tile(np.arange(6) != 4, (4, 1))
+    facts = Facts(time=np.arange(4), detected=places + 1, reprojected=places, visible=visible)
+    middle, seen = landmark_errors(facts)
     assert np.allclose(middle, np.sqrt(2)) and seen.tolist() == [1, 1, 1, 1, 0, 1]

@@ -20,7 +20,6 @@ from lassokin_ros.pipeline.concerns.rejections import REASONS  # noqa: E402
 from lassokin_ros.replay.bags import typestore  # noqa: E402
 from lassokin_ros.replay.report import page_json as data  # noqa: E402
 from lassokin_ros.replay.report.report import PLOTLY  # noqa: E402
-from lassokin_ros.replay.report.spans import marked_frames  # noqa: E402
 from msg_adapters.backends import RosbagsBackend  # noqa: E402
 from msg_adapters.inputs import point_cloud  # noqa: E402
 
@@ -168,13 +167,6 @@ def test_the_exports_mark_the_frames_that_the_page_marks(tmp_path):
     marked = np.any([(times >= start - 0.002) & (times <= end + 0.002) for start, end in spans], axis=0)
     with np.load(tmp_path / "motion.npz") as motion:
         assert np.array_equal(motion["likely_wrong"], marked) and 10 < marked.sum() < FRAMES
-
-
-def test_frames_are_marked_on_both_sides_of_a_jump_of_the_stamps():
-    times = np.concatenate([np.arange(10), np.arange(10)]) * 0.1
-    signs = np.arange(20) == 14
-    assert np.flatnonzero(marked_frames(times, signs, signs)).tolist() == [12, 13, 14, 15, 16]
-    assert marked_frames(times[:0], signs[:0], signs[:0]).shape == (0,)
 
 
 def test_the_summary_lists_the_problems_of_the_page(tmp_path, capsys):

@@ -119,7 +119,7 @@ def test_a_person_far_from_the_origin_of_the_map_is_drawn_and_has_the_distance_t
 
 @pytest.mark.parametrize("cameras, word", [([""], "`--camera-info`"), (["left", "right"], "translations are m")])
 def test_an_unlikely_distance_names_what_gives_the_scale(cameras, word):
-    facts = SimpleNamespace(tracks=[SimpleNamespace(depth=0.2)], cameras=dict.fromkeys(cameras), own_keypoints=True)
+    facts = SimpleNamespace(skeletons=1, median=lambda name: 0.2, sizes=cameras, own_keypoints=True)
     (finding,) = distance(facts)
     assert "is 0.2 m: check" in finding.text and word in finding.text
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,30 +32,25 @@ CLEARLY = 3.0
 INSTANT_S, MOST_INSTANTS = 0.1, 300
 """s between the instants of the set-up's check, and their largest number."""
 LARGEST_GIVEN_S = 3600.0
+UNKNOWN_OFFSET = (
+    "has an offset to the first video that is not determinable from the keypoints (little motion, or a short time in "
+    "view of both): they are taken to begin together; set --offsets"
+)
 
 
-@dataclass(frozen=True, eq=False)
-class Timing:
-    """By how much the clock of a video differs from that of the first one. course: None if it is taken to be equal."""
-
-    course: Course | None = None
-
-    def of_first(self, seconds: np.ndarray) -> np.ndarray:
-        """Return the times on the clock of the first video for those of this one, s."""
-        return seconds if self.course is None else seconds - self.course.at(seconds)
+SAME_CLOCK = Course(np.zeros(1), np.zeros(1))
+"""Of a video whose clock is taken to be that of the first one."""
 
 
-@dataclass(frozen=True, eq=False)
-class Synchrony:
-    """The clocks of several videos. remarks: sentences."""
+def on_first_clock(course: Course, seconds: float | np.ndarray) -> np.ndarray:
+    """Return the times on the clock of the first video for those of another one, s. course: the other's offset."""
+    return np.asarray(seconds - course.at(np.asarray(seconds)))
 
-    timings: Sequence[Timing]
-    remarks: list[str] = field(default_factory=list)
 
-    def shifted(self, number: int, found: Sequence[Found]) -> list[Found]:
-        """Return the images of a video on the clock of the first one, without those before it begins."""
-        times = self.timings[number].of_first(np.array([seconds for seconds, _ in found]))
-        return [(at, people) for at, (_, people) in zip(times.tolist(), found) if at >= 0.0]
+def shifted(course: Course, found: Sequence[Found]) -> list[Found]:
+    """Return the images of a video on the clock of the first one, without those before it begins."""
+    times = on_first_clock(course, np.array([seconds for seconds, _ in found]))
+    return [(at, people) for at, (_, people) in zip(times.tolist(), found) if at >= 0.0]
 
 
 def given_offsets(text: str, count: int) -> list[float]:
@@ -74,18 +69,19 @@ def given_offsets(text: str, count: int) -> list[float]:
     return values
 
 
-def synchronised(names: Sequence[str], found: Sequence[Sequence[Found]], given: Sequence[float] | None) -> Synchrony:
-    """Return the clocks of videos by the people in their images. given: see given_offsets; None to find them."""
-    if given is not None:
-        return Synchrony([Timing(_constant(-value)) if value else Timing() for value in given])
+def synchronised(
+    names: Sequence[str], found: Sequence[Sequence[Found]], given: Sequence[float] | None
+) -> tuple[list[Course], list[str]]:
+    """Return the clocks of videos by the people in their images, and a sentence about each but the first one.
+
+    given: see given_offsets, and without sentences; None to find them.
+    """
+    if given is not None or len(names) == 1:
+        return [_constant(-value) for value in given or [0.0]], []
     tracks = [tracks_in(images) for images in found]
-    offsets = offsets_of(tracks)
-    timings, remarks = [Timing()], list[str]()
-    for number in range(1, len(names)):
-        timing, words = _timing(tracks[0], tracks[number], offsets[number])
-        timings.append(timing)
-        remarks.append(f"'{names[number]}' {words}")
-    return Synchrony(timings, remarks)
+    others = [_course(tracks[0], own, offset) for own, offset in zip(tracks[1:], offsets_of(tracks)[1:])]
+    remarks = [f"'{name}' {words}" for name, (_, words) in zip(names[1:], others)]
+    return [SAME_CLOCK, *(course for course, _ in others)], remarks
 
 
 def tracks_in(images: Sequence[Found]) -> list[Track]:
@@ -109,51 +105,41 @@ def _constant(seconds: float) -> Course:
     return Course(np.zeros(1), np.array([seconds]))
 
 
-def _timing(first: Sequence[Track], other: Sequence[Track], offset: Offset) -> tuple[Timing, str]:
+def _course(first: Sequence[Track], other: Sequence[Track], offset: Offset) -> tuple[Course, str]:
     """Return the clock of a video, and what to say about it."""
     pairs = [(one, two) for one in first for two in other]
     if not pairs:
-        return Timing(), _unknown()
+        return SAME_CLOCK, UNKNOWN_OFFSET
     if not offset.is_sure:  # images may have been lost in between: the offset of each part may be sure
         guesses = [(offset_between(*pair), pair) for pair in pairs]
         offset, pair = min(guesses, key=lambda guess: guess[0].residual)
         course = course_of(*pair, offset) if offset is not UNKNOWN else None
         if course is None or not course.lost:
-            return Timing(), _unknown()
+            return SAME_CLOCK, UNKNOWN_OFFSET
     else:
         pair = min(pairs, key=lambda two: _misfit_at(two[0], two[1], offset))
         course = course_of(*pair, offset)
     if course.lost:
         ((at, seconds),) = course.lost
-        return Timing(course), (
-            f"begins {-course.offsets[0]:.3f} s after the first video, and {_lost(seconds)} near {at:.1f} s of it, as "
-            "the keypoints show; this is used (--offsets)"
+        lost = f"lacks {seconds:.2f} s of images" if seconds > 0 else f"has {-seconds:.2f} s more images than the first"
+        return course, (
+            f"begins {-course.offsets[0]:.3f} s after the first video, and {lost} near {at:.1f} s of it, as the "
+            "keypoints show; this is used (--offsets)"
         )
     if course.drift:
-        return Timing(course), (
+        return course, (
             f"begins {-float(course.at(np.zeros(1))[0]):.3f} s after the first video, and its clock is "
             f"{1000 * abs(course.drift):.1f} ms per s {'fast' if course.drift > 0 else 'slow'}, as the keypoints show; "
             "this is used (--offsets)"
         )
     said = f"{1000 * offset.deviation:.0f} ms"
     if abs(offset.seconds) < max(NEGLIGIBLE_S, CLEARLY * offset.deviation):
-        return Timing(), f"is synchronised with the first video, as the keypoints show to {said}"
+        return SAME_CLOCK, f"is synchronised with the first video, as the keypoints show to {said}"
     way = "after" if offset.seconds < 0 else "before"
-    return Timing(_constant(offset.seconds)), (
+    return _constant(offset.seconds), (
         f"begins {abs(offset.seconds):.3f} s (+- {said}) {way} the first video, as the keypoints show; this is used "
         "(--offsets)"
     )
-
-
-def _unknown() -> str:
-    return (
-        "has an offset to the first video that is not determinable from the keypoints (little motion, or a short time "
-        "in view of both): they are taken to begin together; set --offsets"
-    )
-
-
-def _lost(seconds: float) -> str:
-    return f"lacks {seconds:.2f} s of images" if seconds > 0 else f"has {-seconds:.2f} s more images than the first"
 
 
 def _misfit_at(first: Track, other: Track, offset: Offset) -> float:
@@ -161,17 +147,14 @@ def _misfit_at(first: Track, other: Track, offset: Offset) -> float:
     return offset_between(first, replace(other, begin=other.begin - offset.seconds), 0.05).residual
 
 
-def set_up_of(
+def _set_up(
     found: Sequence[Sequence[Found]],
     lenses: Sequence[Calibration],
     poses: Sequence[CameraPose],
     landmarks: Sequence[str],
     rest: np.ndarray,
 ) -> SetUp | None:
-    """Return what the largest person shows about the places of the cameras; None for too little in common.
-
-    found: the images of each camera, on one clock. lenses, poses: of each camera. landmarks, rest: see SetUpCheck.
-    """
+    """Return what the largest person shows about the places of the cameras; None for too little in common."""
     people = [tracks_in(images) for images in found]
     if not all(people):
         return None
@@ -188,14 +171,23 @@ def set_up_of(
     return SetUpCheck(pixels, known, [lens.lens().normalise for lens in lenses], given, landmarks, rest).result()
 
 
-def checked_places(found: SetUp | None, poses: Sequence[CameraPose], frame: str) -> tuple[list[CameraPose], list[str]]:
+def checked_places(
+    found: Sequence[Sequence[Found]],
+    lenses: Sequence[Calibration],
+    poses: Sequence[CameraPose],
+    landmarks: Sequence[str],
+    rest: np.ndarray,
+    frame: str,
+) -> tuple[list[CameraPose], list[str]]:
     """Return the places in m, and sentences about what is wrong with them.
 
+    found: the images of each camera, on one clock. lenses, poses: of each camera. landmarks, rest: see SetUpCheck.
     frame: in which z is up; empty for any. Raises CameraError for places that are too far apart to be in m.
     """
+    set_up = _set_up(found, lenses, poses, landmarks, rest)
     names = [pose.name for pose in poses]
-    words = set_up_words(found, names, OF_FILE, frame)
-    unit = "" if found is None else found.unit
+    words = set_up_words(set_up, names, OF_FILE, frame)
+    unit = "" if set_up is None else set_up.unit
     if unit in ("cm", "mm"):
         poses = [CameraPose(one.name, one.rotation, one.translation / UNITS[unit]) for one in poses]
         words = [text.replace("; expected m", ", and are used so") for text in words]

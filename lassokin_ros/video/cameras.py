@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import re
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,28 +14,38 @@ from pathlib import Path
 import numpy as np
 
 from lassokin_ros.common.command_line import print_note
+from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.learned.camera_finder import FEWEST_FRAMES
 from lassokin_ros.core.learned.extrinsics import KEPT_EVERY_S
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.detector.backend import Detector
+from lassokin_ros.core.rig.clock_course import Course
+from lassokin_ros.detector.backend import Detected, Detector, DetectorError, numbered
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME
 from lassokin_ros.video import PROGRAM
-from lassokin_ros.video.camera import assumed_fov_warning, choose_camera
-from lassokin_ros.video.cameras.synchrony import Timing
-from lassokin_ros.video.detections import Detections
+from lassokin_ros.video.camera import DEFAULT_FOV, assumed_fov_warning, from_file, from_fov
 from lassokin_ros.video.keypoint_files.source import open_input
-from lassokin_ros.video.sources import Image, Source, SourceError
+from lassokin_ros.video.people import Found
+from lassokin_ros.video.shots import Footage, LiveFootage
+from lassokin_ros.video.sources import Image, Source, SourceError, stamp_of
+from lassokin_ros.video.synchrony import SAME_CLOCK, on_first_clock
+from msg_adapters.keypoints import Keypoints
+
+COMPLETE = 0.9
+"""Share of the announced images or of the announced duration from which a file counts as complete."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Filmed:
-    """One camera: its name in the topics, empty for the only one, its video, lens and pose, and its clock.
+    """One camera: its video, its lens and its place, and what is seen in the video.
 
-    stored: the detector that a file of keypoints stands for. detections: the keypoints of the images, once detected.
+    name: in the topics; empty for the only camera. stored: the detector that a file of keypoints stands for. course: of
+    its clock, see `on_first_clock`. footage: follows the background, where that is wanted. found: the people in each
+    image, once detected. fault: why the video ended early, in words; empty if it did not. detect_seconds: time of the
+    detector for each image, s.
     """
 
     name: str
@@ -42,19 +53,63 @@ class Filmed:
     calibration: Calibration
     pose: CameraPose
     stored: Detector | None = None
-    timing: Timing = field(default_factory=Timing)
-    detections: Detections | None = None
+    course: Course = SAME_CLOCK
+    footage: Footage | LiveFootage | None = None
+    found: list[Found] = field(default_factory=list)
+    fault: str = ""
+    detect_seconds: list[float] = field(default_factory=list)
 
     @property
     def frame_id(self) -> str:
         """The frame of the keypoints."""
         return self.name or OPTICAL_FRAME
 
-    @property
-    def detected(self) -> Detections:
-        """The keypoints, which must be detected."""
-        assert self.detections is not None
-        return self.detections
+    def detect(
+        self, detector: Detector, stopped: Sequence[int], progress: Progress, keep: bool = True
+    ) -> Iterator[tuple[Image, list[Detected]]]:
+        """Yield each image with the people in it. stopped: not empty after a signal. keep: in `found`.
+
+        Raises a LassokinError, which is kept in `fault` after the first image.
+        """
+        if self.source.remark:
+            print_note(f"{PROGRAM}: {self.source.remark}")
+        last = step = 0.0
+        try:
+            for image in self.source.images:
+                if stopped:
+                    break
+                began = time.monotonic()
+                people = detector.detect(image.rgb, image.seconds)
+                self.detect_seconds.append(time.monotonic() - began)
+                step, last = image.seconds - last, image.seconds
+                if self.footage is not None:
+                    self.footage.add(image, people)
+                if keep:
+                    self.found.append((image.seconds, people))
+                yield image, people
+        except (SourceError, DetectorError) as error:
+            if not self.detect_seconds:
+                raise
+            self.fault = str(error)
+        finally:
+            progress.close()
+        if not self.fault and not stopped:
+            self._check_end(last + step)  # the last image is shown as long as the one before
+
+    def _check_end(self, seconds: float) -> None:
+        """Print a note if the file ended early. The number of images may be an estimate, and so may the duration."""
+        read, source = len(self.detect_seconds), self.source
+        if read < COMPLETE * source.count and source.begin + seconds < COMPLETE * source.seconds:
+            print_note(
+                f"{PROGRAM}: {source.name} announces {source.count} images, {read} could be read; it may be damaged, "
+                "or its images begin later than its sound"
+            )
+
+    def keypoints(self, seconds: float, people: Sequence[Detected], several: bool) -> Keypoints:
+        """Return the people in an image at a time, s. several: all of them; otherwise the first one alone."""
+        rows = numbered(people if several else people[:1])
+        keypoints = Keypoints.of_people(stamp_of(seconds), self.frame_id, rows)
+        return keypoints if several else replace(keypoints, persons=None)
 
 
 def open_cameras(options: argparse.Namespace) -> list[Filmed]:
@@ -69,10 +124,10 @@ def open_cameras(options: argparse.Namespace) -> list[Filmed]:
     _refuse_same(names)
     cameras: list[Filmed] = []
     for name, path in zip(names, options.sources):
-        source, stored = _opened(options, path)
+        source, stored = open_input(path, options)
         if name and source.live:
             raise SourceError(f"{path} is live; expected files")
-        lens = lens_of(options, source, quiet=bool(cameras))
+        lens = _lens(options, source, quiet=bool(cameras))
         cameras.append(Filmed(name, source, lens, CameraPose(name, known=not cameras), stored))
     return cameras
 
@@ -96,23 +151,12 @@ def _placed_cameras(options: argparse.Namespace) -> list[Filmed]:
     cameras = []
     for name, path in zip(names, options.sources):
         calibration, pose = found[name]
-        source, stored = _opened(options, path, calibration.size)
+        source, stored = open_input(path, options, calibration.size)
         if source.live:
             raise SourceError(f"{path} is live; expected files with --cameras")
         scaled, topic = calibration.scaled_to(source.size, f"{options.cameras}:{name}"), _topic(name)
         cameras.append(Filmed(topic, source, scaled, CameraPose(topic, pose.rotation, pose.translation), stored))
     return cameras
-
-
-def _opened(options: argparse.Namespace, path: str, size: tuple[int, int] = (0, 0)) -> tuple[Source, Detector | None]:
-    """Return a video, or a file of keypoints and the detector that it stands for. size: of its images by calibration.
-
-    Raises SourceError.
-    """
-    one = argparse.Namespace(**{**vars(options), "source": path})
-    if one.image_size is None and size != (0, 0):
-        one.image_size = f"{size[0]}x{size[1]}"
-    return open_input(one)
 
 
 def _refuse_same(names: Sequence[str]) -> None:
@@ -126,20 +170,21 @@ def _topic(name: str) -> str:
     return re.sub(r"\W", "_", name if re.match(r"[A-Za-z_]", name) else f"c{name}", flags=re.ASCII)
 
 
-def lens_of(options: argparse.Namespace, source: Source, quiet: bool = False) -> Calibration:
-    """Return the lens of a video by the options --camera-info and --fov. Raises CameraError.
-
-    quiet: do not warn if there is neither.
-    """
+def _lens(options: argparse.Namespace, source: Source, quiet: bool) -> Calibration:
+    """Return the lens of a video by --camera-info, --fov and --fisheye; quiet: do not warn if there is neither."""
     if options.camera_info is not None and options.fov is not None:
         raise CameraError("--camera-info has the lens; expected no --fov beside it")
-    if options.camera_info is None and options.fov is None and not quiet:
+    if options.fisheye and options.fov is None:
+        raise CameraError("--fisheye is the kind of lens for a field of view; expected --fov beside it")
+    if options.camera_info is not None:
+        return from_file(options.camera_info, source.size)
+    if options.fov is None and not quiet:
         print_note(f"{PROGRAM}: {assumed_fov_warning('--fov or --camera-info')}")
-    if options.camera_info is None and source.content != source.size:
+    if source.content != source.size:
         width, height = source.content
         text = f"the images have black bars; the field of view is that of the {width} x {height} px between them"
         print_note(f"{PROGRAM}: {text}")
-    return choose_camera(options.camera_info, options.fov, source.size, source.content, options.fisheye)
+    return from_fov(options.fov or DEFAULT_FOV, source.size, source.content, options.fisheye)
 
 
 def images_together(cameras: Sequence[Filmed], options: argparse.Namespace) -> Iterator[dict[str, Image]]:
@@ -147,23 +192,19 @@ def images_together(cameras: Sequence[Filmed], options: argparse.Namespace) -> I
 
     A source that has ended keeps its last image.
     """
-    sources = [_opened(options, path, one.source.size)[0] for one, path in zip(cameras, options.sources)]
-    first, *others = (_on_first_clock(camera, source) for camera, source in zip(cameras, sources))
+
+    def images_of(camera: Filmed, path: str) -> Iterator[Image]:
+        for image in open_input(path, options, camera.source.size)[0].images:
+            yield replace(image, seconds=float(on_first_clock(camera.course, image.seconds)))
+
+    first, *others = map(images_of, cameras, options.sources)
     present, following = [next(images) for images in others], [next(images, None) for images in others]
     for image in first:
+        at = image.seconds
         for number, images in enumerate(others):
-            while (after := following[number]) is not None and _is_nearer(after, present[number], image):
+            while (after := following[number]) and abs(after.seconds - at) <= abs(present[number].seconds - at):
                 present[number], following[number] = after, next(images, None)
         yield {camera.name: one for camera, one in zip(cameras, [image, *present])}
-
-
-def _on_first_clock(camera: Filmed, source: Source) -> Iterator[Image]:
-    for image in source.images:
-        yield replace(image, seconds=float(camera.timing.of_first(np.array([image.seconds]))[0]))
-
-
-def _is_nearer(one: Image, than: Image, to: Image) -> bool:
-    return abs(one.seconds - to.seconds) <= abs(than.seconds - to.seconds)
 
 
 def found_poses(session: Session) -> dict[str, CameraPose]:

@@ -12,8 +12,8 @@ from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import Calibration
 from lassokin_ros.video import track as track_module
 from lassokin_ros.video.command import main
-from lassokin_ros.video.footage.shots import Footage, LiveFootage
 from lassokin_ros.video.people import people_of_shots
+from lassokin_ros.video.shots import Footage, LiveFootage
 from lassokin_ros.video.sources import Image
 
 cv2 = pytest.importorskip("cv2")

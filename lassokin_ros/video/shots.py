@@ -11,9 +11,8 @@ from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import Calibration
-from lassokin_ros.video.detections import stamp_of
-from lassokin_ros.video.footage.background import Background, Turn, background, even_grey, followed_share, small
-from lassokin_ros.video.sources import Image
+from lassokin_ros.video.background import Background, Turn, background, even_grey, followed_share, small
+from lassokin_ros.video.sources import Image, stamp_of
 
 CHANGED, UNLINKED, FEW = 0.08, 0.2, 20
 """A cut is suspected if the histogram of colours changes by more than the first, and if less than the second share of

@@ -11,7 +11,7 @@ from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import Calibration
-from lassokin_ros.video.cameras.synchrony import checked_places, given_offsets, set_up_of, synchronised
+from lassokin_ros.video.synchrony import checked_places, given_offsets, shifted, synchronised
 
 EYES = [eye("a", 0), eye("b", 80)]
 LENS = Calibration(
@@ -32,39 +32,38 @@ def filmed(camera, begin, end, still=False, beside=False):
 
 def test_a_video_that_begins_later_is_put_on_the_clock_of_the_first_one():
     images = [filmed(EYES[0], 0, 6), filmed(EYES[1], 1.5, 6.5)]
-    found = synchronised(["a", "b"], images, None)
-    (words,) = found.remarks
+    (first, second), (words,) = synchronised(["a", "b"], images, None)
     assert words.startswith("'b' begins 1.50") and " s (+- " in words and "after the first video" in words
-    shifted = found.shifted(1, images[1])
-    assert len(shifted) == len(images[1]) and abs(shifted[0][0] - 1.5) < 0.01 and shifted[0][1] is images[1][0][1]
-    assert found.shifted(0, images[0]) == images[0]
+    late = shifted(second, images[1])
+    assert len(late) == len(images[1]) and abs(late[0][0] - 1.5) < 0.01 and late[0][1] is images[1][0][1]
+    assert shifted(first, images[0]) == images[0]
 
 
 def test_a_video_that_begins_earlier_loses_what_is_before_the_first_one():
     images = [filmed(EYES[0], 1, 6), filmed(EYES[1], 0, 6)]
-    found = synchronised(["a", "b"], images, None)
-    assert "begins 1.0" in found.remarks[0] or "begins 0.99" in found.remarks[0]
-    assert "before the first video" in found.remarks[0]
-    assert abs(len(found.shifted(1, images[1])) - 150) < 2
+    (first, second), (words,) = synchronised(["a", "b"], images, None)
+    assert "begins 1.0" in words or "begins 0.99" in words
+    assert "before the first video" in words
+    assert abs(len(shifted(second, images[1])) - 150) < 2
 
 
 def test_synchronised_videos_keep_their_times():
     images = [filmed(one, 0, 5) for one in EYES]
-    found = synchronised(["a", "b"], images, None)
-    assert "'b' is synchronised with the first video, as the keypoints show to " in found.remarks[0]
-    assert found.shifted(1, images[1]) == images[1]
+    (first, second), (words,) = synchronised(["a", "b"], images, None)
+    assert "'b' is synchronised with the first video, as the keypoints show to " in words
+    assert shifted(second, images[1]) == images[1]
 
 
 @pytest.mark.parametrize("images", [[filmed(one, 0, 4, still=True) for one in EYES], [filmed(EYES[0], 0, 1), []]])
 def test_an_offset_that_the_keypoints_do_not_show_is_not_determinable(images):
-    found = synchronised(["a", "b"], images, None)
-    assert "is not determinable" in found.remarks[0] and "set --offsets" in found.remarks[0]
-    assert found.shifted(1, images[1]) == images[1]
+    (first, second), (words,) = synchronised(["a", "b"], images, None)
+    assert "is not determinable" in words and "set --offsets" in words
+    assert shifted(second, images[1]) == images[1]
 
 
 def test_given_offsets_are_used_and_others_refused():
-    found = synchronised(["a", "b"], [[(0.0, [])], [(0.0, []), (3.0, [])]], given_offsets("0,-2", 2))
-    assert not found.remarks and found.shifted(1, [(0.0, []), (3.0, [])]) == [(1.0, [])]
+    (_, second), remarks = synchronised(["a", "b"], [[(0.0, [])], [(0.0, []), (3.0, [])]], given_offsets("0,-2", 2))
+    assert not remarks and shifted(second, [(0.0, []), (3.0, [])]) == [(1.0, [])]
     assert given_offsets("1.5", 2) == [0.0, 1.5]
     for text in ("1,2", "a", "0,nan", "0,1,2", "0,9999"):
         with pytest.raises(CameraError, match="expected 2 numbers, s by which each video begins after the first one"):
@@ -77,10 +76,9 @@ def test_the_places_are_checked_and_put_into_metres():
     rest = skeleton.rest_positions[layout.joints] + layout.offsets
     images = [filmed(one, 0, 3, beside=one is EYES[1]) for one in EYES]
     poses = [CameraPose(one.name, one.pose_at(0).rotation, 1000 * one.pose_at(0).translation) for one in EYES]
-    found = set_up_of(images, [LENS, LENS], poses, layout.names, rest)
-    right, words = checked_places(found, poses, "map")
+    right, words = checked_places(images, [LENS, LENS], poses, layout.names, rest, "map")
     assert np.allclose(right[1].translation, EYES[1].pose_at(0).translation)
     assert words == ["The places of the cameras are in mm, as the person's size shows, and are used so."]
     with pytest.raises(CameraError, match="up to [0-9]+ m apart; expected metres, at most 50 m"):
-        checked_places(None, poses, "")
-    assert checked_places(None, right, "")[1] == []
+        checked_places([[], []], [LENS, LENS], poses, layout.names, rest, "")
+    assert checked_places([[], []], [LENS, LENS], right, layout.names, rest, "")[1] == []
