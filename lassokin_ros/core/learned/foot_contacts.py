@@ -21,12 +21,6 @@ BEGUN, ENDED = 0.5, 0.2
 NEW_DEVIATION, SETTLED_DEVIATION, SETTLED_S = 0.03, 0.015, 1.0
 """m: standard deviations of an ankle about its anchor in a contact that begins, and in one of `SETTLED_S`, s, or more;
 1 / deviation grows linearly between."""
-ANCHOR_S = 0.3
-"""s: time constant of the anchor, a running mean of the ankle's place."""
-SPEED_S = 0.15
-"""s: time constant of the fitted ankle's velocity."""
-LONGEST_STEP = 0.15
-"""s between frames above which the feet are forgotten."""
 FLOOR_GATE = 0.1
 """m: an ankle that is higher than this above the lower one is not on the floor."""
 
@@ -62,19 +56,19 @@ class FootContacts:
         sight; NaN for a foot without any.
         """
         step, before = stamp - self._stamp, self._places
-        if step <= 0 or is_longer(step, LONGEST_STEP):
+        if step <= 0 or is_longer(step, 0.15):  # s
             self.reset()
             self._stamp, self._places = stamp, places
             return
         self._stamp, self._places = stamp, places
-        self._velocity += _share(step, SPEED_S) * ((places - before) / step - self._velocity)
+        self._velocity += _share(step, 0.15) * ((places - before) / step - self._velocity)
         for foot, (speed, square) in enumerate(zip(speeds.tolist(), squared_norm(self._velocity).tolist())):
             stands = self._begun[foot] is not None
             probability = ((1 + (speed / STILL) ** 2) * (1 + square / STILL_BODY**2)) ** -2
             if not probability > (ENDED if stands else BEGUN):  # also for NaN
                 self._begun[foot] = None
             elif stands:
-                self.anchors[foot] += _share(step, ANCHOR_S) * (places[foot] - self.anchors[foot])
+                self.anchors[foot] += _share(step, 0.3) * (places[foot] - self.anchors[foot])
             else:
                 self._begun[foot], self.anchors[foot] = stamp, places[foot]
 
@@ -86,5 +80,5 @@ def on_floor(ankles: np.ndarray, up: np.ndarray) -> np.ndarray:
 
 
 def _share(step: float, time_constant: float) -> float:
-    """Share of a new value in a running mean."""
+    """Share of a new value in a running mean. step, time_constant: s."""
     return 1 - math.exp(-step / time_constant)

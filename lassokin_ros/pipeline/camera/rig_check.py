@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lassokin_ros.core.rig.offset import Offset, offset_between
+from lassokin_ros.core.rig.clocks import Offset, offset_between, track_of
 from lassokin_ros.core.rig.setup import SetUp, SetUpCheck
-from lassokin_ros.core.rig.tracks import track_of
 from lassokin_ros.pipeline.seen import Sight
 
 OF_FILE = "expected x_camera = R x + t, with the camera's optical frame (z forward, x right, y down)"
