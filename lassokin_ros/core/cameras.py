@@ -31,9 +31,7 @@ if TYPE_CHECKING:
 RECENT = 0.1
 """How long (s) a camera counts as seeing the person."""
 TIMEOUT = 0.5
-"""s: a camera without keypoints is ignored after this."""
-SILENT_SHARE = 0.3
-"""Share of TIMEOUT without an image after which the rows of a camera begin to fade."""
+"""s: a camera without keypoints is ignored after this. Its rows fade from 0.3 of it on."""
 
 
 class Camera:
@@ -170,7 +168,7 @@ class Camera:
         """Weight of this camera's rows, 0 to 1, if there is no image up to a stamp, s."""
         if not self.seen_at(stamp):
             return 0.0
-        silent_after = SILENT_SHARE * self._timeout
+        silent_after = 0.3 * self._timeout
         fading = (stamp - self.newest - silent_after) / (self._timeout - silent_after)
         return self._presence * min(max(1 - fading, 0.0), 1.0)
 
@@ -187,7 +185,7 @@ class Camera:
         if alone:
             self._presence = 1.0
         elif np.isfinite(self.newest):
-            silent_after = SILENT_SHARE * self._timeout
+            silent_after = 0.3 * self._timeout
             grown = min(stamp - self.newest, silent_after) / (self._timeout - silent_after)
             self._presence = min(self._presence_at(stamp) + grown, 1.0)
         self.newest = stamp

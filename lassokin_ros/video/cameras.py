@@ -20,7 +20,7 @@ from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.learned.camera_finder import FEWEST_FRAMES
 from lassokin_ros.core.learned.extrinsics import KEPT_EVERY_S
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.core.rig.clock_course import Course
+from lassokin_ros.core.rig.clocks import Course
 from lassokin_ros.detector.backend import Detected, Detector, DetectorError, numbered
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
 from lassokin_ros.pipeline.session import Session

@@ -14,10 +14,18 @@ import numpy as np
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.core.rig.clock_course import Course, course_of
-from lassokin_ros.core.rig.offset import UNKNOWN, Offset, offset_between, offsets_of
+from lassokin_ros.core.rig.clocks import (
+    STEP_S,
+    UNKNOWN,
+    Course,
+    Offset,
+    Track,
+    course_of,
+    offset_between,
+    offsets_of,
+    track_of,
+)
 from lassokin_ros.core.rig.setup import UNITS, SetUp, SetUpCheck
-from lassokin_ros.core.rig.tracks import STEP_S, Track, track_of
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import FARTHEST_APART_M, Calibration
 from lassokin_ros.pipeline.camera.rig_check import OF_FILE, set_up_words

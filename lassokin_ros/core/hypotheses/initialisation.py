@@ -36,12 +36,8 @@ SIDES = 8
 POOR_FIT = 1.5
 """Cost per visible landmark of the best fit above which other orientations are tried: 19 of 20 first frames of upright
 people cost less, and hardly any fit with a wrong orientation does."""
-FAR = (8.0,) * 8 + (2.0,) * 6 + (1.0,) * 6
-"""Factor on the noise in each iteration of a fit whose start may be far from the solution."""
-NEAR = (4.0,) * 3 + (1.0,) * 5
-"""The same for a start near the solution. With half the iterations, poses after a gap had larger errors."""
-LARGEST_ROTATION = 0.7
-"""rad: largest rotation of a degree of freedom in one step; all of a larger step are scaled."""
+FAR, NEAR = (8.0,) * 8 + (2.0,) * 6 + (1.0,) * 6, (4.0,) * 3 + (1.0,) * 5
+"""Factor on the noise in each iteration of a fit whose start may be far from the solution, and of one that is near."""
 LEAST_DEPTH = 0.3
 """m: smallest depth of a fitted state."""
 
@@ -133,9 +129,7 @@ class Initialiser:
         step = _solved(H, (rows.columns @ rows.z[..., None])[..., 0])
         largest = np.abs(step[:, :-3]).max(axis=-1, keepdims=True)
         omega = np.zeros((len(step), 3 * self._kinematics.joint_count))
-        omega[:, self._kinematics.live_index] = step[:, :-3] * (
-            LARGEST_ROTATION / np.maximum(largest, LARGEST_ROTATION)
-        )
+        omega[:, self._kinematics.live_index] = step[:, :-3] * (0.7 / np.maximum(largest, 0.7))  # rad
         return omega, step[:, -3:]
 
 

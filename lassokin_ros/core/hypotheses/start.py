@@ -24,19 +24,14 @@ from lassokin_ros.core.observation import has_passed, is_longer
 if TYPE_CHECKING:
     from lassokin_ros.core.answer import Answer
 
-STUCK_AFTER = 3
-"""Consecutive frames without a usable answer (no certificate, behind the camera, too small) after which the tracker
-initialises anew; every third frame only, because the full search takes a hundred times as long as a frame."""
-GOOD_FIT = 3.0
-"""Cost per visible landmark up to which a fit that started from the network's pose is used without another search."""
-GOOD_HAND_FIT = 8.0
-"""The same for a hand alone."""
+GOOD_FIT, GOOD_HAND_FIT = 3.0, 8.0
+"""Cost per visible landmark up to which a fit that started from the network's pose is used without another search, of a
+body and of a hand alone."""
 FIT_AFTER = 0.15
 """s since the last new keypoints from which the frame starts from a fit, because the last state is too old."""
-HIGH_COST = 2.4
-"""Cost per landmark and per depth (negative log-likelihood) above which a state is doubtful: 1 frame in 100."""
-HIGH_COST_S = 0.06
-"""s for which the cost must stay above `HIGH_COST`."""
+HIGH_COST, HIGH_COST_S = 2.4, 0.06
+"""Cost per landmark and per depth (negative log-likelihood) above which a state is doubtful, 1 frame in 100; and s for
+which it must stay above."""
 SHORTEST_INTERVAL, LONGEST_INTERVAL = 0.15, 2.4
 """s between two attempts: it doubles with each, until a longest one passes without a frame of high cost."""
 COST_SHARE = 0.5
@@ -59,8 +54,7 @@ class Reinitialisation:
 
     If the new fit has less than half of the tracked state's cost, the tracked state is nearly always wrong. If not, the
     observation itself is unlikely (a rare pose, a wrong skeleton, a detector with larger errors than configured), and
-    the next attempt is later. MPJPE of people who lie: 51 mm with, 63 without. With the network it changes
-    nothing: there the network's pose is the other explanation.
+    the next attempt is later. With the network, its pose is the other explanation.
     """
 
     def __init__(self) -> None:
@@ -133,7 +127,8 @@ class Starts:
 
     def start(self, tracked: EvaluatedState | None, measurement: Measurement, frame: FrameData) -> Start:
         """The state about which a frame is linearised. tracked: the last one; None before the first."""
-        stuck = self._stuck_frames > 0 and self._stuck_frames % STUCK_AFTER == 0
+        # After three frames in a row without a usable answer; the full search takes a hundred times as long as a frame.
+        stuck = self._stuck_frames > 0 and self._stuck_frames % 3 == 0
         if tracked is None or measurement.lost or stuck:
             return self._from_fit(self._first_fit(frame))
         if self.network_pose is None:

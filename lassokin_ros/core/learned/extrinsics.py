@@ -29,12 +29,9 @@ from lassokin_ros.core.observation import CameraPose, has_passed
 
 EXACT = 0.3
 """Size of a correction, in GIVEN_DEVIATION, of which half is used. Those of exact poses are noise, of 0.1 to 0.3; poses
-that are 3 cm and 2 degrees off give 0.7 to 1.0. Absolute error from exact poses: 19.2 mm with, 21.0 without; from
-those poses 47.7 and 48.8."""
+that are 3 cm and 2 degrees off give 0.7 to 1.0."""
 FOUND_DEVIATION = np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])
 """rad and m: the same of a pose that was found from the person: it does not count."""
-TURNED, SHIFTED = np.array(3 * [1.0] + 3 * [1e-6]), np.array(3 * [1e-6] + 3 * [3.0])
-"""rad and m: as FOUND_DEVIATION, for a camera that was only turned, and for one that was only shifted."""
 CLEARLY = 2.0
 """Ratio of the median distances from the epipolar lines from which one explanation is said to be right. A turn and a
 shift look alike if the person stays in one place: 1 m and 15 degrees at 3.6 m have ratios of up to 2, with a person who
@@ -43,18 +40,12 @@ KEPT_EVERY_S, MOST_KEPT = 0.1, 200
 """s between two frames that are kept; frames that are kept."""
 SOLVED_EVERY, CHECKED_EVERY = 5, 20
 """Kept frames between two solutions, if poses are corrected, and if they are only checked."""
-THINNED = 4
-"""Of so many kept frames, one is used for explanations. They then take about 15 ms, each CHECKED_EVERY frames."""
 FEWEST_KEPT = 10
 """Frames before there is a correction."""
-FOLLOWING = 0.1
-"""Share of the way to the solution that a correction moves in KEPT_EVERY_S, so that the body does not jump."""
 MOVED = math.radians(1.5), 0.05
 """rad, m: corrections beyond which a camera is said to have been moved. From exact poses they reach 1 degree, 3 cm."""
 FOUND = 0.015
-"""Misfit (`EpipolarFit.misfit`) below which a pose that was found from the person is used. It is at most 0.011 in
-validation and for the pairs of cameras of Shelf's recording, and 0.02 or more (42 pairs of people) if each camera sees
-another person."""
+"""Misfit (`EpipolarFit.misfit`) below which a pose that was found from the person is used."""
 
 
 class Extrinsics:
@@ -232,11 +223,12 @@ class Extrinsics:
                 deviation = FOUND_DEVIATION if found else GIVEN_DEVIATION
                 self._solutions[name] = self._fit.solved(pairs, before, deviation, found or self.size_known)
                 if not self._used and self.moved(name) is not None:
-                    self._explain(stacked(list(frames)[::THINNED]), name)
+                    self._explain(stacked(list(frames)[::4]), name)  # 15 ms
         for name, solution in self._solutions.items():
             before = self.corrections.get(name, np.zeros(6))
-            wanted = solution if name in self.found else _significant(solution)
-            self.corrections[name] = before + FOLLOWING * (wanted - before)
+            size = relative_size(solution) ** 4
+            wanted = solution if name in self.found else size / (size + EXACT**4) * solution
+            self.corrections[name] = before + 0.1 * (wanted - before)  # so that the body does not jump
 
     def _anchor_of(self, frame: FrameData) -> View | None:
         """Return the view of the camera whose pose is not corrected: the chosen one, None if it has none; without a
@@ -251,7 +243,9 @@ class Extrinsics:
     def _explain(self, pairs: Pairs, name: str) -> None:
         """Fit a turn, a shift, and both, without regard to the given pose."""
         before, found = self._explanations.get(name, 3 * [(np.zeros(6), 0.0)]), []
-        for (start, _), deviation in zip(before, (TURNED, SHIFTED, FOUND_DEVIATION)):
+        fixed = np.full(3, 1e-6)
+        turned, shifted = np.append(FOUND_DEVIATION[:3], fixed), np.append(fixed, FOUND_DEVIATION[3:])
+        for (start, _), deviation in zip(before, (turned, shifted, FOUND_DEVIATION)):
             solution = self._fit.solved(pairs, start, deviation, self.size_known)
             distances, *_ = self._fit.residuals(pairs, solution)
             found.append((solution, float(np.median(np.abs(distances[pairs.weights > 0])))))
@@ -262,9 +256,3 @@ def _entries(finder: CameraFinder, pose: CameraPose) -> deque[Pairs]:
     """Frames of a camera with a found pose, as `Extrinsics` keeps them."""
     pairs = (pair_of(placed, unplaced, pose, placed.camera) for placed, unplaced in finder.views)
     return deque(filter(None, pairs), maxlen=MOST_KEPT)
-
-
-def _significant(correction: np.ndarray) -> np.ndarray:
-    """The part of a correction (6,) of a given pose that is used, see EXACT."""
-    size = relative_size(correction) ** 4
-    return size / (size + EXACT**4) * correction

@@ -32,8 +32,6 @@ from lassokin_ros.core.observation import CameraPose
 if TYPE_CHECKING:
     from lassokin_ros.core.answer import Answer
 
-WRONG_HEIGHT = "the height of {:.2f} m does not fit"
-"""Doubt about a given height."""
 MOVED_CAMERA = "a camera was moved"
 """Doubt about a place."""
 
@@ -117,7 +115,7 @@ class Learned:
         """Why the place or the size of the body is doubted, in words; empty if they are not."""
         found = []
         if self.height is None and self.size_check.wrong:
-            found.append(WRONG_HEIGHT.format(self.lengths.proportions.given.height))
+            found.append(f"the height of {self.lengths.proportions.given.height:.2f} m does not fit")
         if self.extrinsics is not None and self.extrinsics.lately.contradicting:
             found.append(MOVED_CAMERA)
         return tuple(found)
@@ -132,14 +130,14 @@ class Learned:
     def still(self) -> np.ndarray:
         """(n,) bool: the ankles of the feet that stand still."""
         still = np.zeros(self._frame_model.kinematics.joint_count, dtype=bool)
-        if self.feet.anchors is not None:
-            still[self._ankles] = np.isfinite(self.feet.anchors[:, 0])
+        if any(self.feet.standing):
+            still[self._ankles] = self.feet.standing
         return still
 
     def contacts(self, positions: np.ndarray) -> np.ndarray:
         """(n,) bool: the ankles of the feet that stand still on the floor. positions: (n, 3) m, of the joints."""
         contacts = self.still
-        if self.feet.anchors is not None and contacts.any():
+        if any(self.feet.standing):
             contacts[self._ankles] &= on_floor(positions[self._ankles], self.vertical.direction)
         return contacts
 

@@ -25,8 +25,6 @@ from lassokin_ros.core.observation import CameraPose
 
 LATELY = 6
 """Frames that show at once that a camera was moved."""
-LATELY_DEVIATION = 3 * GIVEN_DEVIATION
-"""rad and m: standard deviation of a pose in these."""
 CHANGED, CONTRADICTS = 0.75, 1.3
 """Sizes, in GIVEN_DEVIATION, of what the last frames suggest beyond what all frames before did: half of it is used in
 the covariance, and from which on the cameras are said to contradict each other. A detector's errors cause 0.3 to 0.9, a
@@ -34,10 +32,6 @@ camera that was turned by 3 degrees 1.5; see docs/experiments.md."""
 LEAST_CHANGE, UNSURE, FARTHEST_OFF = 0.4, 0.5, 2.0
 """The same, below which nothing is added to the covariance, and by how much it may be larger; and m, limit of the
 deviation that is added."""
-IMPLAUSIBLE = 2.2
-"""The same, from which on the first frames do not count as those before."""
-USUAL = 25
-"""Corrections suggested before, of which the mean is taken; a camera that was moved does not change it."""
 FEWEST_JUDGED = 10
 """Frames before there is a judgement."""
 
@@ -70,17 +64,17 @@ class MovedCameras:
         if len(frames) < LATELY or not due:
             return
         start = self._suggested.get(name, np.zeros(6))
-        suggested = self._fit.solved(stacked(frames), start, LATELY_DEVIATION, sized, steps=2)
+        suggested = self._fit.solved(stacked(frames), start, 3 * GIVEN_DEVIATION, sized, steps=2)
         self._suggested[name], self._anchor = suggested, anchor
         if correction is not None:
             self.moves[name] = suggested - correction
             return
         usual, count = self._usual.get(name, (np.zeros(6), 0))
-        plausible = relative_size(suggested) < IMPLAUSIBLE
+        plausible = relative_size(suggested) < 2.2
         if count >= FEWEST_JUDGED or not plausible:
             self.moves[name] = suggested - usual
         if plausible and (count < FEWEST_JUDGED or relative_size(self.moves[name]) < CHANGED):
-            self._usual[name] = usual + (suggested - usual) / min(count + 1, USUAL), count + 1
+            self._usual[name] = usual + (suggested - usual) / min(count + 1, 25), count + 1
 
     @property
     def contradicting(self) -> list[str]:

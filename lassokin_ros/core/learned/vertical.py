@@ -18,12 +18,8 @@ TIME_CONSTANT_S = 0.5, 5.0
 """s with which the vertical follows the person's: at first, and at most. It grows with the time of tracking."""
 TILT, TILT_COST = 0.45, 4.0
 """rad: pitch of the alternative verticals of `candidates`; and their cost, a negative log-likelihood."""
-LEAST_COSINE = 0.5
-"""Cosine of the lean, 60 degrees, beyond which a person is not used."""
 KNOWN_AFTER = 1.0
 """s for which the vertical must have been learned before it is input to the depth network."""
-LONGEST_STEP = 0.2
-"""s: largest weight of one frame, also after a gap."""
 
 
 class Vertical:
@@ -75,8 +71,8 @@ class Vertical:
         """Move the vertical towards the pelvis' y axis. root: (3, 3), the orientation during the last `step` s."""
         if self._given is not None:
             return
-        up, step = root[:, 1], min(step, LONGEST_STEP)
-        if up.dot(self.direction) > LEAST_COSINE:
+        up, step = root[:, 1], min(step, 0.2)  # s, also after a gap
+        if up.dot(self.direction) > 0.5:  # who leans by more than 60 degrees is not used
             first, longest = TIME_CONSTANT_S
             self.learned_for += step
             share = min(step / min(first + self.learned_for, longest), 1.0)

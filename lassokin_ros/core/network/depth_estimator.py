@@ -25,15 +25,6 @@ from lassokin_ros.core.network.depth_network import (
 )
 from lassokin_ros.core.observation import has_passed
 
-LEAST_HEIGHT = 0.28
-"""In heights: least difference of the standing heights of the visible points; shoulders and head alone may lean."""
-MEMORY_S = 0.5
-"""s: time constant of the body's mean direction."""
-FRAME_EVERY_S = 0.1
-"""s between two frames that are used."""
-TURNED = 0.5
-"""Cosine of the angle between the body and the upward direction of the turned image, below which it is turned again."""
-
 
 class ImageRoll:
     """Finds the quarter turn for one person's images."""
@@ -57,20 +48,20 @@ class ImageRoll:
         return bool(self.turn[0, 0] < 0.5)
 
     def update(self, stamp: float, points: np.ndarray, seen: np.ndarray) -> None:
-        """Use a frame, if the last one used is older than `FRAME_EVERY_S`.
+        """Use a frame, if the last one used is older than 0.1 s.
 
         stamp: s; points: (k, 2) normalised, any finite value if not seen; seen: (k,) bool.
         """
-        if not has_passed(stamp - self._newest, FRAME_EVERY_S):
+        if not has_passed(stamp - self._newest, 0.1):
             return
         up = self._direction(points, seen & self._used)
         if up is None:
             return
-        share = 1.0 if self._up is None else 1 - math.exp(-max(stamp - self._newest, 0.0) / MEMORY_S)
+        share = 1.0 if self._up is None else 1 - math.exp(-max(stamp - self._newest, 0.0) / 0.5)  # s
         mean = up if self._up is None else self._up + share * (up - self._up)
         self._up, self._newest = mean, stamp
         size = math.hypot(*mean)
-        if size > 0 and -(self.turn[1] @ mean) < TURNED * size:
+        if size > 0 and -(self.turn[1] @ mean) < 0.5 * size:  # more than 60 degrees from the top
             # The turn by a multiple of 90 degrees that brings the mean direction nearest to (0, -1).
             quarter = round(math.atan2(mean[0], -mean[1]) / (math.pi / 2))
             c, s = round(math.cos(quarter * math.pi / 2)), round(math.sin(quarter * math.pi / 2))
@@ -79,7 +70,7 @@ class ImageRoll:
     def _direction(self, points: np.ndarray, used: np.ndarray) -> np.ndarray | None:
         """(2,) unit vector in which the height of the visible points increases in the image; None if undefined."""
         heights = self._rows[0][used]
-        if len(heights) < 2 or heights.max() - heights.min() < LEAST_HEIGHT:
+        if len(heights) < 2 or heights.max() - heights.min() < 0.28:  # of the height: shoulders and head alone may lean
             return None
         rows = self._rows * used
         sums, (height, count) = rows @ points, rows.sum(axis=1)

@@ -54,10 +54,9 @@ LARGEST_DEVIATION = 0.6
 HIDDEN_LEG = 0.25
 """Least deviation of a leg without visible points from the knee down, as a fraction of the height: the prior knows few
 people who sit."""
-SCALE_DEVIATION = 0.045
-"""Deviation of the size of a body of given height, as a fraction; it moves the body along its line of sight."""
-WRONG_SCALE = 0.25
-"""The same, at least, times the probability of a wrong pose: limbs that a detector guesses make another size."""
+SCALE_DEVIATION, WRONG_SCALE = 0.045, 0.25
+"""Deviation of the size of a body of given height, as a fraction; it moves the body along its line of sight. And that
+of a wrong pose, times its probability: limbs that a detector guesses make another size."""
 PLACE_DEVIATION = 0.02
 """m, per axis: standard deviation of the landmarks' places in the body, and of a detector's lasting errors."""
 ROTATION_FACTOR = 2.0
@@ -327,15 +326,13 @@ class ObservedJoints:
 
 WRONG = 0.1
 """m: mean joint error, relative to the pelvis, from which a pose is called wrong."""
-OFFSET, SLOPES = -5.6, (4.4, 2.0, 1.7)
-"""Coefficients of the curve, in the order of the arguments; with other factors of `uncertainty` the offset changes."""
 
 
 def failure_probability(deviation: float, keypoint_error_ratio: float, cost: float) -> float:
     """Probability from 0 to 1 that a pose is wrong; NaN for NaN.
 
     deviation: m, mean over the joints. keypoint_error_ratio: the keypoints' model error as a multiple of its lower
-    limit. cost: per measurement.
+    limit. cost: per measurement. The curve's coefficients are fitted; with other factors the offset changes.
     """
-    figures = zip(SLOPES, (deviation / WRONG, keypoint_error_ratio, cost))
-    return 1 / (1 + math.exp(-OFFSET - sum(slope * math.log(max(value, 1e-6)) for slope, value in figures)))
+    figures = zip((4.4, 2.0, 1.7), (deviation / WRONG, keypoint_error_ratio, cost))
+    return 1 / (1 + math.exp(5.6 - sum(slope * math.log(max(value, 1e-6)) for slope, value in figures)))

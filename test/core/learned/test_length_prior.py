@@ -9,11 +9,9 @@ from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
-from lassokin_ros.core.learned.length_prior import (
-    BUILT_IN_ODDS,
+from lassokin_ros.core.learned.bone_lengths import (
     GUESSED,
     MEASURED,
-    ODDS,
     LengthModel,
     initial_deviation,
     length_models,
@@ -35,10 +33,10 @@ def test_built_in_proportions_are_recognised_at_every_height():
 def test_only_given_lengths_can_be_measured():
     built_in = Skeleton.load("anthropometric", 1.75)
     models = length_models(proportions_of(built_in))
-    assert not any(model.measured for model in models) and [model.odds for model in models] == list(BUILT_IN_ODDS)
+    assert not any(model.measured for model in models) and [model.odds for model in models] == [0.3, 0.1, 0.4, 0.2]
     models = length_models(proportions_of(scaled_forearms(built_in, 0.9)))
     assert [model.measured for model in models] == [True, False, False]
-    assert [model.odds for model in models] == list(ODDS)
+    assert [model.odds for model in models] == [0.3, 0.6, 0.1]
     assert np.allclose(models[0].precision, np.eye(len(models[0].mean)) / MEASURED**2)
 
 

@@ -4,9 +4,17 @@ import numpy as np
 import pytest
 from camera_rig import eye, pixels, truth_at
 
-from lassokin_ros.core.rig.clock_course import course_of
-from lassokin_ros.core.rig.offset import UNKNOWN, Offset, _combined, offset_between, offsets_of
-from lassokin_ros.core.rig.tracks import STEP_S, Track, track_of
+from lassokin_ros.core.rig.clocks import (
+    STEP_S,
+    UNKNOWN,
+    Offset,
+    Track,
+    _combined,
+    course_of,
+    offset_between,
+    offsets_of,
+    track_of,
+)
 
 EYES = [eye("a", 0), eye("b", 80), eye("c", 200, 4.0)]
 
