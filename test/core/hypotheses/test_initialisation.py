@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from cases import FACING, one_view, random_body
+from cases import FACING, one_view
 from sequences import FOCAL, NOISE_PX, WITHOUT_NETWORK
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import exponential
-from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.initialisation import LEAST_DEPTH, SIDES, START_ROTATIONS, Initialiser
 from lassokin_ros.core.image.projection import project
@@ -104,18 +103,6 @@ def test_the_fit_is_the_start_with_the_lowest_cost():
     assert np.array_equal(best.state.rotations, states.rotations[costs.argmin()])
 
 
-def test_a_fit_from_a_near_state_finds_the_body():
-    tracker = Tracker(WITHOUT_NETWORK)
-    truth = standing(tracker)
-    frame = one_view(seen(tracker.kinematics, truth), WEIGHTS)
-    near = truth.retract(0.15 * np.random.default_rng(0).normal(size=72), np.zeros(3))
-    fit = tracker._starts.initialiser.fit_near(
-        BodyState(near.rotations, np.zeros(3)), frame
-    )  # its translation is not used
-    assert error(tracker.kinematics, fit.state, truth) < 0.6 * error(tracker.kinematics, near, truth)
-    assert np.abs(fit.state.translation - PLACE).max() < 0.2
-
-
 def test_the_translation_places_a_body_where_its_image_is():
     tracker = Tracker(WITHOUT_NETWORK)
     truth = standing(tracker)
@@ -150,12 +137,3 @@ def test_no_iteration_takes_a_body_behind_the_camera():
     for _ in range(5):
         states = tracker._starts.initialiser.iterate(states, frame, [8.0])
         assert states.translation[:, 2].min() >= LEAST_DEPTH and np.isfinite(states.rotations).all()
-
-
-def test_a_skeleton_of_other_names_is_fitted():
-    kinematics = random_body(np.random.default_rng(0))
-    prior = PoseDistribution.load(kinematics.skeleton)
-    initialiser = Initialiser(kinematics, prior, FrameModel(kinematics, prior))
-    points = 0.1 * np.random.default_rng(1).normal(size=(kinematics.landmark_count, 2))
-    fit = initialiser.fit(one_view(points, np.full(len(points), 300.0)))
-    assert np.isfinite(fit.cost) and np.isfinite(fit.state.rotations).all()

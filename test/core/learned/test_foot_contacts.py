@@ -64,12 +64,6 @@ def test_an_anchor_is_surer_the_longer_the_foot_stands():
     assert after(*lifted).deviation[0] > 0.9 * NEW_DEVIATION and after(*lifted).deviation[1] == SETTLED_DEVIATION
 
 
-def test_another_pose_forgets_the_feet():
-    feet = after(*[(PLACES, (0.0, 0.0))] * 3)
-    feet.reset()
-    assert feet.anchors is None
-
-
 def test_a_gap_forgets_the_feet():
     feet = after(*[(PLACES, (0.0, 0.0))] * 3)
     feet.update(1.0, PLACES, np.zeros(2))
