@@ -34,7 +34,7 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.network_pose import NetworkPose
+from lassokin_ros.core.hypotheses.initialisation import NetworkPose
 from lassokin_ros.core.hypotheses.start import FIT_AFTER, Start, Starts
 from lassokin_ros.core.image.frame_data import FrameData, View
 from lassokin_ros.core.image.measurement import Measurement

@@ -8,7 +8,7 @@ from sequences import FOCAL, NOISE_PX, WITHOUT_NETWORK
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.initialisation import LEAST_DEPTH, SIDES, START_ROTATIONS, Initialiser
+from lassokin_ros.core.hypotheses.initialisation import LEAST_DEPTH, START_ROTATIONS, START_TURNS, Initialiser
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.vertical import vertical_of
 from lassokin_ros.core.tracker import Tracker
@@ -86,9 +86,9 @@ def test_an_upright_body_needs_no_other_start_orientations(monkeypatch):
         return orientations
 
     level, upside_down = vertical_of(0.0, 0.0), vertical_of(np.pi, 0.0)
-    assert tried(TURNS[0], level) == [(SIDES, [0])]
-    assert tried(TURNS[1], level) == [(SIDES, [0]), (SIDES // 2, [1, 2, 3, 4, 5])]
-    assert tried(TURNS[3], upside_down) == [(SIDES, [3])]
+    assert tried(TURNS[0], level) == [(START_TURNS, [0])]
+    assert tried(TURNS[1], level) == [(START_TURNS, [0]), (START_TURNS // 2, [1, 2, 3, 4, 5])]
+    assert tried(TURNS[3], upside_down) == [(START_TURNS, [3])]
 
 
 def test_the_fit_is_the_start_with_the_lowest_cost():
@@ -96,7 +96,7 @@ def test_the_fit_is_the_start_with_the_lowest_cost():
     frame = one_view(seen(tracker.kinematics, standing(tracker)), WEIGHTS)
     fit, model = tracker._starts.initialiser.fit(frame), tracker.frame_model
     assert fit.cost == pytest.approx(float(model.cost(model.evaluate(fit.state), frame)))
-    states = tracker._starts.initialiser._starts(range(SIDES), [0], frame)
+    states = tracker._starts.initialiser._starts(range(START_TURNS), [0], frame)
     costs = model.cost(model.evaluate(states), frame)
     best = tracker._starts.initialiser.best(states, frame)
     assert best.cost == pytest.approx(costs.min()) and fit.cost < 0.2 * best.cost

@@ -14,7 +14,7 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.roles import LIMB_BONES, NETWORK_JOINTS
 from lassokin_ros.core.body.rotations import exponential, logarithm
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.network_pose import SAME_POSE, HandPose, NetworkPose, state_at, trunk_orientation
+from lassokin_ros.core.hypotheses.initialisation import SAME_POSE, HandPose, NetworkPose, state_at, trunk_orientation
 from lassokin_ros.core.network.depth_network import PLACES
 from lassokin_ros.core.network.hand_network import HandEstimator
 from lassokin_ros.core.observation import HERE

@@ -13,7 +13,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.initialisation import NEAR
-from lassokin_ros.core.hypotheses.other_pose import (
+from lassokin_ros.core.hypotheses.start import (
     BALANCE_MARGIN,
     BONES,
     COST_MARGIN,
