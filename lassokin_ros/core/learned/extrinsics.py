@@ -14,6 +14,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from lassokin_ros.core.config import GIVEN, LEARN
 from lassokin_ros.core.image.frame_data import FrameData, View
 from lassokin_ros.core.learned.camera_finder import CameraFinder
 from lassokin_ros.core.learned.epipolar_fit import (
@@ -152,11 +153,12 @@ FOUND = 0.015
 
 
 class Extrinsics:
-    """Corrections of the poses of all cameras but one."""
+    """Corrections of the poses of all cameras but one; none if the given poses are neither checked nor corrected."""
 
-    def __init__(self, size: SizeCheck, size_known: bool, used: bool) -> None:
-        """size_known: whether the person's height is given. used: whether poses are corrected, or only checked."""
-        self._fit, self.size_known, self._used = EpipolarFit(size), size_known, used
+    def __init__(self, size: SizeCheck, size_known: bool, mode: str) -> None:
+        """size_known: whether the person's height is given. mode: the setting `extrinsics`, see `TrackerConfig`."""
+        self._fit, self.size_known = EpipolarFit(size), size_known
+        self._mode, self._used = mode, mode == LEARN
         self.lately = MovedCameras(self._fit)
         """Which cameras were moved a moment ago."""
         self.corrections: dict[str, np.ndarray] = {}
@@ -185,9 +187,9 @@ class Extrinsics:
         self._newest, self.frame_count = -math.inf, 0
         self.lately.reset()
 
-    def adopt(self, other: Extrinsics | None) -> None:
+    def adopt(self, other: Extrinsics) -> None:
         """Begin with what was learned about the same cameras, if poses are corrected."""
-        if other is None or not self._used:
+        if not self._used:
             return
         self.found, self.corrections, self._solutions = {**other.found}, {**other.corrections}, {**other._solutions}
         self._frames = {name: frames.copy() for name, frames in other._frames.items()}
@@ -302,7 +304,7 @@ class Extrinsics:
 
     def update(self, stamp: float, frame: FrameData) -> None:
         """Use a frame with the views of all cameras. stamp: s."""
-        if not has_passed(stamp - self._newest, KEPT_EVERY_S):
+        if self._mode == GIVEN or not has_passed(stamp - self._newest, KEPT_EVERY_S):
             return
         self._newest, first = stamp, self._anchor_of(frame)
         if first is None or first.camera.name not in self._given:

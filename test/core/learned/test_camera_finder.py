@@ -58,8 +58,8 @@ def filled(scene, extrinsics, noise=0.0, joint_noise=0.0, path=0.0):
     return extrinsics
 
 
-def learner(scene, used=True):
-    return Extrinsics(SizeCheck(scene[0]), True, used)
+def learner(scene):
+    return Extrinsics(SizeCheck(scene[0]), True, "learn")
 
 
 def apart(pose, other):
