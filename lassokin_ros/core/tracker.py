@@ -299,8 +299,8 @@ class Tracker:
         """The frame's increment, with the feet that stand still held unless the pose does not continue the last one."""
         step = measurement.step if self._starts.network_pose is not None and not start.initialised else 0.0
         feet = self.learned.feet
-        if feet.anchors is not None and not (start.initialised or start.replaced or measurement.repeated):
-            frame = replace(frame, anchors=feet.anchors, anchor_deviation=feet.deviation)
+        if any(feet.standing) and not (start.initialised or start.replaced or measurement.repeated):
+            frame = frame.held(feet.anchors, feet.stiffness)
         return self._increments.solve(start.state, frame, step, self.config)
 
     def _check(self, start: BodyState, increment: Increment, frame: FrameData, focal: float) -> Rejection | None:

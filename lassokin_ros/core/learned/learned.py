@@ -123,14 +123,14 @@ class Learned:
     def still(self) -> np.ndarray:
         """(n,) bool: the ankles of the feet that stand still."""
         still = np.zeros(self._frame_model.kinematics.joint_count, dtype=bool)
-        if self.feet.anchors is not None:
-            still[self._ankles] = np.isfinite(self.feet.anchors[:, 0])
+        if any(self.feet.standing):
+            still[self._ankles] = self.feet.standing
         return still
 
     def contacts(self, positions: np.ndarray) -> np.ndarray:
         """(n,) bool: those of them that are on the floor. positions: (n, 3) m, of the joints."""
         contacts = self.still
-        if self.feet.anchors is not None and contacts.any():
+        if any(self.feet.standing):
             contacts[self._ankles] &= on_floor(positions[self._ankles], self.vertical.direction)
         return contacts
 

@@ -51,10 +51,10 @@ def test_a_measured_height_scales_what_was_learned():
     before, height, solved = known(tracker), tracker.skeleton.height, tracker._solved
     assert height == pytest.approx(TRUE_HEIGHT, rel=0.05)
     assert np.abs(before[0]).max() > 0.01 and before[-1] > 10 and before[4] > 1
-    tracker.learned.feet.anchors = np.zeros((2, 3))
+    tracker.learned.feet._begun = [0.0, None]
     tracker._resize(1.1, np.zeros(3))
     assert all(np.allclose(one, other, rtol=1e-12, atol=0) for one, other in zip(before, known(tracker)))
-    assert tracker.skeleton.height == pytest.approx(1.1 * height) and tracker.learned.feet.anchors is None
+    assert tracker.skeleton.height == pytest.approx(1.1 * height) and not any(tracker.learned.feet.standing)
     assert np.array_equal(tracker._solved.state.rotations, solved.state.rotations)
     assert np.allclose(tracker._solved.pose.landmarks, 1.1 * solved.pose.landmarks, rtol=1e-9, atol=1e-9)
 
