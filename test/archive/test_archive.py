@@ -114,7 +114,7 @@ def test_exports_and_reports_are_written_per_recording(archive, one_by_one, tmp_
 
 def test_files_outside_the_output_are_replaced_with_force_alone(tmp_path, capsys):
     (tmp_path / "in").mkdir()
-    write_recording(tmp_path / "in" / "walk", 15)
+    write_recording(tmp_path / "in" / "walk", 40)
     page, skeleton = tmp_path / "pages" / "walk.html", tmp_path / "lengths" / "walk.yaml"
     arguments = [tmp_path / "in", "--output", tmp_path / "out", "--jobs", 1, "-p", "calibrate:=true"]
     arguments += ["--report", page.parent, "--save-skeleton", skeleton.parent]
@@ -137,7 +137,7 @@ def test_the_page_of_another_recording_does_not_count_as_finished(tmp_path, caps
     several = ["-p", "max_people:=2", "--save-skeleton", tmp_path / "lengths"]
     (tmp_path / "bags").mkdir()
     for name in ("walk", "walk_p2", "walk.v2"):
-        write_recording(tmp_path / "bags" / name, 15)
+        write_recording(tmp_path / "bags" / name, 40)
     arguments = [tmp_path / "bags", "--output", tmp_path / "out", "--jobs", 1]
     pages = ["--report", tmp_path / "pages"]
     assert replayed(capsys, *arguments, *several, *pages)[0] == 0
