@@ -197,7 +197,7 @@ class NodeMessages:
         self.warnings.add(self.diagnostics.concerns)
         name = topics.full_name(topics.DIAGNOSTICS, NODE_NAME)
         message = self._status.fill(time_ns, "", [line])
-        self._write(name, topics.DIAGNOSTICS_OUTPUT.message_type, time_ns, message, False)
+        self._write(name, topics.DIAGNOSTICS.message_type, time_ns, message, False)
 
     def finish(self, time_ns: int) -> None:
         """Collect the warnings of the last period, if it is nearly over."""

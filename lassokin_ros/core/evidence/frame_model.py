@@ -130,9 +130,9 @@ class FrameModel:
         rows, count = self._rows(frame)
         shape = states.pose.landmarks.shape[:-2]
         columns, z = np.empty((*shape, len(self.live) + 3, count)), np.empty((*shape, count))
-        done = self._compiled if self._linearise_compiled(about, rows, columns, z) else ()
+        compiled = self._linearise_compiled(about, rows, columns, z)
         for name, own in rows.items():
-            if name not in done:
+            if not (compiled and (name in self._compiled or name == FootContact.name)):
                 self.pieces[name].linearise(about, columns[..., own], z[..., own])
         return LinearisedFrame(columns, z, rows)
 
@@ -172,7 +172,10 @@ class FrameModel:
         if not kernel.active or about.robust is not huber_weights or about.increment_jacobian is not None:
             return False
         begin = tuple(rows[piece.name].start for piece in (self.prior, self.upright, self.balance))
-        return kernel.linearise(*self._kernel_input(about.states, about.frame, rows), begin, columns, z)
+        feet = None
+        if (contact := rows.get(FootContact.name)) is not None and self.foot_contact is not None:
+            feet = self.foot_contact.kernel_input(about.frame, contact.start)
+        return kernel.linearise(*self._kernel_input(about.states, about.frame, rows), begin, feet, columns, z)
 
     def _kernel_input(self, states: EvaluatedState, frame: FrameData, rows: Mapping[str, slice]) -> tuple[Any, ...]:
         """Tables, state, and what each camera sees with its first rows (0 without `rows`)."""

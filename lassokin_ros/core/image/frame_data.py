@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -110,8 +111,9 @@ class FrameData:
 
     views: of all cameras, at least one. up: (3,) unit vector, the vertical in the frame of the skeleton.
     extra: data for the user's own evidence, by name, as in `Observation.extra`.
-    anchors: (2, 3) m, where the left and the right ankle stand still, NaN for one that does not; None without any.
-    anchor_deviation: (2,) m, standard deviation of these ankles about their anchors, in each direction.
+    anchors: (2, 3) m, where the left and the right ankle stand still, any finite value for one that does not; None if
+    neither does. stiffness: (2,) 1/m, 1 / standard deviation of these ankles about their anchors in each direction, 0
+    for one that does not stand.
     floor: (4,) n and h: a point p (3,) m is n p + h m above a flat floor; None if it is not known.
     """
 
@@ -119,7 +121,7 @@ class FrameData:
     up: np.ndarray = field(default_factory=lambda: LEVEL_CAMERA_UP)
     extra: Mapping[str, Any] = field(default_factory=dict)
     anchors: np.ndarray | None = None
-    anchor_deviation: np.ndarray | None = None
+    stiffness: np.ndarray | None = None
     floor: np.ndarray | None = None
 
     @cached_property
@@ -165,6 +167,12 @@ class FrameData:
     def seeing(self) -> View:
         """The first view with any point that has weight; the first one if there is none."""
         return next((view for view in self.views if view.point_count), self.views[0])
+
+    def held(self, anchors: np.ndarray, stiffness: np.ndarray) -> FrameData:
+        """The frame with feet that stand still."""
+        held = copy(self)  # with the cached properties, other than by `replace`
+        held.__dict__.update(anchors=anchors, stiffness=stiffness)
+        return held
 
     def with_weights(self, weights: Iterable[np.ndarray]) -> FrameData:
         """The frame with other weights (l,) of each view."""

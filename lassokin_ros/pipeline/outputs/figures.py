@@ -83,15 +83,10 @@ def _of_bodies(period: Period, presence: Presence) -> dict[str, str]:
     values = {}
     if tracker.averaged:
         values["skeleton: left/right difference, averaged [%]"] = f"{100 * tracker.averaged:.1f}"
-    if tracker.limitations:
-        values["limitations"] = tracker.limitations
-    values |= {f"evidence '{name}'": fault for name, fault in session.evidence_faults.items()}
-    calibrations, heights = session.calibrations(), session.heights()
-    for person, one in session.trackers.items():
-        if presence.ids is not None and person not in presence.ids:
-            continue
-        of = f"{person} " if person else ""
-        if (calibration := calibrations.get(person)) is not None:
+    present = [one for one in session.trackers if presence.ids is None or one in presence.ids]
+    title = {person: f"{person} " if person else "" for person in present}
+    for person, calibration in session.calibrations().items():
+        if (of := title.get(person)) is not None:
             learning = "learning" if tracker.config.calibrate else "off"
             values[f"{of}calibration"] = "final" if calibration.frozen else learning
             if calibration.kept_motion > 0:
@@ -100,9 +95,14 @@ def _of_bodies(period: Period, presence: Presence) -> dict[str, str]:
                 values[f"{of}calibration: largest deviation [%]"] = f"{largest:.2f}"
                 for name, change in length_changes(calibration).items():
                     values[f"{of}calibration: {name} [%]"] = f"{change:+.2f}"
-        if (ratio := one.learned.size_check.ratio) != 1.0:
-            values[f"{of}measured size / given size"] = f"{ratio:.2f}"
-        if (height := heights.get(person)) is not None:  # a mean of people before the first measured depth
+    if tracker.limitations:
+        values["limitations"] = tracker.limitations
+    values |= {f"evidence '{name}'": fault for name, fault in session.evidence_faults.items()}
+    for person in present:
+        if (ratio := session.trackers[person].learned.size_check.ratio) != 1.0:
+            values[f"{title[person]}measured size / given size"] = f"{ratio:.2f}"
+    for person, height in session.heights().items():
+        if (of := title.get(person)) is not None:  # a mean of people before the first measured depth
             values[f"{of}height [m]"] = f"{height.height:.3f}"
             values[f"{of}height: deviation [m]"] = f"{height.deviation:.3f}"
     return values

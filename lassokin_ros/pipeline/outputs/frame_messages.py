@@ -82,7 +82,10 @@ class FrameMessages:
         self._gestures: Callable[[FrameResult], list[tuple[int, int]]] = lambda frame: []
         prefix = f"{person}/" if person else ""
         self._add_pose_outputs(skeleton, person, prefix)
-        self._add_certificate(f"{name}: {person}" if person else name)
+        certificate, title = DiagnosticArrayBuilder(backend).fill, f"{name}: {person}" if person else name
+        self._builders[topics.CERTIFICATE] = lambda t, f, frame, _: certificate(
+            t, f, [certificate_status(frame, title, f)]
+        )
         self._add_uncertainty_outputs(skeleton, prefix)
         self._add_image_outputs(skeleton, prefix)
         if hands is not None and hands.sides:
@@ -91,7 +94,9 @@ class FrameMessages:
             if self._config.detects_bodies:
                 self._gestures, self._gesture = own.rep155_gestures, GestureBuilder(backend).fill
         if self._config.publish_tf != OFF:
-            self._add_tf(BodyFrames(skeleton, self._config, name, person))
+            frames = BodyFrames(skeleton, self._config, name, person)
+            transforms = self._fill(TransformsBuilder(backend, frames.names))
+            self._builders[topics.TF] = lambda t, f, _, e: transforms(t, f, *frames.transforms(e))
         if self._config.detects_bodies:
             roi = RegionBuilder(self._backend).fill
             self._builders[topics.ROI] = lambda t, f, frame, _: roi(t, f, keypoint_region(frame))
@@ -135,12 +140,6 @@ class FrameMessages:
             topics.MARKERS: lambda t, f, _, e: markers(t, f, e.pose.positions),
         }
 
-    def _add_certificate(self, title: str) -> None:
-        certificate = DiagnosticArrayBuilder(self._backend).fill
-        self._builders[topics.CERTIFICATE] = lambda t, f, frame, _: certificate(
-            t, f, [certificate_status(frame, title, f)]
-        )
-
     def _add_uncertainty_outputs(self, skeleton: Skeleton, prefix: str) -> None:
         """Add what shares `FrameResult.uncertainty`, which is computed once per frame."""
         backend, count = self._backend, skeleton.joint_count
@@ -177,10 +176,6 @@ class FrameMessages:
                 *(() if frame.camera.is_identity else (frame.camera.rotation, frame.camera.centre)),
             ),
         }
-
-    def _add_tf(self, frames: BodyFrames) -> None:
-        transforms = self._fill(TransformsBuilder(self._backend, frames.names))
-        self._builders[topics.TF] = lambda t, f, _, e: transforms(t, f, *frames.transforms(e))
 
 
 def id_list(backend: Backend, rep155: bool) -> Callable[[int, str, list[str]], Any]:

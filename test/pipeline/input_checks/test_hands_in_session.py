@@ -183,5 +183,5 @@ def test_a_body_without_hands_has_no_such_topic():
     one = Session(TrackerConfig(height=1.75), NodeSettings())
     messages = FrameMessages(BACKEND, one.tracker.skeleton, hands=HandPoints(one.tracker.skeleton, one.tracker.layout))
     assert topics.HANDS not in messages._builders
-    assert {topics.HANDS_OUTPUT, topics.GESTURE_OUTPUT}.isdisjoint(topics.person_outputs(True))
-    assert topics.GESTURE_OUTPUT not in topics.person_outputs(False, hands=True)
+    assert {topics.HANDS, topics.GESTURE}.isdisjoint(topics.person_outputs(True))
+    assert topics.GESTURE not in topics.person_outputs(False, hands=True)
