@@ -70,12 +70,6 @@ def test_positions_are_those_of_the_joints_in_the_camera_frame(yaw):
         assert np.linalg.norm(found[f"{side}_hip"] - truth[f"{side}_hip"]) < 0.05
 
 
-def test_the_right_hip_is_opposite_to_the_left_one():
-    estimator = watched(standing())
-    found = positions(estimator)
-    assert np.array_equal(found["right_hip"], -found["left_hip"]) and np.linalg.norm(found["left_hip"]) > 0.05
-
-
 def test_depths_are_those_of_the_positions_along_the_line_of_sight():
     estimator = watched(standing())
     depths, found = estimator.joint_depths, positions(estimator)
