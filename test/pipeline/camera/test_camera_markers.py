@@ -1,7 +1,6 @@
 """The places of the cameras on ~/markers."""
 
 import numpy as np
-import pytest
 from camera_rig import MAP, eye, keypoints, tf_of, truth_at, turning_eye
 from messages import FOCAL, HEIGHT, WIDTH, camera_info, rosbags_backend
 from scipy.spatial.transform import Rotation
@@ -13,7 +12,6 @@ from lassokin_ros.pipeline.outputs.scene_messages import MARKERS_EVERY_S, Camera
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
-pytest.importorskip("rosbags")
 BACKEND, START_NS = rosbags_backend(), 1_700_000_000_000_000_000
 
 

@@ -2,16 +2,13 @@
 
 import numpy as np
 import pytest
+from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend, set_header
 
-pytest.importorskip("rosbags", reason="rosbags makes the messages")
-
-from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend, set_header  # noqa: E402
-
-from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.pipeline.camera.camera_selection import LASTING, STEADY  # noqa: E402
-from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH  # noqa: E402
-from lassokin_ros.pipeline.session import Session  # noqa: E402
-from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.pipeline.camera.camera_selection import LASTING, STEADY
+from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH
+from lassokin_ros.pipeline.session import Session
+from lassokin_ros.pipeline.settings import NodeSettings
 
 BACKEND = rosbags_backend()
 PIXELS = pixels_of_motion(30, 30.0)

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
+from messages import camera_info, rosbags_backend
 
-pytest.importorskip("rosbags", reason="rosbags makes the messages")
-
-from messages import camera_info, rosbags_backend  # noqa: E402
-
-from lassokin_ros.pipeline.camera.camera_selection import ALTERNATIONS, MOST_CAMERAS, STEADY, Camera  # noqa: E402
-from msg_adapters.errors import AdapterError  # noqa: E402
-from msg_adapters.output_messages.builders import set_header  # noqa: E402
+from lassokin_ros.pipeline.camera.camera_selection import ALTERNATIONS, MOST_CAMERAS, STEADY, Camera
+from msg_adapters.errors import AdapterError
+from msg_adapters.output_messages.builders import set_header
 
 BACKEND = rosbags_backend()
 SECOND = 10**9

@@ -4,16 +4,13 @@ import re
 
 import numpy as np
 import pytest
+from messages import camera_info, cloud, pixels_of_motion, rosbags_backend
 
-pytest.importorskip("rosbags", reason="rosbags makes the messages")
-
-from messages import camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
-
-from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.core.errors import CameraError  # noqa: E402
-from lassokin_ros.pipeline.camera.lens import Lens  # noqa: E402
-from lassokin_ros.pipeline.session import Session  # noqa: E402
-from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import CameraError
+from lassokin_ros.pipeline.camera.lens import Lens
+from lassokin_ros.pipeline.session import Session
+from lassokin_ros.pipeline.settings import NodeSettings
 
 BACKEND = rosbags_backend()
 REAL = {  # model, (fx, fy, cx, cy), size, D

@@ -1,7 +1,6 @@
 """`cameras` with a single name: the same results and topics as of a camera without a name."""
 
 import numpy as np
-import pytest
 from camera_rig import MAP, eye, keypoints, tf_of, truth_at
 from depth_camera import depth_message, render
 from detector_messages import HRI, detector_types, hri_skeleton
@@ -17,7 +16,6 @@ from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RosbagsBackend
 
-pytest.importorskip("rosbags")
 BACKEND, START_NS, PERIOD_NS = rosbags_backend(), 1_700_000_000_000_000_000, 33_333_333
 
 

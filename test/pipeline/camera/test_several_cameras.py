@@ -26,7 +26,6 @@ from lassokin_ros.pipeline.outputs.saved_files import CamerasFileError, camera_c
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
-pytest.importorskip("rosbags")
 BACKEND, START_NS = rosbags_backend(), 1_700_000_000_000_000_000
 LEFT, RIGHT = eye("left", 0), eye("right", 90)
 TWO = NodeSettings(cameras=("left", "right"), fixed_frame=MAP)

@@ -23,7 +23,6 @@ from lassokin_ros.pipeline.seen import Seen, Sight
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
-pytest.importorskip("rosbags")
 BACKEND, START_NS = rosbags_backend(), 1_700_000_000_000_000_000
 LEFT, RIGHT, BACK = eye("left", 0), eye("right", 90), eye("back", 200, 4.0)
 

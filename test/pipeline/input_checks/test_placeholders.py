@@ -2,20 +2,17 @@
 
 import numpy as np
 import pytest
+from messages import FOCAL, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion, rosbags_backend
 
-pytest.importorskip("rosbags", reason="rosbags makes the messages")
-
-from messages import FOCAL, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
-
-from lassokin_ros.core.body.kinematics import BodyState, Kinematics  # noqa: E402
-from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
-from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
-from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.core.image.projection import project  # noqa: E402
-from lassokin_ros.demo.synthetic import motion  # noqa: E402
-from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS  # noqa: E402
-from lassokin_ros.pipeline.session import Session  # noqa: E402
-from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.demo.synthetic import motion
+from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
+from lassokin_ros.pipeline.session import Session
+from lassokin_ros.pipeline.settings import NodeSettings
 
 BACKEND = rosbags_backend()
 COUNT = 24

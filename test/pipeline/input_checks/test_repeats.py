@@ -2,28 +2,25 @@
 
 import numpy as np
 import pytest
+from depth_camera import compressed_message, depth_message, render
+from messages import FOCAL, HEIGHT, WIDTH, camera_info, cloud, crowd, rosbags_backend, with_depths
 
-pytest.importorskip("rosbags", reason="rosbags makes the messages")
-
-from depth_camera import compressed_message, depth_message, render  # noqa: E402
-from messages import FOCAL, HEIGHT, WIDTH, camera_info, cloud, crowd, rosbags_backend, with_depths  # noqa: E402
-
-from lassokin_ros.core.body.kinematics import Kinematics  # noqa: E402
-from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
-from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
-from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.core.image.projection import project  # noqa: E402
-from lassokin_ros.core.learned.height import FEWEST_DEPTHS  # noqa: E402
-from lassokin_ros.core.observation import Status  # noqa: E402
-from lassokin_ros.demo.synthetic import motion  # noqa: E402
-from lassokin_ros.pipeline.depth.depth_images import EARLIER, MATCHED, REPEATED, UNMATCHED  # noqa: E402
-from lassokin_ros.pipeline.input_checks.messages import FROZEN_S, OwnDepth, Repeats, same_image  # noqa: E402
-from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics  # noqa: E402
-from lassokin_ros.pipeline.outputs.scene_messages import LOST, TRACKING, PresenceState  # noqa: E402
-from lassokin_ros.pipeline.session import Session  # noqa: E402
-from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
-from msg_adapters.keypoints import Keypoints  # noqa: E402
-from msg_adapters.output_messages.builders import OK, WARN  # noqa: E402
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.learned.height import FEWEST_DEPTHS
+from lassokin_ros.core.observation import Status
+from lassokin_ros.demo.synthetic import motion
+from lassokin_ros.pipeline.depth.depth_images import EARLIER, MATCHED, REPEATED, UNMATCHED
+from lassokin_ros.pipeline.input_checks.messages import FROZEN_S, OwnDepth, Repeats, same_image
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
+from lassokin_ros.pipeline.outputs.scene_messages import LOST, TRACKING, PresenceState
+from lassokin_ros.pipeline.session import Session
+from lassokin_ros.pipeline.settings import NodeSettings
+from msg_adapters.keypoints import Keypoints
+from msg_adapters.output_messages.builders import OK, WARN
 
 BACKEND = rosbags_backend()
 START_NS, PERIOD_NS, COUNT, LIVE = 10**12, 33_333_333, 90, 15

@@ -2,20 +2,15 @@
 
 import numpy as np
 import pytest
+from messages import camera_info, cloud, pixels_of_motion, rosbags_backend
 
-from lassokin_ros.pipeline.input_checks.stamps import StampWatch
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.pipeline.input_checks.stamps import FEWEST_MESSAGES, StampRate, StampWatch
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
+from lassokin_ros.pipeline.session import Session
+from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.errors import AdapterError
-
-pytest.importorskip("rosbags", reason="rosbags makes the messages")
-
-from messages import camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
-
-from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.pipeline.input_checks.stamps import FEWEST_MESSAGES, StampRate  # noqa: E402
-from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics  # noqa: E402
-from lassokin_ros.pipeline.session import Session  # noqa: E402
-from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
-from msg_adapters.output_messages.builders import WARN  # noqa: E402
+from msg_adapters.output_messages.builders import WARN
 
 START_S = 1000.0
 

@@ -16,7 +16,6 @@ from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.builders import ERROR, OK, WARN
 
-pytest.importorskip("rosbags")
 BACKEND, START_NS, HZ = rosbags_backend(), 1_700_000_000_000_000_000, 30
 EYES = {"left": eye("left", 0), "right": eye("right", 90)}
 TRUTH = truth_at(np.arange(HZ) / HZ)
