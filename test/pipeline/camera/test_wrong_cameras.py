@@ -114,14 +114,6 @@ def test_a_camera_whose_lens_is_not_its_own_is_named():
     assert rig.left_out == {"right"} and "camera 'right' is not used" in rig.said(2.0)
 
 
-def test_a_camera_that_is_repaired_is_used_again():
-    rig = Rig(LEFT, RIGHT, BACK).send(0.0, 1.5, instead={"right": "back"})
-    assert rig.left_out == {"right"}
-    rig.send(1.5, 3.0)
-    assert not rig.left_out and rig.session.cameras["right"].residuals
-    assert "is not used" not in rig.said(3.0) and np.median(rig.errors[-20:]) < 0.03
-
-
 @pytest.mark.parametrize("poses", [{}, {"right": turned(RIGHT, 2.0)}])
 def test_good_cameras_and_a_small_error_of_a_pose_are_used(poses):
     rig = Rig(LEFT, RIGHT, BACK, poses=poses).send(0.0, 3.0, noise_px=5.0)
@@ -135,7 +127,6 @@ def test_good_cameras_and_a_small_error_of_a_pose_are_used(poses):
         ({"instead": {"right": "left"}}, {}, "cameras 'left' and 'right' have the same keypoints"),
         ({}, {"right": inverse(RIGHT)}, "the keypoints fit the inverse transform of 'right', not the given one"),
         ({}, {"right": turned(RIGHT, 40)}, "the keypoints of 'left' and 'right' do not fit the given places"),
-        ({"late": {"right": 0.1}}, {}, "keypoints of 'right' arrive 0.10 s later after their stamps than"),
     ],
 )
 def test_of_two_cameras_both_are_named_and_used_because_it_cannot_be_told_which_is_wrong(how, poses, words):
@@ -210,9 +201,7 @@ def test_a_mirrored_person_shows_that_cameras_at_equal_distances_are_exchanged(a
 EXCHANGED = {"instead": {"left": "right", "right": "left"}}
 NOT_SAVED = {
     "inverse transform": ((LEFT, RIGHT), {}, {"right": inverse(RIGHT)}, "fit the inverse transform of 'right'"),
-    "another pose": ((LEFT, RIGHT), {}, {"right": turned(RIGHT, 40)}, "keypoints of 'left' and 'right' do not fit"),
     "exchanged images": ((LEFT, RIGHT), EXCHANGED, {}, "those of 'left' fit 'right'"),
-    "one of three": ((LEFT, RIGHT, BACK), {}, {"right": inverse(RIGHT)}, "camera 'right' is not used"),
 }
 
 
@@ -231,6 +220,8 @@ def test_poses_are_saved_when_the_fault_is_mended(tmp_path):
     with pytest.raises(CamerasFileError, match="camera 'right' is not used"):
         save_cameras(rig.session, tmp_path / "cameras.sh")
     rig.send(2.5, 6.0)
+    assert not rig.left_out and rig.session.cameras["right"].residuals
+    assert "is not used" not in rig.said(6.0) and np.median(rig.errors[-20:]) < 0.03
     assert len(save_cameras(rig.session, tmp_path / "cameras.sh").read_text().splitlines()) == 3
 
 
