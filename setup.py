@@ -79,7 +79,7 @@ ROS_EXECUTABLES = [
     "detector = lassokin_ros.node.command:detector",
     "camera = lassokin_ros.node.command:camera",
     "viewer = lassokin_ros.viewer.command:main",
-    "imitate = lassokin_ros.robot.command:main",
+    "imitate = lassokin_ros.node.command:imitate",
     "replay = lassokin_ros.cli.replay:main",
 ]
 

@@ -28,7 +28,7 @@ COMMANDS = {
     "detector": ("lassokin_ros.node.command", "detector"),
     "camera": ("lassokin_ros.node.command", "camera"),
     "viewer": ("lassokin_ros.viewer.command", "main"),
-    "imitate": ("lassokin_ros.robot.command", "main"),
+    "imitate": ("lassokin_ros.node.command", "imitate"),
     "retarget": ("lassokin_ros.robot.retarget", "main"),
     "robot": ("lassokin_ros.robot.check", "main"),
     "measure": ("lassokin_ros.measure.command", "main"),

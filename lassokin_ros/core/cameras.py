@@ -232,9 +232,10 @@ class Cameras(list[Camera]):
 
     def place(self, poses: Iterable[CameraPose]) -> None:
         """See `Tracker.place_cameras`."""
+        extrinsics = self._learned.extrinsics
         for pose in poses:
             if (camera := self.named(pose.name)) is not None:
-                camera.pose, camera.given = self._learned.received(pose), self._learned.given(pose)
+                camera.pose, camera.given = extrinsics.received(pose), extrinsics.given(pose)
 
     def use_lengths(self) -> None:
         """Input the lengths to the networks; those of a skeleton without the built-in ones stay as given."""
@@ -268,7 +269,7 @@ class Cameras(list[Camera]):
                 continue
             others = (other for other in self if other is not camera)
             alone = body is None or not any(other.seen_at(observation.stamp) for other in others)
-            camera.given = self._learned.given(observation.camera)
+            camera.given = self._learned.extrinsics.given(observation.camera)
             error = self._learned.model_error.deviation
             measurement = camera.measure(observation, weights, body, error, config, alone)
             if len(self) > 1 and observation.stamp <= self.newest:  # a later image has been used

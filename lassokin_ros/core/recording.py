@@ -4,7 +4,7 @@
 
 Three passes: the first learns the person's lengths. The second goes backward in time, with these lengths. The third
 goes forward, smooths each pose with the next ones, and publishes a pose between the two tracks (`smoothing`), which
-remember different frames. MPJPE / PA: 61.9 / 42.7 mm, forward alone 64.1 / 44.2, backward alone 63.2 / 44.4.
+remember different frames.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.network_pose import NetworkPose
+from lassokin_ros.core.hypotheses.initialisation import NetworkPose
 from lassokin_ros.core.hypotheses.start import FIT_AFTER, Start, Starts
 from lassokin_ros.core.image.frame_data import FrameData, View
 from lassokin_ros.core.image.measurement import Measurement
@@ -181,8 +181,7 @@ class Tracker:
         """
         for camera in self._cameras:
             camera.move_frame(rotation, translation)
-        if self.learned.extrinsics is not None:
-            self.learned.extrinsics.move_frame(CameraPose("", rotation, translation))
+        self.learned.extrinsics.move_frame(CameraPose("", rotation, translation))
         if self._solved is None:
             return
         state = self._solved.state
@@ -220,11 +219,11 @@ class Tracker:
             return Estimate(self._cameras.newest, self._status, Rejection.TOO_FEW_LANDMARKS)
         self._stamp_unit.add(observations[0].stamp)
         extrinsics, known = self.learned.extrinsics, all(one.camera.known for one in observations)
-        if extrinsics is not None and (len(observations) > 1 or len(self._cameras) > 1 or not known):
+        if len(observations) > 1 or len(self._cameras) > 1 or not known:
             observations = [replace(one, camera=extrinsics.received(one.camera)) for one in observations]
         placed = [one for one in observations if one.camera.known]
         estimate = self._track(placed) if placed else self._reject(observations[0], Rejection.UNPLACED)
-        if extrinsics is not None and self.config.extrinsics == LEARN and len(placed) < len(observations):
+        if self.config.extrinsics == LEARN and len(placed) < len(observations):
             self._unplaced.find([one for one in observations if not one.camera.known], self, extrinsics)
         return estimate
 
@@ -237,9 +236,8 @@ class Tracker:
             return self._reject(first, rejection)
         together = cameras.together(measured, self.config.lost_after)
         frame = cameras.frame(measured, together.stamp, body, self.floor, first.extra)
-        extrinsics = self.learned.extrinsics
-        if extrinsics is not None and len(cameras) > 1 and not together.repeated:  # also if the lasso has no answer
-            extrinsics.update(together.stamp, frame)
+        if len(cameras) > 1 and not together.repeated:  # also if the lasso has no answer
+            self.learned.extrinsics.update(together.stamp, frame)
         if frame.point_count < self.config.min_landmarks:
             return self._reject(first, Rejection.TOO_FEW_LANDMARKS)
         start = self._starts.start(self._solved, together, frame)

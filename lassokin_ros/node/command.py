@@ -1,4 +1,4 @@
-"""The commands of the nodes: keypoints to a skeleton, images to keypoints, a webcam or a video to images."""
+"""The commands of the nodes: keypoints to a skeleton, images to keypoints, a webcam to images, a person to a robot."""
 
 from __future__ import annotations
 
@@ -23,6 +23,12 @@ camera = node_command(
     "Publish a webcam, a video file or a folder of images as image_raw and camera_info.",
     "-p source:=0 -p fov:=70.0",
     "lassokin_ros.camera.node:CameraNode",
+)
+imitate = node_command(
+    "imitate",
+    "Publish joint_commands of a humanoid that imitates the person of a tracker, once enabled.",
+    "-p robot:=g1; the URDF comes on the topic robot_description",
+    "lassokin_ros.robot.node:ImitateNode",
 )
 
 if __name__ == "__main__":

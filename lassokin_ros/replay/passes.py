@@ -192,8 +192,7 @@ class Known:
     def session(self, make: Make) -> Session:
         """Return the session of the last pass."""
         session = make(self.config, self.bodies)
-        if (extrinsics := session.tracker.learned.extrinsics) is not None:
-            extrinsics.adopt(self.first.tracker.learned.extrinsics)
+        session.tracker.learned.extrinsics.adopt(self.first.tracker.learned.extrinsics)
         session.use_backward(self.backward)
         session.identities = self.identities
         return session

@@ -9,7 +9,6 @@ from sequences import CONFIG, FOCAL, RATE
 
 from lassokin_ros.core import increment
 from lassokin_ros.core.body.rotations import exponential
-from lassokin_ros.core.body.skeleton import has_built_in_proportions
 from lassokin_ros.core.cameras import Camera
 from lassokin_ros.core.errors import CameraError, ConfigurationError
 from lassokin_ros.core.image.frame_data import FrameData, View, triangulate
@@ -280,16 +279,6 @@ def test_bad_observations_of_one_camera_do_not_stop_the_others():
     assert tracker.track([observe(front, 5), observe(front, 5)]).accepted  # the same camera twice: the first counts
 
 
-def test_two_cameras_measure_an_unknown_height():
-    truth, front, side, observe = scene(3.0)  # a person of 1.75 m
-    tracker = Tracker(replace(CONFIG, height=0.0))
-    for frame in range(len(truth.positions)):
-        estimate = tracker.track([observe(front, frame), observe(side, frame)])
-    assert tracker.learned.height.measured
-    assert tracker.learned.height.height == pytest.approx(1.75, rel=0.03)
-    assert np.linalg.norm(estimate.pose.positions - truth.positions[-1], axis=-1).mean() < 0.04
-
-
 def test_two_cameras_doubt_a_given_height_that_is_wrong():
     truth, front, side, observe = scene(2.5)  # a person of 1.75 m
     tracker = Tracker(replace(CONFIG, height=1.35))
@@ -405,22 +394,6 @@ def test_the_line_of_sight_is_that_of_the_camera_that_sees_the_person(blind_firs
     assert np.allclose(estimate.frame.seeing.camera.centre, side.centre)
     sight = estimate.pose.positions[0] - side.centre
     assert estimate.frame.seeing.joint_depths.sight @ sight > 0.99 * np.linalg.norm(sight)
-
-
-def test_a_good_fit_needs_no_search_in_whatever_camera_the_person_is(blind_first):
-    *_, searches = blind_first
-    assert not searches
-
-
-def test_the_network_of_each_camera_has_the_lengths_of_a_given_skeleton():
-    _, front, side, observe = scene(0.1)
-    scales = np.ones(24)
-    scales[[4, 5]] = 1.1
-    given = Tracker(CONFIG).skeleton.with_bone_scales(scales)
-    assert not has_built_in_proportions(given)
-    tracker = Tracker(CONFIG, given)
-    tracker.track([observe(front, 0), observe(side, 0)])
-    assert [bool(camera.network._lengths_known) for camera in tracker._cameras] == [True, True]
 
 
 def test_a_camera_that_joins_late_has_the_given_lengths_and_not_the_learned_ones():

@@ -246,17 +246,6 @@ def test_a_frame_has_its_backward_one_whichever_camera_saw_the_person():
     assert len(found) == 3 * len(instants) and sum(found) == len(instants) and all(found[2 * len(instants) :])
 
 
-def test_an_instant_without_an_observation_publishes_nothing():
-    scene, tracker = Scene(0.5), Tracker(CONFIG)
-    tracker.track(scene.seen(0, A))
-    assert len(tracker.published) == 1
-    tracker.track([])
-    assert tracker.published == []
-    instants = [[scene.seen(index, A)] if index % 5 else [] for index in range(len(scene.times))]
-    stamps = [estimate.stamp for estimate in track_recording(replace(CONFIG, **WHOLE_FILE), instants)]
-    assert stamps == sorted(set(stamps)) and len(stamps) == sum(map(bool, instants))
-
-
 def test_a_person_before_a_turning_wide_lens_does_not_jump():
     """The depth along the optical axis changes by more than a quarter in 0.1 s, the distance does not."""
     scene, tracker = Scene(1.2, still=True), Tracker(CONFIG, up=UP)

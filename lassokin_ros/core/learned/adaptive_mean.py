@@ -7,7 +7,7 @@ Ornstein-Uhlenbeck process about the shipped mean, with `SHARE` of the shipped c
 
 A Kalman filter updates m by a few frames per second. The measurement is the frame's rows besides those of the prior,
 linear in theta, the root's rotation and the translation. The prior keeps its shipped covariance: a limb on the wrong
-side in depth would otherwise soon become the person's posture. MPJPE: 49.8 mm with, 50.9 without.
+side in depth would otherwise soon become the person's posture.
 """
 
 from __future__ import annotations

@@ -1,18 +1,13 @@
 """The errors of keypoints and depths, learned while a person is tracked.
 
-The model error: constant offsets between a detector's keypoints and the landmarks. The detector's definition of a hip
-differs from the skeleton's, clothes hide the body, and the lengths are not exact. With the standard deviations s_i of
-the noise that is left on landmark i's track and lambda of its constant error, a keypoint has the variance
-v_i = lambda^2 + s_i^2. The residuals r_i of the solved frame, in units of sqrt(v_i), determine lambda:
+The model error is the constant offset between a detector's keypoints and the landmarks. With the standard deviations
+s_i of the noise that is left on landmark i's track and lambda of its constant error, a keypoint has the variance
+lambda^2 + s_i^2. The residuals r_i of the solved frame, in its unit, and the free shares f_i = 1 - a_i^T H^-1 a_i of
+their rows determine lambda: E sum_i |r_i|^2 / 2 = sum_i f_i (MacKay, Bayesian interpolation, 1992, sec. 4). The l1 term
+is not in H: it acts on the frame's motion only, and the state has already followed a constant error.
 
-    E sum_i |r_i|^2 / 2 = sum_i f_i,    f_i = 1 - a_i^T H^-1 a_i,
-
-with a row a_i of [A B] and H = [A B]^T [A B] with the prior's rows (MacKay, Bayesian interpolation, 1992, sec. 4).
-The l1 term is not in H: it acts on the frame's motion only, and the state has already followed a constant error.
-
-The noise of measured depth: for successive depths d of one landmark with independent errors of standard deviation s,
-the second difference d_1 - 2 d_2 + d_3 has the standard deviation sqrt(6) s; a body's acceleration adds little at the
-rate of a camera. The median over the landmarks ignores occluders that come and go.
+The noise of measured depth: the second difference of successive depths of one landmark has the standard deviation
+sqrt(6) s; a body's acceleration adds little. The median over the landmarks ignores occluders that come and go.
 """
 
 from __future__ import annotations

@@ -1,19 +1,10 @@
 """The person's height, measured with depth, with several cameras, or with feet on a floor.
 
 One camera does not observe size: a body twice as tall at twice the distance gives the same keypoints. With several
-cameras, the scale is the sum of the triangulated lengths of limbs and trunk, relative to the skeleton's: people's
-proportions differ, and the sum differs less than each length. With depths, the body's scale s and translation t are
-fitted in each frame to the keypoints u_i and the depths d_i by robust least squares, with q_i the landmarks relative to
-the pelvis:
-
-    s q_xy + t_xy - u_i (s q_z + t_z) = 0,     s q_z + t_z - d_i = 0.
-
-The logarithms of the frames' scales are averaged over time, together with a prior of people's heights. Until there is
-one, the height of an adult is assumed, with a deviation that contains children.
-
-A given height is checked by the limbs between two measured or triangulated landmarks, whose lengths do not adapt as
-pose and bone lengths do, or by the size with which feet stand on the floor. The check does not change the poses, but
-their stated uncertainty.
+cameras, the scale is the sum of the triangulated lengths of limbs and trunk, relative to the skeleton's. With depths,
+scale and translation are fitted in each frame by robust least squares (docs/method.md, section 12). The logarithms of
+the frames' scales are averaged over time, with a prior of people's heights; until there is one, the height of an adult
+is assumed. A given height is checked by the same lengths; the check changes the stated uncertainty, not the poses.
 """
 
 from __future__ import annotations

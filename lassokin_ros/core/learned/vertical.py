@@ -53,8 +53,7 @@ class Vertical:
     def candidates(self) -> list[tuple[np.ndarray, float]]:
         """The verticals (3,) to try in a first fit without the depth network, with their costs.
 
-        They are that of a level camera and those of cameras pitched up and down, or only what is known already. MPJPE
-        with a camera that is pitched by 26 degrees: 43 mm with, 48 without the tilted ones.
+        They are that of a level camera and those of cameras pitched up and down, or only what is known already.
         """
         if self.learned_for > 0 or self.configured:
             return [(self.direction, 0.0)]

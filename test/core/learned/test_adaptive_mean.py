@@ -83,17 +83,6 @@ def test_a_measurement_is_the_least_squares_fit_of_mean_departure_root_and_trans
     assert np.allclose(prior.whitened_mean, prior.W @ adaptive_mean.mean)
 
 
-def test_rows_in_theta_are_independent_of_the_increments_jacobian():
-    person = Person(1, "smpl24")
-    prior, state = person.prior, person.state()
-    posture = prior.posture(state.rotations)
-    rows = prior.in_theta(prior.live_columns(posture).T, posture.theta)
-    turning = person.kinematics.live.reshape(-1, 3)[prior.joints].all(axis=1)  # not about their own bone only
-    assert turning.sum() > 15
-    columns = np.repeat(turning, 3)
-    assert np.allclose(rows[: len(prior.W), columns], prior.W[:, columns])
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_a_person_who_turns_round_is_estimated_correctly_after_a_while(seed):
     person = Person(seed)

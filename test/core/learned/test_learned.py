@@ -99,12 +99,3 @@ def test_a_new_configured_height_scales_the_given_body():
     for (_, observation), _ in zip(person(1.0, 1.4), range(20)):
         a, b = tracker.track(observation), fresh.track(observation)
         assert np.allclose(a.pose.positions, b.pose.positions, atol=1e-6)
-
-
-def test_height_zero_begins_to_measure_and_another_value_ends_it():
-    tracker = Tracker(replace(CONFIG, height=1.75))
-    assert tracker.learned.height is None
-    tracker.tune(replace(CONFIG, height=0.0))
-    assert tracker.learned.height is not None and not tracker.learned.height.measured
-    tracker.tune(replace(CONFIG, height=1.6))
-    assert tracker.learned.height is None and tracker.skeleton.height == pytest.approx(1.6)
