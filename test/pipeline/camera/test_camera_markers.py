@@ -1,8 +1,7 @@
 """The places of the cameras on ~/markers."""
 
 import numpy as np
-from camera_play import BACKEND, START_NS, Play
-from camera_rig import MAP, eye, turning_eye
+from camera_rig import BACKEND, MAP, START_NS, Play, eye, turning_eye
 from messages import FOCAL, HEIGHT, WIDTH
 from scipy.spatial.transform import Rotation
 

@@ -6,8 +6,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from camera_play import BACKEND, LEFT, RIGHT, START_NS, TWO, Play, off
-from camera_rig import MAP, Eye, eye, keypoints, pixels, tf_of, truth_at, turning_eye
+from camera_rig import (
+    BACKEND,
+    LEFT,
+    MAP,
+    RIGHT,
+    START_NS,
+    TWO,
+    Eye,
+    Play,
+    eye,
+    keypoints,
+    off,
+    pixels,
+    tf_of,
+    truth_at,
+    turning_eye,
+)
 from depth_camera import depth_message
 from messages import camera_info, crowd
 from scipy.spatial.transform import Rotation

@@ -7,8 +7,7 @@ from types import BuiltinFunctionType, FunctionType, ModuleType
 
 import numpy as np
 import pytest
-from camera_play import BACKEND, LEFT, RIGHT, START_NS, Play, off
-from camera_rig import MAP, eye, pixels, tf_of, truth_at
+from camera_rig import BACKEND, LEFT, MAP, RIGHT, START_NS, Play, eye, off, pixels, tf_of, truth_at
 from messages import camera_info
 
 from lassokin_ros.core.config import TrackerConfig

@@ -4,8 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from camera_play import BACKEND, LEFT, RIGHT, START_NS, Play
-from camera_rig import MAP, Eye, keypoints, tf_of, truth_at
+from camera_rig import BACKEND, LEFT, MAP, RIGHT, START_NS, Eye, Play, keypoints, tf_of, truth_at
 from depth_camera import depth_message
 from messages import camera_info, crowd
 
