@@ -21,7 +21,6 @@ from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.camera.rig_check import RigCheck
 from lassokin_ros.pipeline.camera.tf_offset import TfOffset
 from lassokin_ros.pipeline.camera.transforms import Transforms
-from lassokin_ros.pipeline.image_sets import stamp_of_set
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
 from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
@@ -126,7 +125,7 @@ class Placement:
                 placed.append(replace(image, camera=pose))
             except AdapterError as error:
                 missing.append((image, error))
-        stamp_ns = stamp_of_set(images)
+        stamp_ns = max(image.stamp_ns for image in images)
         others = self.places.others([image.camera.name for image in images], stamp_ns)
         moved = self.jumps.update(stamp_ns, [*(image.camera for image in placed), *others])
         for tracked in self._people:
