@@ -61,7 +61,7 @@ _MODULES = {
 def __getattr__(name: str) -> Any:
     """Import a public name on first use (PEP 562)."""
     if name == "__version__":
-        return import_module("lassokin_ros.common.version").version()
+        return import_module("lassokin_ros.common.command_line").version()
     if name not in _MODULES:
         raise AttributeError(f"module 'lassokin_ros' has no attribute '{name}'; it offers {', '.join(__all__)}")
     return getattr(import_module(_MODULES[name]), name)

@@ -15,11 +15,11 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess, LogInfo, Opaqu
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from lassokin_ros.common.missing_package import missing_package
+from lassokin_ros.common.command_line import missing_package
 
 try:
     from lassokin_ros.core.yaml_files import user_path
-    from lassokin_ros.pipeline.outputs.description.urdf_from_parameters import urdf_from_settings
+    from lassokin_ros.pipeline.outputs.robot_description import urdf_from_settings
     from lassokin_ros.pipeline.outputs.topics import STATE_PUBLISHER
     from lassokin_ros.pipeline.parameter_files import file_parameters, offline_settings
     from lassokin_ros.pipeline.settings import ALL, OFF

@@ -45,10 +45,10 @@ def forked_workers(monkeypatch):
     """The workers of an archive's replay are forked, which takes a tenth of the time."""
     from forked import CONTEXT, start_server
 
-    from lassokin_ros.archive import process_pool
+    from lassokin_ros.archive import runners
 
     start_server()
-    monkeypatch.setattr(process_pool.multiprocessing, "get_context", lambda _: CONTEXT)
+    monkeypatch.setattr(runners.multiprocessing, "get_context", lambda _: CONTEXT)
 
 
 class TestFile(pytest.Module):

@@ -33,9 +33,9 @@ from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.observation import Observation  # noqa: E402
 from lassokin_ros.core.recording import WHOLE_FILE, published, track_recording  # noqa: E402
 from lassokin_ros.core.tracker import Tracker  # noqa: E402
+from lassokin_ros.measure.exercises import Squat, measure_squats  # noqa: E402
 from lassokin_ros.measure.gait import measure_gait  # noqa: E402
 from lassokin_ros.measure.poses import MeasureError, Poses  # noqa: E402
-from lassokin_ros.measure.squat import Squat, measure_squats  # noqa: E402
 
 WALKS = ("02_01", "02_02", "07_05", "12_01", "exp_walking_1")
 VIEWS = 8

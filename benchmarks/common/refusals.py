@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Callable
 
-from lassokin_ros.common.missing_package import missing_package
+from lassokin_ros.common.command_line import missing_package
 from lassokin_ros.core.errors import LassokinError
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import project, projection_jacobian
-from lassokin_ros.pipeline.outputs.description.urdf import joint_names, urdf
+from lassokin_ros.pipeline.outputs.urdf import joint_names, urdf
 from lassokin_ros.pipeline.people.joint_angles import JointAngleReader
 
 DAMPING = 30.0  # as in benchmarks/methods/baselines.py

@@ -25,7 +25,7 @@ from benchmarks.common import option_types
 from benchmarks.robots.scene import FIXED, START_NS, Camera, Scene, Walker
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.outputs.status.presence_state import NOBODY, PresenceState
+from lassokin_ros.pipeline.outputs.scene_messages import NOBODY, PresenceState
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 

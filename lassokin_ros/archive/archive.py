@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
+from lassokin_ros.archive.runners import in_processes, on_cluster
 from lassokin_ros.archive.tasks import (
     DONE_BEFORE,
     PAGE,
@@ -26,9 +27,9 @@ from lassokin_ros.archive.tasks import (
     Task,
     check_files,
 )
+from lassokin_ros.common.command_line import print_summary
 from lassokin_ros.common.interruption import Interrupted
 from lassokin_ros.common.progress import Progress
-from lassokin_ros.common.summary_output import print_summary
 from lassokin_ros.core.yaml_files import user_path
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.replay.output_paths import check_output_paths
@@ -70,13 +71,7 @@ def replay_archive(options: argparse.Namespace) -> int:
 
 
 def _runner(options: argparse.Namespace) -> Runner:
-    if options.scheduler is not None:
-        from lassokin_ros.archive.dask_cluster import on_cluster
-
-        return on_cluster(options.scheduler)
-    from lassokin_ros.archive.process_pool import in_processes
-
-    return in_processes(options.jobs)
+    return in_processes(options.jobs) if options.scheduler is None else on_cluster(options.scheduler)
 
 
 def tasks_of(options: argparse.Namespace) -> list[Task]:

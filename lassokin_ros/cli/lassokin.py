@@ -19,8 +19,7 @@ import importlib
 import sys
 from collections.abc import Sequence
 
-from lassokin_ros.common.exit_codes import USAGE_ERROR
-from lassokin_ros.common.version import version
+from lassokin_ros.common.command_line import USAGE_ERROR, version
 
 COMMANDS = {
     "track": ("lassokin_ros.video.command", "main"),

@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import errno
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from lassokin_ros.common.exit_codes import INTERRUPTED, USAGE_ERROR
-from lassokin_ros.common.interruption import Interrupted, interruptible
-from lassokin_ros.common.missing_package import missing_package
-from lassokin_ros.common.summary_output import print_note, print_summary
-from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.common.command_line import print_note, print_summary, run_command
 from lassokin_ros.replay import PROGRAM
 from lassokin_ros.replay.bags import STORAGES
 
@@ -42,25 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     if options.height is not None:
         options.p.append(f"height:={options.height}")
-    # The matrices are small: more BLAS threads cost more time than they save. numpy is not imported yet.
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    try:
-        with interruptible():
-            return run(options)
-    except OSError as error:
-        if error.errno != errno.ENAMETOOLONG:
-            raise
-        print(f"{PROGRAM}: the name '{error.filename}' is too long for a file", file=sys.stderr)
-        return USAGE_ERROR
-    except LassokinError as error:
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
-        return USAGE_ERROR
-    except ImportError as error:
-        print(f"{PROGRAM}: {missing_package(error)}", file=sys.stderr)
-        return USAGE_ERROR
-    except Interrupted as interrupted:
-        print(f"{PROGRAM}: interrupted; {interrupted}", file=sys.stderr)
-        return INTERRUPTED
+    return run_command(PROGRAM, lambda: run(options))
 
 
 def run(options: argparse.Namespace) -> int:

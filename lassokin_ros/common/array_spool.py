@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,9 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from lassokin_ros.core.errors import LassokinError
-
-Layout = tuple[tuple[str, tuple[int, ...], np.dtype], ...]
-"""(name, shape, type) of each array of a record."""
 
 
 class SpoolError(LassokinError):
@@ -37,32 +33,25 @@ class ArraySpool:
     def __init__(self) -> None:
         with _clear_errors():
             self._file = tempfile.TemporaryFile()
-        self._layouts: dict[Layout, int] = {}
-        self._known: list[Layout] = []
+        self._layouts: dict[tuple[object, ...], int] = {}
+        self._known: list[np.dtype] = []
         self._end = 0
 
     def append(self, arrays: Mapping[str, np.ndarray]) -> Record:
         """Store the arrays."""
-        layout = tuple((name, array.shape, array.dtype) for name, array in arrays.items())
+        layout = tuple((name, array.dtype, array.shape) for name, array in arrays.items())
         if layout not in self._layouts:
             self._layouts[layout] = len(self._known)
-            self._known.append(layout)
+            self._known.append(np.dtype(list(layout)))
         record = Record(self._end, self._layouts[layout])
         with _clear_errors():
             for array in arrays.values():
                 self._end += self._file.write(array.tobytes())
         return record
 
-    def read(self, record: Record, name: str) -> np.ndarray | None:
-        """One array of a record, read-only; None if the record has no array of that name."""
-        offset = record.offset
-        for other, shape, kind in self._known[record.layout]:
-            size = kind.itemsize * math.prod(shape)
-            if other == name:
-                self._flush()
-                return np.frombuffer(os.pread(self._file.fileno(), size, offset), dtype=kind).reshape(shape)
-            offset += size
-        return None
+    def read(self, record: Record) -> dict[str, np.ndarray]:
+        """Return the arrays of a record by name, read-only."""
+        return {name: column[0] for name, column in self._rows([record]).items()}
 
     def columns(self, records: Sequence[Record]) -> dict[str, np.ndarray]:
         """Return the arrays of f records with one layout, by name, with a first axis (f, ...).
@@ -71,13 +60,19 @@ class ArraySpool:
         """
         if len({record.layout for record in records}) != 1:
             raise ValueError("the records have several layouts; expected one or more records with the same arrays")
-        kind = np.dtype([(name, dtype, shape) for name, shape, dtype in self._known[records[0].layout]])
+        return self._rows(records)
+
+    def _rows(self, records: Sequence[Record]) -> dict[str, np.ndarray]:
+        kind = self._known[records[0].layout]
+        self._flush()
+        if not kind.names:
+            return {}
         if len(records) * kind.itemsize == self._end:
-            self._flush()
-            rows = np.memmap(self._file, dtype=kind, mode="r", shape=(len(records),))
-            return {name: rows[name].view(np.ndarray) for name in kind.names or ()}
-        names = kind.names or ()
-        return {name: np.array([self.read(record, name) for record in records]) for name in names}
+            rows: np.ndarray = np.memmap(self._file, dtype=kind, mode="r", shape=(len(records),)).view(np.ndarray)
+        else:
+            parts = (os.pread(self._file.fileno(), kind.itemsize, record.offset) for record in records)
+            rows = np.frombuffer(b"".join(parts), dtype=kind)
+        return {name: rows[name] for name in kind.names or ()}
 
     def _flush(self) -> None:
         with _clear_errors():

@@ -1,16 +1,37 @@
-"""Write a set of files atomically: they appear under their names when all are complete, or not at all."""
+"""Output files: none replaces an input or another output, and a set of files gets its names at once, or not at all."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import BinaryIO
 
 from lassokin_ros.core.errors import LassokinError
+
+Named = tuple[str, Path]
+"""The kind of a path, for the error text, and the path."""
+
+
+def refuse_shared(inputs: Iterable[Named], outputs: Iterable[Named], error: type[LassokinError]) -> None:
+    """Raise `error` if an output is an input or another output, by any name. Call it before the work."""
+    taken = {real_path(path): what for what, path in inputs}
+    read = set(taken)
+    for what, path in outputs:
+        place = real_path(path)
+        if place in read:
+            raise error(f"{what} '{path}' is also {taken[place]}, which is read; choose another path")
+        if place in taken:
+            raise error(f"{taken[place]} and {what} both name '{path}'; choose another name for one of them")
+        taken[place] = what
+
+
+def real_path(path: Path) -> Path:
+    """Resolve links. `Path.resolve` is not used because it raises an error for circular links."""
+    return Path(os.path.realpath(path))
 
 
 def refuse_existing(path: Path, replace: bool, error: type[LassokinError]) -> None:
@@ -51,7 +72,7 @@ class AtomicFiles:
         self.placed: list[Path] = []
         """Paths that have been renamed already. The error text lists them if a later rename fails."""
 
-    def write(self, path: Path, fill: Callable[[BinaryIO], None]) -> None:
+    def write(self, path: Path, fill: Callable[[BinaryIO], object]) -> None:
         """Call `fill` to write the file that will appear at `path`."""
         refuse_existing(path, self._replace, self._error)
         part = path.with_name(f".{path.name}.{os.getpid()}.part")
@@ -67,7 +88,7 @@ class AtomicFiles:
     def write_text(self, path: Path, text: str) -> None:
         """Write a text file in UTF-8."""
         data = text.encode()
-        self.write(path, lambda file: _put(file, data))
+        self.write(path, lambda file: file.write(data))
 
     def remove(self, path: Path) -> None:
         """Remove a file of an earlier run when the others have their names."""
@@ -108,7 +129,3 @@ class AtomicFiles:
         """Raise the error if another file has appeared at one of the paths."""
         for path in self._parts:
             refuse_existing(path, self._replace, self._error)
-
-
-def _put(file: BinaryIO, data: bytes) -> None:
-    file.write(data)

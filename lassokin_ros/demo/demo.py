@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lassokin_ros.common.exit_codes import INTERRUPTED, USAGE_ERROR
+from lassokin_ros.common.command_line import INTERRUPTED, USAGE_ERROR
 from lassokin_ros.common.interruption import Interrupted, interruptible
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.config import TrackerConfig

@@ -9,17 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lassokin_ros.common.atomic_files import AtomicFiles, refuse_existing
-from lassokin_ros.common.distinct_paths import refuse_shared
-from lassokin_ros.common.exit_codes import USAGE_ERROR
-from lassokin_ros.common.summary_output import print_summary
+from lassokin_ros.common.atomic_files import AtomicFiles, refuse_existing, refuse_shared
+from lassokin_ros.common.command_line import USAGE_ERROR, print_summary
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.measure import report
+from lassokin_ros.measure.exercises import JOINT, measure_repetitions, measure_squats
 from lassokin_ros.measure.gait import measure_gait
-from lassokin_ros.measure.page import gait_page
 from lassokin_ros.measure.poses import UNSMOOTHED, MeasureError, NotTracked, Poses, poses_of
-from lassokin_ros.measure.repetitions import JOINT, measure_repetitions
-from lassokin_ros.measure.squat import measure_squats
 
 PROGRAM = "lassokin measure"
 GAIT, SQUAT = "gait", "squat"
@@ -77,7 +73,7 @@ def _measured(options: argparse.Namespace, passes: list[Poses], title: str) -> t
         gait = measure_gait(*passes)
         lines = report.gait_lines(gait)
         remarks = report.trust_lines(gait, passes) + [SMOOTHED] * any(one.smoothing > SMOOTHING_S for one in passes)
-        page = gait_page(gait, title, remarks + unseen)
+        page = report.gait_page(gait, title, remarks + unseen)
         texts = {"--plot": report.gait_plot(gait, title), "--page": page}
         return lines + remarks + unseen, report.as_json(gait), texts
     if options.what == SQUAT:

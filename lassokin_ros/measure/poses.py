@@ -12,7 +12,7 @@ from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 
-from lassokin_ros.common.summary_output import print_note
+from lassokin_ros.common.command_line import print_note
 from lassokin_ros.core.errors import LassokinError
 
 NEEDED = (

@@ -15,8 +15,7 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
-from lassokin_ros.common.exit_codes import USAGE_ERROR
-from lassokin_ros.common.missing_package import missing_package
+from lassokin_ros.common.command_line import USAGE_ERROR, missing_package
 
 LOG_ADVICE = "set ROS_LOG_DIR to a folder that can be written, or set ROS_HOME or HOME"
 LOG_PERIOD_S = 5.0

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from lassokin_ros.common.version import version
+from lassokin_ros.common.command_line import version
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.node.inputs.camera_publishers import DuplicateNode
@@ -33,13 +33,12 @@ from lassokin_ros.pipeline.answers import Answer
 from lassokin_ros.pipeline.camera_images import UNUSED
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.description.cameras_file import save_cameras
-from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
-from lassokin_ros.pipeline.outputs.naming import Naming
+from lassokin_ros.pipeline.outputs.body_frames import Naming
+from lassokin_ros.pipeline.outputs.diagnostics import NEAR_LIMIT, NEAR_LIMIT_ADVICE, Diagnostics
+from lassokin_ros.pipeline.outputs.figures import averaged_sides
 from lassokin_ros.pipeline.outputs.outputs import Outputs
-from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides
-from lassokin_ros.pipeline.outputs.status.diagnostics import NEAR_LIMIT, NEAR_LIMIT_ADVICE, Diagnostics
-from lassokin_ros.pipeline.outputs.status.presence_state import LOST, NOBODY, TRACKING
+from lassokin_ros.pipeline.outputs.saved_files import save_all, save_cameras
+from lassokin_ros.pipeline.outputs.scene_messages import LOST, NOBODY, TRACKING
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.people.people_tracker import FORGOTTEN
 from lassokin_ros.pipeline.people.roster import GONE

@@ -16,8 +16,8 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.node import Node
 from rclpy.task import Future
 
-from lassokin_ros.pipeline.outputs.description.urdf import has_prefix
 from lassokin_ros.pipeline.outputs.topics import STATE_PUBLISHER
+from lassokin_ros.pipeline.outputs.urdf import has_prefix
 
 PARAMETER = "robot_description"
 RESPONSE_TIMEOUT_S = 5.0

@@ -22,12 +22,12 @@ from lassokin_ros.pipeline.input_checks.image_size import ImageSize
 from lassokin_ros.pipeline.input_checks.messages import (
     LEADING_SLASH,
     LandmarkIds,
+    OwnDepth,
     check_layout,
     has_leading_slash,
     without_skipped,
 )
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS, checked_positions, people_shown
-from lassokin_ros.pipeline.input_checks.repeats import OwnDepth
 from lassokin_ros.pipeline.input_checks.stamps import StampRate, StampWatch
 from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.seen import Image, people_in

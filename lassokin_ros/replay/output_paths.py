@@ -7,8 +7,7 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from lassokin_ros.common.atomic_files import refuse_existing
-from lassokin_ros.common.distinct_paths import Named, real_path, refuse_shared
+from lassokin_ros.common.atomic_files import Named, real_path, refuse_existing, refuse_shared
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.pipeline.camera.calibration_file import split_camera
 

@@ -13,10 +13,9 @@ from lassokin_ros.pipeline.answers import Answer
 from lassokin_ros.pipeline.camera_images import UNREADABLE_WORDS
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics, WarningLog
 from lassokin_ros.pipeline.outputs.outputs import Outputs
-from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
-from lassokin_ros.pipeline.outputs.status.warning_log import WarningLog
+from lassokin_ros.pipeline.outputs.saved_files import save_all
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings

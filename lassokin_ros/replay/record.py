@@ -13,13 +13,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from lassokin_ros.common.version import version
+from lassokin_ros.common.command_line import version
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.core.yaml_files import load_mapping, read_text, user_path
 from lassokin_ros.pipeline.camera.calibration_file import split_camera
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.replay.sqlite_journal import journals_of
+from lassokin_ros.replay.recording_files import journals_of
 from lassokin_ros.skeleton_readers.naming import names_file
 
 KEY = "lassokin_ros"

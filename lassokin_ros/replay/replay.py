@@ -20,9 +20,9 @@ from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.recording import WHOLE_FILE
 from lassokin_ros.pipeline.depth.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.description.skeleton_file import check_skeleton_file
+from lassokin_ros.pipeline.outputs.figures import averaged_sides, height_in_words
 from lassokin_ros.pipeline.outputs.outputs import LINK_AS_FRAME
-from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides, height_in_words
+from lassokin_ros.pipeline.outputs.saved_files import check_skeleton_file
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -32,11 +32,11 @@ from lassokin_ros.replay.camera_source import RecordedCamera, messages_of, recor
 from lassokin_ros.replay.exports.exports import Exports, is_inside_name
 from lassokin_ros.replay.motion import MotionRecorder
 from lassokin_ros.replay.output_paths import OutputError, check_output_paths, refuse_existing_files
-from lassokin_ros.replay.passes.passes import Bodies, learn
+from lassokin_ros.replay.passes import Bodies, learn
 from lassokin_ros.replay.playback import PATIENCE_S, NodeMessages, Playback
 from lassokin_ros.replay.record import KEY, Figures, Record, origin_of
-from lassokin_ros.replay.recorded_images import RecordedImages, recorded_images
 from lassokin_ros.replay.recording_files import recording_name
+from lassokin_ros.replay.report.images import RecordedImages, recorded_images
 
 if TYPE_CHECKING:
     from lassokin_ros.replay.report.report import Report

@@ -11,8 +11,7 @@ import numpy as np
 
 from lassokin_ros import joints
 from lassokin_ros.common.atomic_files import AtomicFiles, refuse_existing
-from lassokin_ros.common.exit_codes import USAGE_ERROR
-from lassokin_ros.common.summary_output import print_summary
+from lassokin_ros.common.command_line import USAGE_ERROR, print_summary
 from lassokin_ros.common.svg import Axes, document, text
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout

@@ -14,9 +14,8 @@ import numpy as np
 
 from lassokin_ros import joints
 from lassokin_ros.common.atomic_files import AtomicFiles, refuse_existing
-from lassokin_ros.common.exit_codes import USAGE_ERROR
+from lassokin_ros.common.command_line import USAGE_ERROR, print_summary
 from lassokin_ros.common.progress import Progress
-from lassokin_ros.common.summary_output import print_summary
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import read_text
 from lassokin_ros.measure.poses import LONGEST_GAP_S, Poses, read_poses

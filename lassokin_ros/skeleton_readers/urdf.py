@@ -156,7 +156,7 @@ def _links(joints: list[Joint]) -> RestTree:
 
 
 def _joints_of_our_urdf(joints: list[Joint], source: str) -> RestTree:
-    """Return the ball joints, each written as three revolute joints, see `session.outputs.description.urdf`."""
+    """Return the ball joints, each written as three revolute joints, see `pipeline.outputs.urdf`."""
     places = _placed(joints)
     ball_of: dict[str, str] = {}  # link -> the ball joint that it belongs to
     parents: dict[str, str] = {}

@@ -10,8 +10,7 @@ import numpy as np
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.gating import HEAD
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.replay.capsules import capsules
-from lassokin_ros.replay.motion import FEET, SOLE
+from lassokin_ros.replay.body import FEET, SOLE, capsules
 
 SIDE_DEG, ABOVE_DEG = 55.0, 12.0
 """The view's direction: from the camera's right, and from above."""

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import errno
 import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from lassokin_ros.common.exit_codes import INTERRUPTED, USAGE_ERROR
-from lassokin_ros.common.interruption import Interrupted, interruptible
-from lassokin_ros.core.errors import CameraError, LassokinError
+from lassokin_ros.common.command_line import INTERRUPTED, USAGE_ERROR, print_note, print_summary, run_command
+from lassokin_ros.core.errors import CameraError
 from lassokin_ros.video import PROGRAM
-
-if TYPE_CHECKING:
-    from lassokin_ros.video.track import Tracked
 
 QUIET = {"GLOG_minloglevel": "3", "TF_CPP_MIN_LOG_LEVEL": "3", "OPENCV_FFMPEG_LOGLEVEL": "-8", "RUST_LOG": "off"}
 """Environment variables that keep libraries (MediaPipe, FFmpeg, Rerun) from writing to stderr beside our line."""
@@ -38,33 +32,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     interrupted. If the source ends early, or is interrupted, the files hold the part that was tracked.
     """
     options = parser().parse_args(arguments)
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
     for name, level in QUIET.items():
         os.environ.setdefault(name, level)
-    try:
-        with interruptible():
-            tracked = _run(options)
-    except OSError as error:
-        if error.errno != errno.ENAMETOOLONG:
-            raise
-        print(f"{PROGRAM}: the name '{error.filename}' is too long for a file", file=sys.stderr)
-        return USAGE_ERROR
-    except (LassokinError, ModuleNotFoundError) as error:
-        remedy = "; install it with: pip install '.[replay]'" * isinstance(error, ModuleNotFoundError)
-        print(f"{PROGRAM}: {error}{remedy}", file=sys.stderr)
-        return USAGE_ERROR
-    except (Interrupted, KeyboardInterrupt):
-        print(f"{PROGRAM}: interrupted; nothing was written", file=sys.stderr)
-        return INTERRUPTED
-    if tracked.fault:
-        print(f"{PROGRAM}: {tracked.fault}; what was tracked until then is kept", file=sys.stderr)
-        return USAGE_ERROR
-    return 0 if tracked.complete else INTERRUPTED
+    return run_command(PROGRAM, lambda: run(options))
 
 
-def _run(options: argparse.Namespace) -> Tracked:
-    """Track, print the summary and return the end of the run. Raises a LassokinError."""
-    from lassokin_ros.common.summary_output import print_summary
+def run(options: argparse.Namespace) -> int:
+    """Track, print the summary and return the exit code. Raises a LassokinError."""
     from lassokin_ros.video.output_paths import check_output_paths
     from lassokin_ros.video.track import track
 
@@ -76,7 +50,10 @@ def _run(options: argparse.Namespace) -> Tracked:
     check_output_paths(options)
     tracked = track(options)
     print_summary(tracked.summary)
-    return tracked
+    if tracked.fault:
+        print_note(f"{PROGRAM}: {tracked.fault}; what was tracked until then is kept")
+        return USAGE_ERROR
+    return 0 if tracked.complete else INTERRUPTED
 
 
 def parser() -> argparse.ArgumentParser:

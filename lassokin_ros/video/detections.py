@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
+from lassokin_ros.common.command_line import print_note
 from lassokin_ros.common.progress import Progress
-from lassokin_ros.common.summary_output import print_note
 from lassokin_ros.detector.backend import Detected, Detector, DetectorError
 from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.people import Found, Seen

@@ -7,8 +7,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from lassokin_ros.common.atomic_files import refuse_existing
-from lassokin_ros.common.distinct_paths import Named, refuse_shared
+from lassokin_ros.common.atomic_files import Named, refuse_existing, refuse_shared
 from lassokin_ros.pipeline.camera.calibration_file import split_camera
 from lassokin_ros.replay.exports.exports import target_of
 from lassokin_ros.replay.output_paths import OutputError, exported_files, settings_files

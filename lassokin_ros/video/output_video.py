@@ -14,7 +14,7 @@ from lassokin_ros.common.atomic_files import refuse_existing
 from lassokin_ros.doubt.doubt import Doubt
 from lassokin_ros.doubt.monitor import AROUND_S
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
-from lassokin_ros.replay.capsules import side_of
+from lassokin_ros.replay.body import side_of
 from lassokin_ros.video.body_view import BACKGROUND, COLOURS, NAME, BodyView
 from lassokin_ros.video.encoder import VideoError, open_encoder
 from lassokin_ros.video.sources import is_utf8, printable

@@ -19,7 +19,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.outputs.frame_messages import principal_axes
-from lassokin_ros.replay.capsules import capsules
+from lassokin_ros.replay.body import capsules
 
 CAMERA, BODY = "camera", "body"
 ANGLES, ERRORS = "angles", "errors"

@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 
-from lassokin_ros.common.summary_output import print_note
+from lassokin_ros.common.command_line import print_note
 from lassokin_ros.core.body.landmarks import skeleton_of
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import CameraError, ConfigurationError

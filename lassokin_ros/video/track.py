@@ -16,17 +16,18 @@ from pathlib import Path
 import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
+from lassokin_ros.common.command_line import print_note
+from lassokin_ros.common.interruption import Interrupted
 from lassokin_ros.common.progress import Progress
-from lassokin_ros.common.summary_output import print_note
 from lassokin_ros.core.config import CHECK, TrackerConfig
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.detector.backend import Detector, make_detector
-from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words
+from lassokin_ros.pipeline.outputs.figures import height_in_words
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import LASTING, MESSAGE
 from lassokin_ros.replay.output_paths import OutputError
-from lassokin_ros.replay.passes.passes import Bodies, Known, learn
+from lassokin_ros.replay.passes import Bodies, Known, learn
 from lassokin_ros.replay.playback import Playback
 from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.cameras.filmed import (
@@ -146,7 +147,7 @@ class Run:
     def whole_files(self, offsets: Sequence[float] | None) -> None:
         """Detect all images, learn the people's lengths from them, and track them backward and forward with these.
 
-        offsets: see --offsets. Raises a LassokinError; KeyboardInterrupt if a signal comes too early for any result.
+        offsets: see --offsets. Raises a LassokinError; Interrupted if a signal comes too early for any result.
         """
         with stop_flag() as stopped:
             for camera in self._cameras:
@@ -206,7 +207,7 @@ class Run:
         cameras, kept = self._cameras, [camera.detected for camera in self._cameras]
         if self._stopped:  # the part that was detected in all
             if not all(one.found for one in kept):
-                raise KeyboardInterrupt
+                raise Interrupted("nothing was written")
             end = min(one.found[-1][0] for one in kept)
             for one in kept:
                 one.found = [found for found in one.found if found[0] <= end]
@@ -238,7 +239,7 @@ class Run:
             self._poses = found_poses(known.first)
         except CameraError:
             if self._stopped:
-                raise KeyboardInterrupt from None
+                raise Interrupted("nothing was written") from None
             raise
         return replace(known, config=replace(known.config, extrinsics=CHECK))
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
-from lassokin_ros.common.summary_output import print_note
+from lassokin_ros.common.command_line import print_note
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.image_sets import SAME_INSTANT_NS

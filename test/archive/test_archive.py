@@ -14,7 +14,7 @@ from archives import holder, killed_writers, outcomes, start_replay, write_archi
 from recordings import contents, write_recording  # noqa: E402
 
 from lassokin_ros.archive.archive import tasks_of  # noqa: E402
-from lassokin_ros.archive.dask_cluster import on_cluster  # noqa: E402
+from lassokin_ros.archive.runners import on_cluster  # noqa: E402
 from lassokin_ros.archive.tasks import ArchiveError  # noqa: E402
 from lassokin_ros.cli.replay import (
     main,  # noqa: E402

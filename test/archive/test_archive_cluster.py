@@ -104,7 +104,7 @@ def test_an_archive_is_completed_if_one_of_two_workers_is_killed(tmp_path, capsy
     ],
 )
 def test_a_missing_scheduler_is_one_line(tmp_path, capsys, monkeypatch, address, expected):
-    import lassokin_ros.archive.dask_cluster as archive_dask
+    import lassokin_ros.archive.runners as archive_dask
 
     monkeypatch.setattr(archive_dask, "TIMEOUT_S", 0.3)
     archive = write_archive(tmp_path / "in")

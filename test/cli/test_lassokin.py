@@ -1,5 +1,6 @@
 """The command `lassokin`: its sub-commands, and one line for a wrong one."""
 
+import re
 import subprocess
 import sys
 from concurrent.futures import Future
@@ -7,7 +8,6 @@ from concurrent.futures import Future
 import pytest
 
 from lassokin_ros.cli import lassokin
-from lassokin_ros.common.missing_package import pip_install
 from lassokin_ros.node import executable
 
 
@@ -55,4 +55,4 @@ def test_a_missing_solver_is_named(arguments, tmp_path):
     (tmp_path / "bag").mkdir()
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
     assert (done.returncode, done.stdout) == (2, "") and done.stderr.count("\n") == 1
-    assert done.stderr.endswith(f"the Python package proxsuite is not installed: {pip_install()} proxsuite\n")
+    assert re.search("the Python package proxsuite is not installed: pip install .*proxsuite\n$", done.stderr)

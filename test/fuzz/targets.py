@@ -28,8 +28,8 @@ from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.pipeline.camera.calibration_file import read_calibration
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.input_checks.placeholders import without_placeholders
-from lassokin_ros.pipeline.outputs.description.skeleton_file import skeleton_text
-from lassokin_ros.pipeline.outputs.description.urdf import urdf
+from lassokin_ros.pipeline.outputs.saved_files import skeleton_text
+from lassokin_ros.pipeline.outputs.urdf import urdf
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.replay.bags import BagReader
 from lassokin_ros.replay.exports.bvh import hierarchy

@@ -14,9 +14,9 @@ from lassokin_ros.core.config import TYPICAL_HEIGHT, TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.description.urdf import urdf
-from lassokin_ros.pipeline.outputs.description.urdf_from_parameters import urdf_from_settings
+from lassokin_ros.pipeline.outputs.robot_description import urdf_from_settings
 from lassokin_ros.pipeline.outputs.topics import STATE_PUBLISHER
+from lassokin_ros.pipeline.outputs.urdf import urdf
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
 

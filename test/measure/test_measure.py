@@ -13,10 +13,10 @@ import pytest
 from motions import NAMES, RATE, SHANK, THIGH, body, hidden, saved, squats, walk
 
 from lassokin_ros.measure.command import main
+from lassokin_ros.measure.exercises import measure_squats
 from lassokin_ros.measure.gait import measure_gait
 from lassokin_ros.measure.poses import MeasureError, Poses, read_poses, smoothed
 from lassokin_ros.measure.report import as_json, gait_lines
-from lassokin_ros.measure.squat import measure_squats
 
 
 @pytest.mark.parametrize("heading", [0.0, 1.2, np.pi])

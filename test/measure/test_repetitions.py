@@ -9,9 +9,8 @@ from motions import NAMES, RATE, body, saved, squats
 from scipy.spatial.transform import Rotation
 
 from lassokin_ros.measure.command import main
+from lassokin_ros.measure.exercises import LUNGE, PUSH_UP, SIT_TO_STAND, measure_repetitions, measure_squats
 from lassokin_ros.measure.poses import MeasureError, Poses
-from lassokin_ros.measure.repetitions import LUNGE, PUSH_UP, SIT_TO_STAND, measure_repetitions
-from lassokin_ros.measure.squat import measure_squats
 
 
 def bends(count, period=2.5, degrees=90.0):

@@ -15,8 +15,8 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import WEBCAM, Detector, detections, exact_pixels, motion
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.description.urdf import joint_names
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
+from lassokin_ros.pipeline.outputs.urdf import joint_names
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
 from msg_adapters.backends import RclpyBackend

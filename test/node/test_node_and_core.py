@@ -14,7 +14,7 @@ from live import BACKEND, node_in_this_process  # noqa: E402
 from messages import camera_info, cloud, pixels_of_motion  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 
-from lassokin_ros.pipeline.outputs.status.presence_state import LOST, NOBODY, TRACKING  # noqa: E402
+from lassokin_ros.pipeline.outputs.scene_messages import LOST, NOBODY, TRACKING  # noqa: E402
 
 START_NS, PERIOD_NS, FRAMES = 10**18, 33_333_333, 40
 PIXELS = pixels_of_motion(FRAMES, 30.0)

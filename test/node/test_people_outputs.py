@@ -22,7 +22,7 @@ from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.node.message_types import message_class  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
-from lassokin_ros.pipeline.outputs.description.urdf import urdf  # noqa: E402
+from lassokin_ros.pipeline.outputs.urdf import urdf  # noqa: E402
 from lassokin_ros.replay.bags import BagReader  # noqa: E402
 
 PIXELS = pixels_of_motion(40)

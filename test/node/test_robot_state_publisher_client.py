@@ -12,8 +12,8 @@ from rcl_interfaces.msg import SetParametersResult  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
-from lassokin_ros.pipeline.outputs.description.urdf import urdf  # noqa: E402
 from lassokin_ros.pipeline.outputs.topics import STATE_PUBLISHER  # noqa: E402
+from lassokin_ros.pipeline.outputs.urdf import urdf  # noqa: E402
 
 SKELETON = Skeleton.load("anthropometric", 1.75)
 SETTINGS = ("-p", "height:=1.75")

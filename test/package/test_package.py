@@ -28,7 +28,7 @@ def test_the_manifest_is_valid():
 
 def test_the_version_is_that_of_the_manifest():
     import lassokin_ros
-    from lassokin_ros.common.version import version
+    from lassokin_ros.common.command_line import version
 
     assert lassokin_ros.__version__ == version()
     if version() != "(not installed)":

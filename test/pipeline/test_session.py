@@ -34,7 +34,7 @@ from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE  # noqa:
 from lassokin_ros.pipeline.camera_images import NOBODY, UNSCORED, UNUSED  # noqa: E402
 from lassokin_ros.pipeline.input_checks import stamps  # noqa: E402
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS  # noqa: E402
-from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState  # noqa: E402
+from lassokin_ros.pipeline.outputs.scene_messages import PresenceState  # noqa: E402
 from lassokin_ros.pipeline.people.choice import NoPersonError  # noqa: E402
 from lassokin_ros.pipeline.seen import key_of  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402

@@ -13,7 +13,7 @@ from recordings import contents, read, write_recording  # noqa: E402
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
-from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 

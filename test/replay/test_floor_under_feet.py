@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lassokin_ros.replay.motion import FLESH, SOLE, floor_height
+from lassokin_ros.replay.body import FLESH, SOLE, floor_height
 
 NAMES = ("pelvis", "left_ankle", "right_ankle", "left_foot", "right_foot")
 HEIGHT, FRAMES = 1.7, 100
@@ -20,7 +20,7 @@ def body(left, right):
 def floor(positions, standing=(), level=np.eye(3), observed=True):
     contacts = np.zeros((FRAMES, len(NAMES)), dtype=bool)
     contacts[list(standing), 1] = True
-    return floor_height(positions, np.full((FRAMES, len(NAMES)), observed), contacts, NAMES, HEIGHT, level)
+    return floor_height(NAMES, HEIGHT, positions, np.full((FRAMES, len(NAMES)), observed), contacts, level)
 
 
 def test_the_floor_is_where_feet_stand_and_not_where_one_is_once():
@@ -46,10 +46,10 @@ def test_the_floor_is_under_whatever_rests_on_it_of_people_who_lie():
     places[:, :, 1] = [0.3, 0.2, 0.6, 0.0, 0.55]  # y down: a push-up, whose hands are lower than the feet
     places[:, 1, 0] = 0.5
     seen, nowhere = np.ones((FRAMES, 5), dtype=bool), np.zeros((FRAMES, 5), dtype=bool)
-    under = floor_height(places, seen, nowhere, names, HEIGHT, np.eye(3))
+    under = floor_height(names, HEIGHT, places, seen, nowhere, np.eye(3))
     assert under == pytest.approx(-0.6 - FLESH["wrist"] * HEIGHT)
     seen[:, 2] = False  # a hand that nobody sees says nothing
-    assert floor_height(places, seen, nowhere, names, HEIGHT, np.eye(3)) == pytest.approx(-0.55 - SOLE * HEIGHT)
-    assert np.isnan(floor_height(places, nowhere, nowhere, names, HEIGHT, np.eye(3)))
+    assert floor_height(names, HEIGHT, places, seen, nowhere, np.eye(3)) == pytest.approx(-0.55 - SOLE * HEIGHT)
+    assert np.isnan(floor_height(names, HEIGHT, places, nowhere, nowhere, np.eye(3)))
     places[:, 1] = [0.0, -0.2, 0.0]  # upright, the feet give it
-    assert floor_height(places, ~nowhere, nowhere, names, HEIGHT, np.eye(3)) == pytest.approx(-0.55 - SOLE * HEIGHT)
+    assert floor_height(names, HEIGHT, places, ~nowhere, nowhere, np.eye(3)) == pytest.approx(-0.55 - SOLE * HEIGHT)

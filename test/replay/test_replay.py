@@ -30,7 +30,7 @@ from recordings import (  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.config import TYPICAL_HEIGHT  # noqa: E402
-from lassokin_ros.pipeline.outputs.description.urdf import joint_names  # noqa: E402
+from lassokin_ros.pipeline.outputs.urdf import joint_names  # noqa: E402
 from lassokin_ros.replay.bag_writer import BagWriter  # noqa: E402
 from lassokin_ros.replay.bags import BagError, BagReader, typestore  # noqa: E402
 from msg_adapters.backends import RosbagsBackend  # noqa: E402

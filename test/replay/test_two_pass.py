@@ -39,9 +39,9 @@ from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion
 from lassokin_ros.pipeline.frame_result import FrameResult  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+from lassokin_ros.replay import passes  # noqa: E402
 from lassokin_ros.replay.keypoint_recording import write_keypoint_recording  # noqa: E402
-from lassokin_ros.replay.passes import passes  # noqa: E402
-from lassokin_ros.replay.passes.kept_observations import KeptObservations  # noqa: E402
+from lassokin_ros.replay.passes import KeptObservations  # noqa: E402
 from msg_adapters.keypoints import Keypoints  # noqa: E402
 
 FRAMES = 150

@@ -12,8 +12,8 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.pipeline.outputs.description.skeleton_file import skeleton_text
-from lassokin_ros.pipeline.outputs.description.urdf import urdf
+from lassokin_ros.pipeline.outputs.saved_files import skeleton_text
+from lassokin_ros.pipeline.outputs.urdf import urdf
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.exports.bvh import hierarchy

@@ -19,7 +19,7 @@ from std_msgs.msg import String  # noqa: E402
 
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
-from lassokin_ros.pipeline.outputs.description.urdf import urdf  # noqa: E402
+from lassokin_ros.pipeline.outputs.urdf import urdf  # noqa: E402
 from lassokin_ros.video.rerun_scene import RerunScene, ViewError  # noqa: E402
 from lassokin_ros.viewer.node import ViewerNode  # noqa: E402
 from msg_adapters.inputs import rgb_image  # noqa: E402

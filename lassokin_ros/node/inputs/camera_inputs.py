@@ -17,7 +17,7 @@ from lassokin_ros.node.inputs.missing_input import MissingInput
 from lassokin_ros.node.log_throttle import LogThrottle
 from lassokin_ros.pipeline.camera_images import CameraImages
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
 from lassokin_ros.pipeline.session import Session
 
 

@@ -18,7 +18,7 @@ from lassokin_ros.node.inputs.missing_input import MissingInput
 from lassokin_ros.node.inputs.polled_subscription import SimulatedTime
 from lassokin_ros.node.inputs.transform_input import TransformInput
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
 from lassokin_ros.pipeline.session import Session
 
 

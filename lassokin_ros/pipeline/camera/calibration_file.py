@@ -14,8 +14,8 @@ import numpy as np
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.pipeline.camera import motion_capture_files, wide_lenses
-from lassokin_ros.pipeline.camera.calibration_text import FORMS, values_in
+from lassokin_ros.pipeline.camera import distortion
+from lassokin_ros.pipeline.camera.calibration_formats import FORMS, easymocap, panoptic, values_in
 from lassokin_ros.pipeline.camera.lens import Lens
 from msg_adapters.backends import Backend
 from msg_adapters.camera_info import Intrinsics, intrinsics_of
@@ -142,7 +142,7 @@ def read_cameras(file: Path, names: Sequence[str], any_unit: bool = False) -> di
     any_unit: the places may be in another unit than m, which the caller finds out.
 
     TOML of Pose2Sim, Anipose or caliscope; a camchain of Kalibr, whose poses are relative to the camera before; a file
-    of OpenCV's stereo calibration with R and T; or those of `motion_capture_files`. Raises CameraError.
+    of OpenCV's stereo calibration with R and T; or those of `calibration_formats`. Raises CameraError.
     """
     data = values_in(file)
     cameras = _cameras(data)
@@ -231,7 +231,7 @@ def _cameras(data: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     }
     if anipose:  # and Pose2Sim and caliscope
         return _by_name(anipose)
-    if others := motion_capture_files.panoptic(data) or motion_capture_files.easymocap(data):
+    if others := panoptic(data) or easymocap(data):
         return dict(others)
     stereo = [number for number in "12" if f"M{number}" in data]
     if stereo:  # OpenCV's stereo_calib
@@ -254,11 +254,11 @@ def _sizes(data: Mapping[str, Any]) -> dict[str, Any]:
 
 def _from_kalibr(values: Mapping[str, Any], file: Path) -> Calibration:
     camera, model = str(values.get("cameramodel", "pinhole")), str(values.get("distortionmodel", "none"))
-    wide = wide_lenses.PARAMETERS.get(camera)
+    wide = distortion.WIDE_PARAMETERS.get(camera)
     if (wide is None and (camera != "pinhole" or model not in KALIBR_MODELS)) or (wide and model == "equidistant"):
         raise CameraError(
             f"'{file}' has camera_model {camera} with distortion_model {model}; expected pinhole with "
-            f"{', '.join(KALIBR_MODELS)}, or {', '.join(wide_lenses.PARAMETERS)} with none or radtan"
+            f"{', '.join(KALIBR_MODELS)}, or {', '.join(distortion.WIDE_PARAMETERS)} with none or radtan"
         )
     *parameters, fx, fy, cx, cy = _numbers(values["intrinsics"], 4 + (wide or 0))
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
@@ -268,7 +268,9 @@ def _from_kalibr(values: Mapping[str, Any], file: Path) -> Calibration:
     if wide is None:
         return Calibration(K, D, KALIBR_MODELS[model], size)
     farthest = float(np.hypot(max(cx, width - cx), max(cy, height - cy)))
-    factor, D = wide_lenses.equidistant(camera, parameters, D.tolist(), float(np.sqrt(fx * fy)), farthest, str(file))
+    factor, D = distortion.nearest_equidistant(
+        camera, parameters, D.tolist(), float(np.sqrt(fx * fy)), farthest, str(file)
+    )
     return Calibration(K * np.array([[factor, 1, 1], [1, factor, 1], [1, 1, 1]]), D, "equidistant", size)
 
 

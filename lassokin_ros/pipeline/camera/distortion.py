@@ -1,10 +1,16 @@
-"""The lens models of sensor_msgs/CameraInfo, as OpenCV defines them. A point x, y is the complex number x + iy."""
+"""The lens models of sensor_msgs/CameraInfo, as OpenCV defines them, and Kalibr's wide lenses as the nearest of them.
+
+A point x, y is the complex number x + iy.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
+
+from lassokin_ros.core.errors import CameraError
 
 ITERATIONS = 20
 """Newton steps at most. Inside the range of a lens model two or three are enough."""
@@ -181,3 +187,49 @@ def _mapped(homography: np.ndarray, points: np.ndarray) -> np.ndarray:
     x, y, w = homography @ np.stack([points.real, points.imag, np.ones(len(points))])
     mapped: np.ndarray = (x + 1j * y) / w
     return mapped
+
+
+WIDE_PARAMETERS = {"omni": 1, "ds": 2, "eucm": 2}
+"""Numbers of parameters before fu, fv, pu, pv."""
+WIDE_ANGLES = np.linspace(1e-3, np.radians(100), 1000)
+"""rad"""
+LARGEST_MISFIT_PX, LARGEST_TANGENTIAL = 0.5, 2e-3
+"""Largest error of the equidistant lens within the image, px, and largest p1, p2 of radtan, which it has not."""
+
+
+def nearest_equidistant(
+    model: str, parameters: Sequence[float], radtan: Sequence[float], focal: float, farthest: float, name: str
+) -> tuple[float, np.ndarray]:
+    """Return the factor of the focal lengths and the coefficients D (4,) of the equidistant lens.
+
+    radtan: k1, k2, p1, p2, or none. focal: px. farthest: px, of the image's corners from the principal point. name: of
+    the file, for messages. Raises CameraError if no equidistant lens is near.
+    """
+    s, c = np.sin(WIDE_ANGLES), np.cos(WIDE_ANGLES)
+    first, second = (*parameters, 0.0)[:2]
+    with np.errstate(all="ignore"):
+        if model == "omni":
+            radius = s / (c + first)
+        elif model == "ds":
+            radius = s / (second * np.hypot(s, first + c) + (1 - second) * (first + c))
+        else:
+            radius = s / (first * np.sqrt(second * s**2 + c**2) + (1 - first) * c)
+        k1, k2, p1, p2 = (*radtan, 0.0, 0.0, 0.0, 0.0)[:4]
+        radius = radius * (1 + k1 * radius**2 + k2 * radius**4)
+    rising = np.concatenate([[True], np.diff(radius) > 0]) & np.isfinite(radius) & (radius > 0)
+    count = len(WIDE_ANGLES) if rising.all() else int(np.argmin(rising))
+    count = min(count, int(np.searchsorted(radius[:count], farthest / focal)) + 1)
+    if max(abs(p1), abs(p2)) > LARGEST_TANGENTIAL or count < 20:
+        raise CameraError(
+            f"camera '{name}': {model} with {list(parameters)} and {list(radtan)} is no lens that can be used"
+        )
+    theta, radius = WIDE_ANGLES[:count], radius[:count]
+    columns = np.stack([theta ** (2 * power + 1) for power in range(5)], axis=1)
+    solution, *_ = np.linalg.lstsq(columns, radius, rcond=None)
+    misfit = focal * float(np.abs(columns @ solution - radius).max())
+    if misfit > LARGEST_MISFIT_PX:
+        raise CameraError(
+            f"'{name}': {model} with {list(parameters)} is up to {misfit:.1f} px from an equidistant lens; "
+            "expected a calibration with camera_model pinhole and distortion_model equidistant"
+        )
+    return float(solution[0]), solution[1:] / solution[0]

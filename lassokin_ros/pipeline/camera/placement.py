@@ -15,9 +15,8 @@ import numpy as np
 from lassokin_ros.core.config import LEARN
 from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces, GivenPoses
+from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces, GivenPoses, PoseJumps
 from lassokin_ros.pipeline.camera.camera_selection import View
-from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.camera.rig_check import RigCheck
 from lassokin_ros.pipeline.camera.tf_offset import TfOffset
 from lassokin_ros.pipeline.camera.transforms import Transforms

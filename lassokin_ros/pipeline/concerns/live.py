@@ -16,7 +16,7 @@ from lassokin_ros.pipeline.concerns.period import INTERVALS, Period
 from lassokin_ros.pipeline.concerns.rejections import advice_for
 from lassokin_ros.pipeline.depth.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.input_checks.hands import EXCHANGED, FAR, ORDER, SAME
-from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
+from lassokin_ros.pipeline.input_checks.messages import FROZEN_S
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.people.roster import GONE
 from lassokin_ros.pipeline.session import Session

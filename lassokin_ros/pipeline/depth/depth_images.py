@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.pipeline.depth.depth_sampling import sample_depth
-from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S, same_image
+from lassokin_ros.pipeline.input_checks.messages import FROZEN_S, same_image
 from msg_adapters.compressed_depth import CompressedDepth, decode_compressed_depth
 from msg_adapters.depth_image import DepthImage, decode_depth_image
 from msg_adapters.errors import AdapterError

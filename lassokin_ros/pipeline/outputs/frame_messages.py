@@ -11,19 +11,20 @@ from lassokin_ros.core.body.roles import is_finger
 from lassokin_ros.core.body.rotations import hat, to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.lasso.certificate import theorem1_literal, theorem1_projected
+from lassokin_ros.core.lasso.solver import KKT_TOLERANCE
 from lassokin_ros.core.output.hand_points import HandPoints
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.body_frames import BodyFrames
-from lassokin_ros.pipeline.outputs.description.urdf import joint_names
-from lassokin_ros.pipeline.outputs.hands import Hands
-from lassokin_ros.pipeline.outputs.limbs import Limbs
-from lassokin_ros.pipeline.outputs.rep155 import MappedJoints
-from lassokin_ros.pipeline.outputs.skeletons_message import joints_report
-from lassokin_ros.pipeline.outputs.status.certificate_status import certificate_status
+from lassokin_ros.pipeline.outputs.body_frames import BodyFrames, MappedJoints
+from lassokin_ros.pipeline.outputs.limbs_and_hands import Hands, Limbs
+from lassokin_ros.pipeline.outputs.scene_messages import joints_report
+from lassokin_ros.pipeline.outputs.urdf import joint_names
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.builders import (
+    OK,
+    WARN,
     DiagnosticArrayBuilder,
     IdsListBuilder,
     JointStateBuilder,
@@ -32,6 +33,7 @@ from msg_adapters.output_messages.builders import (
     PoseWithCovarianceBuilder,
     RegionBuilder,
     StampedBuilder,
+    StatusLine,
     StringBuilder,
     TransformsBuilder,
 )
@@ -204,3 +206,47 @@ def principal_axes(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     variances, axes = np.linalg.eigh(covariance)
     axes[:, :, :1] = hat(axes[:, :, 1]) @ axes[:, :, 2:]  # right-handed: x = y x z
     return to_quaternion(axes), np.sqrt(np.maximum(variances, 0.0))
+
+
+def certificate_status(frame: FrameResult, name: str, hardware_id: str) -> StatusLine:
+    """Return KKT residuals, duality gap, support, reprojection error, Theorem 1's margins, and the doubt.
+
+    Theorem 1 is evaluated at the support and signs of the solution: it shows whether the lasso would recover them if
+    they were the truth. frame: an accepted one; name: of the node, and of the person if there are several; hardware_id:
+    the camera frame.
+    """
+    estimate = frame.estimate
+    assert estimate is not None
+    problem, solution = estimate.problem, estimate.solution
+    assert problem is not None and solution is not None
+    certificate = solution.certificate
+    support = solution.support
+    signs = np.sign(solution.omega[support])
+    literal = theorem1_literal(problem, solution.x, support, signs)
+    projected = theorem1_projected(problem, support, signs)
+    values = {
+        "kkt1 [alpha]": certificate.kkt1,
+        "kkt2 [alpha]": certificate.kkt2,
+        "kkt3 [alpha]": certificate.kkt3,
+        "duality gap": certificate.duality_gap,
+        "relative duality gap": certificate.relative_gap,
+        "support size": certificate.support_size,
+        "certified": str(solution.certified).lower(),
+        "reprojection error [px]": estimate.reprojection_px,
+        "theorem 1, condition 1 (< 1)": projected.condition1,
+        "theorem 1, condition 2 (> 0) [rad]": projected.condition2,
+        "theorem 1, condition 3 (= 0)": projected.condition3,
+        "theorem 1 literal, condition 1 (< 1)": literal.condition1,
+        "theorem 1 literal, condition 2 (> 0) [rad]": literal.condition2,
+        "theorem 1 literal, condition 3 (= 0)": literal.condition3,
+        "initialised": str(estimate.initialised).lower(),
+        "solved by": solution.method,
+        "likely wrong": frame.likely_wrong,
+        "doubtful": str(bool(frame.doubtful)).lower(),
+        "doubtful because": ", ".join(frame.doubtful),
+        "doubtful for [s]": frame.doubtful_s,
+        "limbs not seen": ", ".join(frame.doubt.unseen),
+    }
+    level, message = (OK, "certified") if solution.certified else (WARN, "not certified")
+    text = {key: value if isinstance(value, str) else f"{value:.6g}" for key, value in values.items()}
+    return StatusLine(level, f"{name}: certificate", f"{message} to {KKT_TOLERANCE:g} of alpha", hardware_id, text)

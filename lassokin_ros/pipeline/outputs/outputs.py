@@ -13,13 +13,17 @@ from lassokin_ros.core.output.hand_points import HandPoints
 from lassokin_ros.pipeline.answers import Answer
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.camera_markers import CameraMarkers
-from lassokin_ros.pipeline.outputs.description.robot_description import RobotDescription
+from lassokin_ros.pipeline.outputs.body_frames import Naming
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
-from lassokin_ros.pipeline.outputs.naming import Naming
-from lassokin_ros.pipeline.outputs.people_messages import Image, PeopleMessages
-from lassokin_ros.pipeline.outputs.skeletons_message import SkeletonsMessage
-from lassokin_ros.pipeline.outputs.status.presence_state import TRACKING, PresenceState
+from lassokin_ros.pipeline.outputs.robot_description import RobotDescription
+from lassokin_ros.pipeline.outputs.scene_messages import (
+    TRACKING,
+    CameraMarkers,
+    Image,
+    PeopleMessages,
+    PresenceState,
+    SkeletonsMessage,
+)
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import OFF
 from msg_adapters.backends import Backend

@@ -21,7 +21,7 @@ from lassokin_ros.core.learned.height import HeightEstimator
 from lassokin_ros.core.observation import Status
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.outputs.description.urdf import check_names
+from lassokin_ros.pipeline.outputs.urdf import check_names
 from lassokin_ros.pipeline.people.choice import NEAREST, preferred
 from lassokin_ros.pipeline.people.image_tracks import ImageTrack
 from lassokin_ros.pipeline.people.out_of_view import OutOfView

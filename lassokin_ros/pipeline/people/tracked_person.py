@@ -21,9 +21,9 @@ from lassokin_ros.core.output.walking_velocity import WalkingVelocity
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.doubt.doubt import NO_TURN, Signs, signs_of
 from lassokin_ros.doubt.monitor import LiveDoubts
+from lassokin_ros.pipeline.concerns.rejections import frozen_text, rejection_text
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
-from lassokin_ros.pipeline.input_checks.repeats import Repeats
-from lassokin_ros.pipeline.outputs.status.rejection_text import frozen_text, rejection_text
+from lassokin_ros.pipeline.input_checks.messages import Repeats
 from lassokin_ros.pipeline.people.joint_angles import SHORTEST_NS, Angles, JointStates, Moment
 from lassokin_ros.pipeline.seen import Sight
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.gating import HEAD
-from lassokin_ros.replay.capsules import capsules
+from lassokin_ros.replay.body import capsules
 from lassokin_ros.replay.exports.bvh import WORLD_FROM_LEVEL
 from lassokin_ros.replay.exports.sampling import uniform
 from lassokin_ros.replay.motion import Motion

@@ -11,7 +11,7 @@ import numpy as np
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.replay.motion import floor_height
+from lassokin_ros.replay.body import floor_height
 from lassokin_ros.replay.report.log import PersonRow, ReplayLog
 from lassokin_ros.replay.report.spans import Span, WrongSpan, spans_of, usual_period, wrong_spans
 
@@ -133,7 +133,8 @@ def floor_of(facts: Facts, person: str) -> float:
     positions, observed, contacts = (
         np.array([getattr(row, name) for row in rows]) for name in ("positions", "observed", "contacts")
     )
-    return floor_height(positions, observed, contacts, facts.skeleton.joint_names, facts.skeleton.height, facts.level)
+    names, height = facts.skeleton.joint_names, facts.skeleton.height
+    return floor_height(names, height, positions, observed, contacts, facts.level)
 
 
 def bone_changes(facts: Facts, person: str) -> list[tuple[str, float, float]]:

@@ -35,7 +35,7 @@ class MessageRow:
 
 def _stored(name: str) -> property:
     """A property that reads an array of a row from the file; None if the row has none of this name."""
-    return property(lambda row: row.spool.read(row.record, name))
+    return property(lambda row: row.spool.read(row.record).get(name))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -77,7 +77,7 @@ class PersonRow:
 
     def in_view(self, name: str, number: int) -> np.ndarray | None:
         """Return `detected`, `reprojected` or `outline` in the image of a camera, by its number."""
-        return self.spool.read(self.record, _of_view(name, number))
+        return self.spool.read(self.record).get(_of_view(name, number))
 
     @property
     def mean_deviation_mm(self) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.gating import HEAD
 from lassokin_ros.pipeline.concerns.rejections import reason_text
-from lassokin_ros.replay.capsules import capsules
+from lassokin_ros.replay.body import capsules
 from lassokin_ros.replay.report.facts import Facts, floor_of, landmark_errors
 from lassokin_ros.replay.report.log import PersonRow
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lassokin_ros.common.summary_output import print_note
+from lassokin_ros.common.command_line import print_note
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.learned.camera_finder import FEWEST_FRAMES

@@ -12,7 +12,7 @@ from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.kernel import kernel
-from lassokin_ros.pipeline.outputs.description.skeleton_file import skeleton_text
+from lassokin_ros.pipeline.outputs.saved_files import skeleton_text
 
 BODY, LEFT = Skeleton.load("body_hands", 1.75), Skeleton.load("left_hand", 1.75)
 PHALANGES = {"index": (39.78, 22.38), "middle": (44.63, 26.33), "pinky": (32.74, 18.11), "ring": (41.37, 25.65),

@@ -9,7 +9,7 @@ from messages import CARRIERS, FRAME, pixels_of_motion  # noqa: E402
 
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
-from lassokin_ros.pipeline.outputs.description.urdf import urdf  # noqa: E402
+from lassokin_ros.pipeline.outputs.urdf import urdf  # noqa: E402
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME  # noqa: E402
 
 FRAMES, AHEAD = 60, 3

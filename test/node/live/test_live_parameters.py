@@ -105,7 +105,7 @@ def test_the_first_line_has_the_topics_of_several_people():
 
 
 def test_the_first_line_has_version_height_layout_and_the_topics_after_remapping():
-    from lassokin_ros.common.version import version
+    from lassokin_ros.common.command_line import version
 
     namespace = "/first_line"
     given = "-p", "height:=1.6", "-p", "landmarks:=body25", "-r", "keypoints:=/detector/points", "-r", "__node:=human"

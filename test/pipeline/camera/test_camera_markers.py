@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.camera_markers import MARKERS_EVERY_S, CameraMarkers
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
+from lassokin_ros.pipeline.outputs.scene_messages import MARKERS_EVERY_S, CameraMarkers
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lassokin_ros.core.errors import CameraError
-from lassokin_ros.pipeline.camera import wide_lenses
+from lassokin_ros.pipeline.camera import distortion
 from lassokin_ros.pipeline.camera.calibration_file import camera_names, read_calibration, read_cameras
 from lassokin_ros.pipeline.camera.lens import Lens
 
@@ -151,6 +151,6 @@ def test_wide_lenses_of_kalibr_are_read(tmp_path, model, parameters, focal):
 
 def test_a_lens_that_no_equidistant_one_is_near_is_refused():
     with pytest.raises(CameraError, match="is no lens that can be used"):
-        wide_lenses.equidistant("omni", [0.9], [0.0, 0.0, 0.1, 0.0], 800.0, 700.0, "a")
+        distortion.nearest_equidistant("omni", [0.9], [0.0, 0.0, 0.1, 0.0], 800.0, 700.0, "a")
     with pytest.raises(CameraError, match="px from an equidistant lens"):
-        wide_lenses.equidistant("eucm", [0.99, 20.0], [], 8000.0, 1700.0, "a")
+        distortion.nearest_equidistant("eucm", [0.99, 20.0], [], 8000.0, 1700.0, "a")

@@ -16,13 +16,13 @@ from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.answers import frames_of
+from lassokin_ros.pipeline.camera.camera_places import PoseJumps
 from lassokin_ros.pipeline.camera.camera_selection import Camera
 from lassokin_ros.pipeline.camera.placement import JUMPS
-from lassokin_ros.pipeline.camera.pose_jumps import PoseJumps
 from lassokin_ros.pipeline.depth.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.image_sets import LATE
-from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, camera_commands, save_cameras
-from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
+from lassokin_ros.pipeline.outputs.saved_files import CamerasFileError, camera_commands, save_cameras
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 

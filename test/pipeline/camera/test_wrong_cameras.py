@@ -14,9 +14,9 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.hypotheses.start import Starts
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.concerns.cameras import camera_concerns
-from lassokin_ros.pipeline.outputs.camera_markers import CameraMarkers
-from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, save_cameras
-from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
+from lassokin_ros.pipeline.outputs.saved_files import CamerasFileError, save_cameras
+from lassokin_ros.pipeline.outputs.scene_messages import CameraMarkers
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT
 from lassokin_ros.pipeline.seen import Seen, Sight
 from lassokin_ros.pipeline.session import Session

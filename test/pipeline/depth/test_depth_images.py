@@ -26,8 +26,8 @@ from lassokin_ros.pipeline.depth.depth_images import (  # noqa: E402
     UNMATCHED,
     DepthImages,
 )
-from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words  # noqa: E402
-from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics  # noqa: E402
+from lassokin_ros.pipeline.outputs.figures import height_in_words  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from msg_adapters.keypoints import Keypoints  # noqa: E402

@@ -17,9 +17,9 @@ from lassokin_ros.core.learned.height import FEWEST_DEPTHS  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.depth.depth_images import EARLIER, MATCHED, REPEATED, UNMATCHED  # noqa: E402
-from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S, OwnDepth, Repeats, same_image  # noqa: E402
-from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
-from lassokin_ros.pipeline.outputs.status.presence_state import LOST, TRACKING, PresenceState  # noqa: E402
+from lassokin_ros.pipeline.input_checks.messages import FROZEN_S, OwnDepth, Repeats, same_image  # noqa: E402
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics  # noqa: E402
+from lassokin_ros.pipeline.outputs.scene_messages import LOST, TRACKING, PresenceState  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from msg_adapters.keypoints import Keypoints  # noqa: E402

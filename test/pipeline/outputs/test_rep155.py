@@ -13,9 +13,9 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.description.urdf import joint_names, urdf
+from lassokin_ros.pipeline.outputs.body_frames import JOINTS, LINKS, MappedJoints
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
-from lassokin_ros.pipeline.outputs.rep155 import JOINTS, LINKS, MappedJoints
+from lassokin_ros.pipeline.outputs.urdf import joint_names, urdf
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RosbagsBackend

@@ -14,12 +14,15 @@ from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.observation import CameraPose, Status
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.body_frames import LINKS, Naming
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
-from lassokin_ros.pipeline.outputs.naming import Naming
-from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of, person_report
-from lassokin_ros.pipeline.outputs.rep155 import LINKS
-from lassokin_ros.pipeline.outputs.skeletons_message import SkeletonsMessage
-from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState
+from lassokin_ros.pipeline.outputs.scene_messages import (
+    PeopleMessages,
+    PresenceState,
+    SkeletonsMessage,
+    images_of,
+    person_report,
+)
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.session import Session

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import AXIS_ORDERS
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.pipeline.outputs.description.urdf import check_names, joint_names, urdf
+from lassokin_ros.pipeline.outputs.urdf import check_names, joint_names, urdf
 from lassokin_ros.pipeline.people.joint_angles import LOCK, JointAngleReader
 
 ORDERS = tuple("".join(order) for order in itertools.permutations("xyz"))

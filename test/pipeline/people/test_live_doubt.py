@@ -10,7 +10,7 @@ from messages import camera_info, cloud, pixels_of_motion, rosbags_backend  # no
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.doubt.doubt import Event  # noqa: E402
 from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
-from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from msg_adapters.output_messages.builders import OK, WARN  # noqa: E402

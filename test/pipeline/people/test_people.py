@@ -19,7 +19,7 @@ from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
-from lassokin_ros.pipeline.outputs.people_messages import id_of  # noqa: E402
+from lassokin_ros.pipeline.outputs.scene_messages import id_of  # noqa: E402
 from lassokin_ros.pipeline.people.presence import Presence  # noqa: E402
 from lassokin_ros.pipeline.seen import MOST_PEOPLE  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402

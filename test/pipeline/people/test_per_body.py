@@ -20,8 +20,8 @@ from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import Status
 from lassokin_ros.demo.synthetic import motion
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.people_messages import id_of
-from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
+from lassokin_ros.pipeline.outputs.scene_messages import id_of
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.session import Session

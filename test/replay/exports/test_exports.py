@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation  # noqa: E402
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.learned.vertical import vertical_of
-from lassokin_ros.pipeline.outputs.description.urdf import joint_names  # noqa: E402
+from lassokin_ros.pipeline.outputs.urdf import joint_names  # noqa: E402
 from lassokin_ros.replay.exports import markers  # noqa: E402
 from lassokin_ros.replay.exports.amass import smpl_rotations, write_amass  # noqa: E402
 from lassokin_ros.replay.exports.markers import Markers, markers_of  # noqa: E402

@@ -13,7 +13,7 @@ from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.body.rotations import exponential  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.pipeline.people.joint_angles import JointAngleReader  # noqa: E402
-from lassokin_ros.replay.capsules import capsules  # noqa: E402
+from lassokin_ros.replay.body import capsules  # noqa: E402
 from lassokin_ros.replay.exports.amass import write_amass  # noqa: E402
 from lassokin_ros.replay.exports.bvh import write_bvh  # noqa: E402
 from lassokin_ros.replay.exports.named_angles import finger_angles  # noqa: E402

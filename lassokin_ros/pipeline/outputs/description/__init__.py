@@ -1,1 +1,0 @@
-"""The body as a robot description (URDF) and as a skeleton file."""

@@ -1,0 +1,220 @@
+"""The figures of the status by their keys: of messages, people, cameras and the calibration."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
+
+from lassokin_ros.core.learned.bone_lengths import Calibration
+from lassokin_ros.core.learned.height import HeightEstimator
+from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
+from lassokin_ros.pipeline.camera_images import DEPTH_IN_MESSAGE, NOBODY, UNSCORED, UNUSED
+from lassokin_ros.pipeline.concerns.period import Period
+from lassokin_ros.pipeline.depth.depth_check import MISFIT
+from lassokin_ros.pipeline.depth.depth_images import COUNTS as DEPTH_COUNTS
+from lassokin_ros.pipeline.depth.depth_images import MATCHED, RECEIVED, UNMATCHED
+from lassokin_ros.pipeline.image_sets import LATE
+from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH
+from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
+from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
+from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT
+from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.session import Session
+
+ALWAYS = "received", "accepted", "duplicated", "unstamped", "ignored while disabled", OVERTAKEN, LOST
+"""Counts that are always shown."""
+IF_COUNTED = LATE, MISFIT, OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, UNUSED, UNSCORED, DEPTH_IN_MESSAGE, LEADING_SLASH
+"""Counts that are shown after the first such message."""
+
+
+def figures(
+    period: Period, seconds: float, ages: tuple[float, float | None], presence: Presence, state: str, as_of_ns: int
+) -> dict[str, str]:
+    """Return the figures. seconds: length of the period. ages: now and the arrival of camera_info, s; see also
+    `Diagnostics.line`.
+    """
+    session, counts, recent = period.session, period.session.counts, period.recent
+    now, camera_at = ages
+    values = {
+        "state": state,
+        "input rate [Hz]": f"{recent['received'] / seconds:.2f}",
+        "output rate [Hz]": f"{recent['accepted'] / seconds:.2f}",
+        "keypoints age [s]": _age(now, period.keypoints_at),
+        "camera_info age [s]": _age(now, camera_at),
+        "keypoints delay median [s]": _percentile(period.delays, 50),
+        "callback time median [ms]": _percentile(period.times_ms, 50),
+        "callback time maximum [ms]": _percentile(period.times_ms, 100),
+        **_of_pose(period, presence),
+        **{f"{key} [messages]": str(counts[key]) for key in ALWAYS},
+        "resets": str(counts["resets"]),
+        "locked": session.locked or "nobody",
+    }
+    newest = (0, "") if session.config.topic_per_body else session.scene.image  # each body has its own
+    if newest is not None:
+        stamp_ns = session.scene.image_at(as_of_ns)[0] if as_of_ns else newest[0]
+        values["people in view, not tracked"] = str(session.scene.untracked_at(stamp_ns))
+    if presence.ids is not None:
+        values["people"] = ", ".join(presence.ids) or "nobody"
+        gone = len(set(session.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
+        values["people come"], values["people left"] = str(counts["people come"]), str(counts["people left"] + gone)
+        values["people beyond max_people"] = str(counts["people beyond max_people"])
+    if (above := session.placement.camera_height) is not None:
+        values["camera height above the floor [m]"] = f"{above:.3f}"
+    if session.first.depth is not None:
+        values |= {f"{key} [messages]": str(counts[key]) for key in DEPTH_COUNTS}
+    for key in sorted(key for key in counts if key.startswith("rejected: ") or key in IF_COUNTED):
+        values[f"{key} [messages]"] = str(counts[key])
+    if period.unused_confidence:
+        values["largest unused confidence"] = f"{period.unused_confidence:.2f}"
+    return {**values, **_of_bodies(period, presence)}
+
+
+def _of_pose(period: Period, presence: Presence) -> dict[str, str]:
+    """The figures of the newest poses; nan if nobody is tracked, because those of a lost person are outdated."""
+    frames = period.newest if presence.status is Status.TRACKING else ()
+    pixels = max((frame.estimate.reprojection_px for frame in frames if frame.estimate is not None), default=math.nan)
+    metres = max((float(frame.uncertainty.deviation.max()) for frame in frames), default=math.nan)
+    return {"reprojection error [px]": f"{pixels:.2f}", "largest joint deviation [m]": f"{metres:.3f}"}
+
+
+def _of_bodies(period: Period, presence: Presence) -> dict[str, str]:
+    """The figures of what is learned about the people who are present, and of the skeleton."""
+    session, tracker = period.session, period.session.tracker
+    values = {}
+
+    def is_present(person: str) -> bool:
+        return presence.ids is None or person in presence.ids
+
+    if tracker.averaged:
+        values["skeleton: left/right difference, averaged [%]"] = f"{100 * tracker.averaged:.1f}"
+    for person, calibration in session.calibrations().items():
+        if is_present(person):
+            values |= calibration_figures(calibration, tracker.config.calibrate, person)
+    if tracker.limitations:
+        values["limitations"] = tracker.limitations
+    values |= {f"evidence '{name}'": fault for name, fault in session.evidence_faults.items()}
+    for person, one in session.trackers.items():
+        if (ratio := one.learned.size_check.ratio) != 1.0 and is_present(person):
+            values[f"{person} measured size / given size".strip()] = f"{ratio:.2f}"
+    for person, height in session.heights().items():
+        if is_present(person):
+            values |= height_figures(height, person)
+    return values
+
+
+def _age(now: float, then: float | None) -> str:
+    return "never" if then is None else f"{now - then:.3f}"
+
+
+def _percentile(values: list[float], percentile: float) -> str:
+    return f"{np.percentile(values, percentile):.3f}" if values else "nan"
+
+
+OF_DEPTH = RECEIVED, MATCHED, UNMATCHED
+"""Counts of depth images that are shown of each camera."""
+
+
+class CameraStatus:
+    """Follows which cameras send keypoints. Times are s of a steady clock."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._received: Counter[str] = Counter()
+        self._changed: dict[str, float] = {}  # when the number of messages was last seen to change
+        self._since: float | None = None  # the first call
+        self.sending: list[str] = []
+        """Cameras with messages in the last period."""
+
+    def silent_s(self, now: float, name: str) -> float:
+        """Return s since the last message of a camera, or since the begin."""
+        return now - self._changed.get(name, now if self._since is None else self._since)
+
+    def update(self, now: float, period: float) -> dict[str, str]:
+        """Return the figures by name. period: s since the last call."""
+        if self._session.placement.places is None:
+            return {}
+        figures: dict[str, str] = {}
+        self.sending = []
+        self._since = now if self._since is None else self._since
+        for name, camera in self._session.cameras.items():
+            recent = camera.received - self._received[name]
+            self._received[name] = camera.received
+            if recent:
+                self._changed[name] = now
+                self.sending.append(name)
+            prefix = f"{name}: " if name else ""
+            figures |= {f"{prefix}{key}": value for key, value in self._figures(name, now, recent / period)}
+        return figures
+
+    def _figures(self, name: str, now: float, rate: float) -> Iterator[tuple[str, str]]:
+        counts, camera = self._session.counts, self._session.cameras[name]
+        if name:
+            yield "input rate [Hz]", f"{rate:.2f}"
+            yield "keypoints age [s]", f"{now - self._changed.get(name, -math.inf):.1f}"
+            yield "residual median [px]", f"{np.median(camera.residuals) if camera.residuals else math.nan:.2f}"
+        yield "no transform [messages]", str(counts[f"no transform of {name}" if name else "no transform"])
+        if left_out := counts[f"{name}: {LEFT_OUT}"]:
+            yield f"{LEFT_OUT} [messages]", str(left_out)
+        if name and camera.depth is not None:
+            for key in OF_DEPTH:
+                yield f"{key} [messages]", str(counts[camera.key(key)])
+        extrinsics = self._session.extrinsics
+        solution = None if extrinsics is None else extrinsics.solution(name)
+        if extrinsics is not None and name in extrinsics.found:
+            yield "pose", "found from the person"
+        elif solution is not None:
+            angle, shift = solution
+            yield "pose differs from the given one [deg]", f"{math.degrees(angle):.2f}"
+            yield "pose differs from the given one [m]", f"{shift:.3f}"
+
+
+def length_changes(calibration: Calibration) -> dict[str, float]:
+    """Change of each length from the given skeleton, in %."""
+    return dict(zip(calibration.proportions.names, (100 * np.expm1(calibration.lengths)).tolist()))
+
+
+def averaged_sides(difference: float) -> str:
+    """Text about the averaging of a given skeleton whose left and right differ by `difference`, of the logarithms."""
+    return (
+        f"left and right of the skeleton differ by {100 * difference:.1f} % on average, more than in a body: "
+        "calibration starts with their mean; set calibrate: false to keep the given lengths"
+    )
+
+
+def calibration_figures(calibration: Calibration, enabled: bool, person: str = "") -> dict[str, str]:
+    """Figures for /diagnostics: off, learning or final; motion used, the least certain length, and the change of each
+    length.
+
+    enabled: the parameter calibrate; person: the id, empty if one person is followed.
+    """
+    title = f"{person} calibration" if person else "calibration"
+    state = "final" if calibration.frozen else "learning" if enabled else "off"
+    values = {title: state}
+    if calibration.kept_motion > 0:
+        values[f"{title}: motion seen [s]"] = f"{calibration.kept_motion:.2f}"
+        values[f"{title}: largest deviation [%]"] = f"{100 * float(np.max(calibration.deviation, initial=0)):.2f}"
+        for name, change in length_changes(calibration).items():
+            values[f"{title}: {name} [%]"] = f"{change:+.2f}"
+    return values
+
+
+def height_figures(height: HeightEstimator, person: str = "") -> dict[str, str]:
+    """Figures for /diagnostics: the measured height and its standard deviation.
+
+    Before the first measured depth, they are the mean and the standard deviation of people's heights.
+
+    person: the id, empty if one person is followed.
+    """
+    title = f"{person} height" if person else "height"
+    return {f"{title} [m]": f"{height.height:.3f}", f"{title}: deviation [m]": f"{height.deviation:.3f}"}
+
+
+def height_in_words(height: HeightEstimator) -> str:
+    """Return the measured height and its standard deviation as text."""
+    if not height.measured:
+        return f"{height.height:.2f} m, a mean of people: no depth was measured"
+    return f"{height.height:.2f} m, measured, standard deviation {height.deviation:.2f} m"

@@ -1,1 +1,0 @@
-"""Status of tracking: /diagnostics, ~/state, reasons for rejected frames."""

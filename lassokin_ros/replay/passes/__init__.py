@@ -1,1 +1,0 @@
-"""The passes over a recording whose later frames are known, see `lassokin_ros.core.recording`."""
