@@ -17,7 +17,6 @@ from typing import Any
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.evidence import Evidence
-from lassokin_ros.core.observation import Status
 from lassokin_ros.core.output.fixed_lag import Backward
 from lassokin_ros.pipeline.answers import Answer, Answers, frames_of
 from lassokin_ros.pipeline.camera.camera_places import GivenPoses
@@ -89,15 +88,6 @@ class Session:
         """See `TrackedPerson.use_backward`. frames: by the person's number in the messages, None without a number."""
         for tracked in self.roster.bodies:
             tracked.use_backward(frames.get(tracked.number, {}))
-
-    def locked(self) -> str | None:
-        """Id of the locked person, or GONE; None if nobody is locked."""
-        return self.people.locked
-
-    @property
-    def status(self) -> Status:
-        """Tracking status. With several people, the best status among them."""
-        return self.people.status
 
     def lock(self, now_ns: int) -> str:
         """Lock the person whom `follow` names in the newest image, and return the id. now_ns: of the arrival clock.

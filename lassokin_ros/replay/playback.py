@@ -63,11 +63,11 @@ class Playback:
     @property
     def times_lost(self) -> int:
         """The number of re-initialisations of tracked people, plus one if the recording ends in the lost state."""
-        return self._reinitialised + (self.session.status is Status.LOST)
+        return self._reinitialised + (self.session.roster.status is Status.LOST)
 
     def save_skeleton(self, path: Path, files: AtomicFiles) -> list[Path]:
         """Write the calibrated skeletons as part of `files`, see `skeleton_file.save_all`."""
-        return save_all(self.session.calibrations(), path, self.newest_ns, files)
+        return save_all(self.session.roster.calibrations(), path, self.newest_ns, files)
 
     def camera_info(self, message: Any, time_ns: int, camera: str = "") -> None:
         """Process a CameraInfo, or Intrinsics. time_ns: recording time, ns. camera: its name."""

@@ -98,7 +98,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
                 files.check()
             files.placed.append(output)
     written.update({f"images {n}" if n else "images": str(shown) for n, shown in enumerate(images)})
-    heights = session.heights().items()
+    heights = session.roster.heights().items()
     words = {person: height_in_words(height) for person, height in heights} if known is None else known.heights
     title = [f"{options.bag} -> {output} ({storage})", *source.lines]
     lines = _summary(tracker, seconds, words, report is None) | written  # a report has the warnings, too
@@ -141,7 +141,7 @@ class _Source:
         try:
             for topic, time_ns, message in messages_of(self.cameras, self._bag, read):
                 inputs[topic](message, time_ns)
-                progress.advance(note=tracker.session.status.value)
+                progress.advance(note=tracker.session.roster.status.value)
             tracker.finish()
         finally:
             progress.close()
@@ -227,7 +227,7 @@ def _figures(tracker: Playback) -> Figures:
 
 
 def _warning(figures: Figures, tracker: Playback) -> str:
-    if tracker.session.results.answered or not figures.frames_in:
+    if tracker.session.answers.any_accepted or not figures.frames_in:
         return ""
     first = _first_rejection(tracker)
     found = f"none of {figures.frames_in} keypoint messages gave a skeleton"

@@ -131,7 +131,7 @@ class Run:
                 self._outputs.add_images({"": image})
                 self._follow_background(image)
                 tracker.keypoints(message, stamp_of(image.seconds))
-                progress.advance(note=tracker.session.status.value)
+                progress.advance(note=tracker.session.roster.status.value)
             tracker.finish()
         self._stopped = bool(stopped)
 
@@ -258,7 +258,7 @@ class Run:
             if isinstance(self._footage, Footage) and self._footage.begins_at(seconds):
                 tracker.begin_take()
             tracker.keypoints(keypoints, stamp_of(seconds), camera.name)
-            progress.advance(note=f"{title}, {tracker.session.status.value}")
+            progress.advance(note=f"{title}, {tracker.session.roster.status.value}")
         tracker.finish()
         progress.close()
 
@@ -306,7 +306,7 @@ class Run:
     def _places(self) -> Iterator[tuple[str, str]]:
         """Yield where the cameras were found, or by how much their given places are off."""
         session = self._tracker.session
-        places, extrinsics = session.placement.places, session.extrinsics
+        places, extrinsics = session.placement.places, session.roster.extrinsics
         for camera in self._cameras[1:]:
             if self._unplaced and places is not None and camera.name in places.newest:
                 yield f"camera {camera.name}", where_in_words(places.newest[camera.name], self._first.pose)
@@ -316,7 +316,7 @@ class Run:
     def _height_line(self) -> str:
         """Return the height. Without one, sizes and distances are those of a person of the default height."""
         session = self._tracker.session
-        if measured := list(self._heights.values()) or list(map(height_in_words, session.heights().values())):
+        if measured := list(self._heights.values()) or list(map(height_in_words, session.roster.heights().values())):
             return "; ".join(measured)
         if height_given(self._options) or self._options.cameras is not None:
             return session.tracker.config.height_text

@@ -21,7 +21,6 @@ from lassokin_ros.pipeline.camera.rig_check import RigCheck
 from lassokin_ros.pipeline.camera.tf_offset import TfOffset
 from lassokin_ros.pipeline.camera.transforms import Transforms
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
-from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.seen import Image, Sight
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -165,7 +164,7 @@ class Placement:
             return images
         sights, learned = [], self._people[0].tracker.learned
         for image in images:
-            people = [one for one in image.people if is_trackable(one, self._people[0].tracker.config)]
+            people = [one for one in image.people if one.trackable]
             pose = image.camera if learned.extrinsics is None else learned.extrinsics.corrected(image.camera)
             if len(people) == 1 and pose.known:
                 sights.append(Sight(image.stamp_ns, people[0], image.lens, pose))

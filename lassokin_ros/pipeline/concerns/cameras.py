@@ -18,7 +18,7 @@ def wrong_cameras(session: Session, learned: bool = True) -> Iterator[Raised]:
 
     learned: also yield poses whose error is small enough to be learned, unless the set-up is wrong.
     """
-    agreement, extrinsics = session.placement.agreement, session.extrinsics
+    agreement, extrinsics = session.placement.agreement, session.roster.extrinsics
     words = [*agreement.left_out.values(), *agreement.same_keypoints()]
     words += [] if any(agreement.same_keypoints()) else session.placement.rig.set_up
     if learned and not words and extrinsics is not None:

@@ -145,13 +145,13 @@ def _height(period: Period) -> Iterator[Raised]:
     """Yield that the height is assumed, or that measured depth contradicts it."""
     session, config = period.session, period.session.tracker.config
     if config.height > 0:
-        checks = [tracker.learned.size_check for tracker in session.trackers.values()]
+        checks = [tracker.learned.size_check for tracker in session.roster.trackers.values()]
         if (wrong := next((check for check in checks if check.wrong), None)) is not None:
             source, check = _size_source(session)
             measured = wrong.ratio * config.height
             yield say("height_wrong", height=config.height, source=source, measured=measured, check=check)
         return
-    heights = session.heights().values()
+    heights = session.roster.heights().values()
     if not period.tracked or any(height.measured for height in heights):
         return
     floor = max((height.floor_deviation for height in heights), default=0.0)
@@ -235,7 +235,7 @@ def _identity(period: Period) -> Iterator[Raised]:
 
 
 def _is_guess(period: Period) -> bool:
-    one, locked = period.session.ids is None, period.session.locked
+    one, locked = period.session.roster.ids is None, period.session.roster.locked
     here = period.newest if period.tracked else ()
     return any(frame.guessed and (one or frame.person == locked) for frame in here)
 
@@ -251,7 +251,7 @@ def _numbers(period: Period) -> Iterator[Raised]:
 
 def _lock(period: Period) -> Iterator[Raised]:
     """Yield that nobody is followed because somebody is locked."""
-    if (locked := period.session.locked) is not None and not _is_guess(period):
+    if (locked := period.session.roster.locked) is not None and not _is_guess(period):
         yield say("locked_forgotten") if locked == GONE else say("locked_absent", person=locked)
 
 

@@ -22,7 +22,7 @@ from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.roster import Presence
 from lassokin_ros.pipeline.session import Session
 
 ALWAYS = "received", "accepted", "duplicated", "unstamped", "ignored while disabled", OVERTAKEN, LOST
@@ -51,7 +51,7 @@ def figures(
         **_of_pose(period, presence),
         **{f"{key} [messages]": str(counts[key]) for key in ALWAYS},
         "resets": str(counts["resets"]),
-        "locked": session.locked or "nobody",
+        "locked": session.roster.locked or "nobody",
     }
     newest = (0, "") if session.config.topic_per_body else session.scene.image  # each body has its own
     if newest is not None:
@@ -59,7 +59,7 @@ def figures(
         values["people in view, not tracked"] = str(session.scene.untracked_at(stamp_ns))
     if presence.ids is not None:
         values["people"] = ", ".join(presence.ids) or "nobody"
-        gone = len(set(session.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
+        gone = len(set(session.roster.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
         values["people come"], values["people left"] = str(counts["people come"]), str(counts["people left"] + gone)
         values["people beyond max_people"] = str(counts["people beyond max_people"])
     if (above := session.placement.camera_height) is not None:
@@ -91,16 +91,16 @@ def _of_bodies(period: Period, presence: Presence) -> dict[str, str]:
 
     if tracker.averaged:
         values["skeleton: left/right difference, averaged [%]"] = f"{100 * tracker.averaged:.1f}"
-    for person, calibration in session.calibrations().items():
+    for person, calibration in session.roster.calibrations().items():
         if is_present(person):
             values |= calibration_figures(calibration, tracker.config.calibrate, person)
     if tracker.limitations:
         values["limitations"] = tracker.limitations
-    values |= {f"evidence '{name}'": fault for name, fault in session.evidence_faults.items()}
-    for person, one in session.trackers.items():
+    values |= {f"evidence '{name}'": fault for name, fault in session.roster.evidence_faults.items()}
+    for person, one in session.roster.trackers.items():
         if (ratio := one.learned.size_check.ratio) != 1.0 and is_present(person):
             values[f"{person} measured size / given size".strip()] = f"{ratio:.2f}"
-    for person, height in session.heights().items():
+    for person, height in session.roster.heights().items():
         if is_present(person):
             values |= height_figures(height, person)
     return values
@@ -162,7 +162,7 @@ class CameraStatus:
         if name and camera.depth is not None:
             for key in OF_DEPTH:
                 yield f"{key} [messages]", str(counts[camera.key(key)])
-        extrinsics = self._session.extrinsics
+        extrinsics = self._session.roster.extrinsics
         solution = None if extrinsics is None else extrinsics.solution(name)
         if extrinsics is not None and name in extrinsics.found:
             yield "pose", "found from the person"

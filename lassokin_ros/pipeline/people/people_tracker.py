@@ -39,7 +39,7 @@ class PeopleTracker:
 
     def __init__(self, roster: Roster) -> None:
         """roster: who can be tracked, and the settings."""
-        self._roster = roster
+        self.roster = roster
         self._who = WhoIsWho(roster)
         nowhere = np.full((roster.tracker.kinematics.landmark_count, 2), np.nan)
         self._nothing = Seen(nowhere, np.zeros(len(nowhere)), pixels=nowhere)
@@ -54,7 +54,7 @@ class PeopleTracker:
     def numbers_may_be_indices(self) -> bool:
         """Whether people are guessed, and a detector's numbers have only been 0, 1, ... or 1, 2, ... in each image."""
         unproven = any(view.image.lasting and not view.tracks.numbers.proven for view in self._who.views.values())
-        return unproven and any(person.guessed for person in self._roster.people)
+        return unproven and any(person.guessed for person in self.roster.people)
 
     def reset(self, unlock: bool = True, same_person: bool = False) -> None:
         """Forget all people. Ids are not used again, so that nobody inherits the id of another person.
@@ -62,7 +62,7 @@ class PeopleTracker:
         unlock: whether a lock ends too; otherwise it stays, on nobody (`GONE`). same_person: keep what was learned of
         the only person, who is seen from elsewhere.
         """
-        self._roster.reset(unlock, same_person)
+        self.roster.reset(unlock, same_person)
         self._who.reset()
 
     def lock(self) -> str:
@@ -70,36 +70,36 @@ class PeopleTracker:
 
         Raises NoPersonError if there is nobody.
         """
-        person = self._chosen_of_one() if self._roster.one else self._chosen_of_several()
-        self._roster.hold(person)
+        person = self._chosen_of_one() if self.roster.one else self._chosen_of_several()
+        self.roster.hold(person)
         person.guessed = False
         return person.id
 
     def _chosen_of_several(self) -> Person:
         """Return the person whom `follow` names among those who have trackers and were seen lately."""
-        follow, newest_ns = self._roster.config.follow, self._roster.newest_ns
-        there = [one for one in self._roster.people if one.tracks and one.body.unseen_s(newest_ns) <= GUESS_AFTER_S]
+        follow, newest_ns = self.roster.config.follow, self.roster.newest_ns
+        there = [one for one in self.roster.people if one.tracks and one.body.unseen_s(newest_ns) <= GUESS_AFTER_S]
         number = number_named(follow)
         if number is None and there:
             tracks = [track for one in there if (track := one.newest) is not None]
             images = [view.image for track in tracks for view in self._who.views.values() if track in view.tracks]
-            return there[self._roster.preferred(tracks, images)]
+            return there[self.roster.preferred(tracks, images)]
         if (found := next((one for one in there if one.number == number), None)) is None:
             raise NoPersonError(nobody_to_lock(follow, len(there)))
         return found
 
     def _chosen_of_one(self) -> Person:
         """Return the only person with a tracker, who is from now on the one whom `follow` names in the image."""
-        (person,) = self._roster.people
+        (person,) = self.roster.people
         view = self._view_to_lock(person)
         candidates = [] if view is None else [track for track in view.seen if track.detection.trackable]
         newest_ns = 0 if view is None else view.image.stamp_ns
         tracked = person.body.status is Status.TRACKING and person.body.unseen_s(newest_ns) <= GUESS_AFTER_S
-        if not (tracked and (self._roster.config.follow == CONFIDENT or not candidates)):
+        if not (tracked and (self.roster.config.follow == CONFIDENT or not candidates)):
             chosen = None if view is None else self._who.best(candidates, view.image)
             if chosen is None or view is None:
-                raise NoPersonError(nobody_to_lock(self._roster.config.follow, len(candidates)))
-            self._roster.begin(person, chosen, view.image.camera.name)
+                raise NoPersonError(nobody_to_lock(self.roster.config.follow, len(candidates)))
+            self.roster.begin(person, chosen, view.image.camera.name)
         return person
 
     def _view_to_lock(self, person: Person) -> View | None:
@@ -117,45 +117,45 @@ class PeopleTracker:
         frame_id: of the results. If one person is followed, a refused message gives a result with the reason; of
         several people accepted results only are returned, and rejections are counted.
         """
-        if self._roster.listed:
+        if self.roster.listed:
             return self._of_body(images[0], frame_id)
-        stamp_ns = self._roster.newest_ns = max(image.stamp_ns for image in images)
-        forget_after = self._roster.config.forget_after
-        for person in list(self._roster.people):
-            if not self._roster.is_guarded(person) and person.body.unseen_s(stamp_ns) > forget_after:
-                self._roster.remove(person)
-        patience = max(forget_after, self._roster.tracker.config.lost_after)
+        stamp_ns = self.roster.newest_ns = max(image.stamp_ns for image in images)
+        forget_after = self.roster.config.forget_after
+        for person in list(self.roster.people):
+            if not self.roster.is_guarded(person) and person.body.unseen_s(stamp_ns) > forget_after:
+                self.roster.remove(person)
+        patience = max(forget_after, self.roster.tracker.config.lost_after)
         sights: dict[Person, list[Sight]] = {}
         for image in images:
             for person, seen in self._who.people_in(image, patience, sights).items():
                 sights.setdefault(person, []).append(Sight(image.stamp_ns, seen, image.lens, image.camera))
         results = self._track(images, frame_id, sights)
-        if self._roster.lock_next and any(self._roster.tracked_at(image.stamp_ns) for image in images):
+        if self.roster.lock_next and any(self.roster.tracked_at(image.stamp_ns) for image in images):
             with suppress(NoPersonError):  # wait for the next image
-                if self._roster.one:
-                    self._roster.hold(self._roster.people[0])
+                if self.roster.one:
+                    self.roster.hold(self.roster.people[0])
                 else:
                     self.lock()
-        left, self._roster.left = self._roster.left, []
+        left, self.roster.left = self.roster.left, []
         return left + results
 
     def _of_body(self, image: Image, frame_id: str) -> list[FrameResult]:
         """The results of an image of one person of the detector's list. A refused one gives one with the reason."""
-        self._roster.newest_ns = image.stamp_ns
+        self.roster.newest_ns = image.stamp_ns
         sight = Sight(image.stamp_ns, [*image.people, self._nothing][0], image.lens, image.camera)
-        people = [person for person in self._roster.people if person.id == image.body]
+        people = [person for person in self.roster.people if person.id == image.body]
         return people[0].body.track([sight], frame_id, image.body) if people else []
 
     def _track(self, images: Sequence[Image], frame_id: str, sights: Mapping[Person, list[Sight]]) -> list[FrameResult]:
         """Return the results of all people at one instant."""
-        lost = [one for one in self._roster.people if one.body.status_at(self._roster.newest_ns) is Status.LOST]
+        lost = [one for one in self.roster.people if one.body.status_at(self.roster.newest_ns) is Status.LOST]
         results: list[FrameResult] = []
         errors: list[Exception] = []
         found = 0
-        for person in list(self._roster.people):
+        for person in list(self.roster.people):
             seen = sights.get(person) if person not in lost or found < MOST_REINITIALISED else None
             try:
-                if self._roster.one:
+                if self.roster.one:
                     results += self._results_of_one(images, frame_id, seen)
                 else:
                     results += self._results_of(person, images[0], frame_id, seen)
@@ -171,16 +171,16 @@ class PeopleTracker:
     ) -> list[FrameResult]:
         """The accepted results of one of several people; rejections are counted. seen: None if not in the images."""
         if seen is None:
-            nothing = Sight(self._roster.newest_ns, self._nothing, image.lens, image.camera)
+            nothing = Sight(self.roster.newest_ns, self._nothing, image.lens, image.camera)
             return person.body.mark_absent(nothing) if image.camera.known else []
         number = self._detectors_number(person)
         answers = person.body.track(seen, frame_id, person.id, detector_id=number, guessed=person.guessed)
         refused = [result for result in answers if not result.accepted]
         for result in refused if any(sight.camera.known for sight in seen) else ():
             late = result.rejection == Rejection.LATE.value
-            self._roster.counts[LATE if late else f"rejected: {result.rejection} (a person)"] += 1
+            self.roster.counts[LATE if late else f"rejected: {result.rejection} (a person)"] += 1
         if refused and person.body.seen_ns is None:  # never tracked: there is no state to keep
-            self._roster.remove(person)
+            self.roster.remove(person)
         return [result for result in answers if result.accepted]
 
     def _results_of_one(
@@ -190,7 +190,7 @@ class PeopleTracker:
 
         Without sights of the person those are used who cannot be tracked, so that the reason is reported.
         """
-        (person,) = self._roster.people
+        (person,) = self.roster.people
         seen = seen or [Sight(i.stamp_ns, self._untrackable(i), i.lens, i.camera) for i in images]
         number, guessed = self._detectors_number(person), person.guessed
         results = person.body.track(seen, frame_id, label=person.id, detector_id=number, guessed=guessed)
@@ -200,7 +200,7 @@ class PeopleTracker:
 
     def _detectors_number(self, person: Person) -> int:
         """Return the number of a person in the images of the first camera that has seen them lately; -1 without one."""
-        since_ns = self._roster.newest_ns - GUESS_AFTER_S * 1e9
+        since_ns = self.roster.newest_ns - GUESS_AFTER_S * 1e9
         for name, view in self._who.views.items():
             track = person.tracks.get(name)
             if track is not None and view.image.lasting and track.seen_ns >= since_ns:
@@ -209,7 +209,7 @@ class PeopleTracker:
 
     def _untrackable(self, image: Image) -> Seen:
         """Return the person with the most points of those who cannot be tracked; nobody without one."""
-        known = image.lasting and image.camera.name in self._roster.people[0].tracks
+        known = image.lasting and image.camera.name in self.roster.people[0].tracks
         people = [] if known else [one for one in image.people if not one.trackable]
         return people[preferred(CONFIDENT, people)] if people else self._nothing
 
@@ -219,24 +219,24 @@ class PeopleTracker:
         Without it the message would be refused for too few landmarks. This reason would be misleading, because it
         suggests that the detector's confidences are too low.
         """
-        (person,), view = self._roster.people, self._who.views[image.camera.name]
-        named = number_named(self._roster.config.follow)
+        (person,), view = self.roster.people, self._who.views[image.camera.name]
+        named = number_named(self.roster.config.follow)
         track = person.tracks.get(image.camera.name)
-        unfound = not (self._roster.gone or person.tracks) and named is not None and bool(view.seen)
-        if track is None and not (self._roster.gone or unfound):
+        unfound = not (self.roster.gone or person.tracks) and named is not None and bool(view.seen)
+        if track is None and not (self.roster.gone or unfound):
             return ""
         if track is not None and track.seen_ns == image.stamp_ns:
             return ""
         if not image.lasting and not view.seen:
             return ""  # those who are shown in part may be the followed person
-        limit = max(self._roster.tracker.config.min_confidence, 1e-9)
+        limit = max(self.roster.tracker.config.min_confidence, 1e-9)
         others = sum(bool(np.count_nonzero(one.confidence >= limit)) for one in image.people)
         if not others:
             return ""
         if unfound:
             lasting = "" if image.lasting else ", and the numbers of its people do not last"
             return (
-                f"follow is '{self._roster.config.follow}', and no person of this number is among the {others} in the "
+                f"follow is '{self.roster.config.follow}', and no person of this number is among the {others} in the "
                 f"message{lasting}; nobody else is followed: set follow to {', '.join(RULES)}, or to a lasting number"
             )
         if track is None:
@@ -250,8 +250,8 @@ class PeopleTracker:
         if image.lasting and number not in [one.number for one in image.people]:
             who = f"person {number} is not"
         another = "another person" if named is None else f"nobody but person {named}, whom follow names,"
-        waits = f"{another} is followed after forget_after {self._roster.config.forget_after:g} s"
-        if self._roster.held is not None:
+        waits = f"{another} is followed after forget_after {self.roster.config.forget_after:g} s"
+        if self.roster.held is not None:
             waits = "the person is locked, until ~/lock is called with false"
         return (
             f"one person is followed, and {who} among the {others} in the message; {waits} (see person_ids, max_people)"
