@@ -20,7 +20,7 @@ RUN := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=$(CURDIR)/
 .NOTPARALLEL:
 
 demo: $(VENV)/.installed-demo
-	$(RUN) $(VENV)/bin/python -m lassokin_ros.demo
+	$(RUN) $(VENV)/bin/python -m lassokin_ros.demo.demo
 
 check: $(VENV)/.installed-test
 	$(RUN) $(VENV)/bin/python -m pytest -m "not slow" --numprocesses $(CORES) $(SHARED)

@@ -76,10 +76,10 @@ WHEEL = {"bdist_wheel", "editable_wheel", "dist_info"} & set(sys.argv)
 executables into lib/lassokin_ros, for `ros2 run`; see setup.cfg."""
 ROS_EXECUTABLES = [
     "tracker = lassokin_ros.node.command:tracker",
-    "detector = lassokin_ros.detector.command:main",
-    "camera = lassokin_ros.camera.command:main",
+    "detector = lassokin_ros.node.command:detector",
+    "camera = lassokin_ros.node.command:camera",
     "viewer = lassokin_ros.viewer.command:main",
-    "imitate = lassokin_ros.robot.command:main",
+    "imitate = lassokin_ros.node.command:imitate",
     "replay = lassokin_ros.cli.replay:main",
 ]
 

@@ -31,16 +31,13 @@ from lassokin_ros.replay.bag_writer import BagWriter
 from lassokin_ros.replay.bags import BagReader, typestore
 from lassokin_ros.replay.keypoint_recording import CAMERA_INFO, KEYPOINTS, KEYPOINTS_TYPE
 from msg_adapters.backends import RosbagsBackend
-from msg_adapters.inputs import POINT, camera_info
-from msg_adapters.output_messages.builders import CloudBuilder
+from msg_adapters.inputs import camera_info, people_cloud
 
 FPS, START_NS = 30.0, 1_700_000_000_000_000_000
 FRAME_ID = "camera_optical_frame"
 COMMANDS = ("cli/replay.py", "replay/command.py", "replay.py")
 """Where revisions have the command `replay`, newest first."""
 COLUMNS = {"people": "d", "topic": "<", "this": "d", "other": "d", "result": "<"}
-
-PERSON_POINT = np.dtype([*POINT.descr, ("person", "<i4")])
 
 Messages = list[tuple[int, bytes]]
 """(time of recording in ns, serialised message)"""
@@ -83,23 +80,13 @@ def write_recording(path: Path, people: int, seconds: float) -> None:
     """Write a recording of the demo's motion with `people` people in each message."""
     seen = view(0, max(round(seconds * FPS), 1), FPS, people)
     backend = RosbagsBackend(typestore())
-    cloud = CloudBuilder(backend, PERSON_POINT)
     stamps = START_NS + np.round(np.arange(len(seen.pixels)) * 1e9 / FPS).astype(np.int64)
     with BagWriter(path, "mcap", typestore()) as writer:
         for stamp, pixels, confidence in zip(stamps.tolist(), seen.pixels, seen.confidence):
             camera = camera_info(backend, stamp, FRAME_ID, WEBCAM.K, WEBCAM.D, WEBCAM.size)
             writer.write(CAMERA_INFO, "sensor_msgs/msg/CameraInfo", stamp, camera)
-            points = keypoints(pixels, confidence)
-            writer.write(KEYPOINTS, KEYPOINTS_TYPE, stamp, cloud.fill(stamp, FRAME_ID, points))
-
-
-def keypoints(pixels: np.ndarray, confidence: np.ndarray) -> np.ndarray:
-    """One message's points from pixels (people, l, 2) and confidence (people, l); those of confidence 0 are omitted."""
-    person, landmark = np.nonzero(confidence > 0)
-    points = np.zeros(len(person), PERSON_POINT)
-    points["x"], points["y"] = pixels[person, landmark].T
-    points["confidence"], points["id"], points["person"] = confidence[person, landmark], landmark, person
-    return points
+            everybody = list(zip(range(people), pixels, confidence))
+            writer.write(KEYPOINTS, KEYPOINTS_TYPE, stamp, people_cloud(backend, stamp, FRAME_ID, everybody))
 
 
 def replay(tree: Path, recording: Path, output: Path, people: int) -> dict[str, Messages]:

@@ -23,6 +23,7 @@ from benchmarks.common.report import Record, data_folder, table, write_json
 from benchmarks.data.detections import DetectionJob, Recording, prepared, run_detections, score
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.detector.backend import make_detector
 from lassokin_ros.pipeline.camera.calibration_file import Calibration
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -30,8 +31,8 @@ from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME
 from lassokin_ros.replay.playback import Playback
-from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
-from lassokin_ros.video.sources import open_source
+from lassokin_ros.video.cameras import Filmed
+from lassokin_ros.video.sources import FIRST_STAMP_NS, open_source, stamp_of
 
 PAIRS = {
     "balancing_cam01": ("balancing", 0),
@@ -118,11 +119,11 @@ def run_chain(video: Path, detector_name: str, camera: Calibration, height: floa
             results[round((frame.stamp_ns - FIRST_STAMP_NS) * 1e-9 * source.fps)] = frame
 
     tracker.listeners.append(keep)
-    tracker.camera_info(camera.scaled_to(source.size, "K").intrinsics(OPTICAL_FRAME), FIRST_STAMP_NS)
+    filmed = Filmed("", source, camera.scaled_to(source.size, "K"), CameraPose(""))
+    tracker.camera_info(filmed.calibration.intrinsics(OPTICAL_FRAME), FIRST_STAMP_NS)
     try:
-        detections = Detections(source, detector, OPTICAL_FRAME, keep=False)
-        for image, keypoints in detections.images([], Progress(0, "images")):
-            tracker.keypoints(keypoints, stamp_of(image.seconds))
+        for image, people in filmed.detect(detector, [], Progress(0, "images"), keep=False):
+            tracker.keypoints(filmed.keypoints(image.seconds, people, detector.several), stamp_of(image.seconds))
     finally:
         detector.close()
     return _chain(results, recording, tracker)

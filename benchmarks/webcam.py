@@ -49,8 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     layout = detector.landmarks
     detector.close()
     source = open_source(options.video)  # what cannot be opened is refused before the nodes start
-    detector_node = start("lassokin_ros.detector.command", f"detector:={options.detector}")
-    tracker_node = start("lassokin_ros.node.command", f"height:={options.height}", f"landmarks:={layout}")
+    detector_node = start("detector", f"detector:={options.detector}")
+    tracker_node = start("tracker", f"height:={options.height}", f"landmarks:={layout}")
     try:
         times = play(source, options)
     finally:
@@ -94,10 +94,10 @@ def _leg(name: str, sent: dict[int, float], came: dict[int, float]) -> Record:
     return {"leg": name, "in": len(sent), "out": len(latency), **figures}
 
 
-def start(module: str, *parameters: str) -> subprocess.Popen:
+def start(command: str, *parameters: str) -> subprocess.Popen:
     """Start a node."""
     arguments = [part for parameter in parameters for part in ("-p", parameter)]
-    return subprocess.Popen([sys.executable, "-m", module, "--ros-args", *arguments])
+    return subprocess.Popen([sys.executable, "-m", "lassokin_ros.cli.lassokin", command, "--ros-args", *arguments])
 
 
 def stop(process: subprocess.Popen) -> int:

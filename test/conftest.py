@@ -51,6 +51,14 @@ def forked_workers(monkeypatch):
     monkeypatch.setattr(runners.multiprocessing, "get_context", lambda _: CONTEXT)
 
 
+@pytest.fixture
+def tasks_here(monkeypatch):
+    """The recordings of an archive are replayed in this process."""
+    from lassokin_ros.archive import archive, tasks
+
+    monkeypatch.setattr(archive, "in_processes", lambda jobs: lambda given: (tasks.run_task(task) for task in given))
+
+
 class TestFile(pytest.Module):
     """A test file, which is skipped where one of PIP_ONLY is missing: `colcon test` then collects without errors."""
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.learned.length_prior import POPULATIONS, population
+from lassokin_ros.core.learned.bone_lengths import POPULATIONS, population
 from lassokin_ros.core.network.depth_network import LENGTHS, NAMES, lengths_of
 from training.motion import HEIGHT_PARTS, Motion
 from training.symmetry import OTHER

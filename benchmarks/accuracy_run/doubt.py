@@ -33,7 +33,7 @@ from lassokin_ros.doubt.doubt import (
 )
 from lassokin_ros.doubt.monitor import DoubtMonitor  # noqa: E402
 from lassokin_ros.replay.report.findings import MOST_MARKED  # noqa: E402
-from lassokin_ros.replay.report.spans import wrong_spans  # noqa: E402
+from lassokin_ros.replay.spans import marked, wrong_spans  # noqa: E402
 
 ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 """The joints whose shake is measured, relative to the pelvis."""
@@ -44,7 +44,7 @@ COLUMNS |= {"over_150": "6.1%", "marked": "6.1%", "says": "<6"}
 
 @dataclass(frozen=True)
 class Row:
-    """A tracked frame, as `wrong_spans` reads it. error: mm. ends: (4, 3) m, see `ENDS`."""
+    """A tracked frame. error: mm. ends: (4, 3) m, see `ENDS`."""
 
     time: float
     doubt: Doubt
@@ -73,9 +73,9 @@ def record(job: DetectionJob, two_pass: bool) -> Record:
     )
     rows = _rows(estimates, tracker, recording)
     times, error = np.array([row.time for row in rows]), np.array([row.error for row in rows])
-    spans = wrong_spans(rows)  # type: ignore[arg-type]
-    marked = np.array([any(span.contains(time) for span in spans) for time in times], dtype=bool)
-    doubt = any(span.certain_sign for span in spans) or marked.mean() > MOST_MARKED
+    spans = wrong_spans(times, [row.doubt for row in rows])
+    marks = marked(times, spans)
+    doubt = any(span.certain_sign for span in spans) or marks.mean() > MOST_MARKED
     shake = 1000 * np.linalg.norm(np.diff([row.ends for row in rows], n=2, axis=0), axis=-1)
     return {
         "recording": f"{recording.name}:{job.camera}",
@@ -84,10 +84,10 @@ def record(job: DetectionJob, two_pass: bool) -> Record:
         "wrist_shake_mm": float(np.median(shake[:, :2])),
         "ankle_shake_mm": float(np.median(shake[:, 2:])),
         "over_150": float(np.mean(error[np.isfinite(error)] > WRONG_MM)),
-        "marked": float(marked.mean()),
+        "marked": float(marks.mean()),
         "says": "doubt" if doubt else "",
         "error": error,
-        "marks": marked,
+        "marks": marks,
     }
 
 

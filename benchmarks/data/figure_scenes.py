@@ -69,7 +69,7 @@ def run(seen: Scene, **settings: Any) -> Run:
         lost[row] = estimate.status is Status.LOST
         if estimate.accepted:
             joints[row] = estimate.pose.positions
-            moving[row] = np.count_nonzero(estimate.omega)
+            moving[row] = np.count_nonzero(estimate.increment.omega)
     error = np.full(frames, np.nan)
     out = np.isfinite(moving)
     error[out] = mpjpe(joints[out], seen.joints[out], joints[out, 0], seen.joints[out, 0])

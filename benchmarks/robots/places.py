@@ -41,7 +41,7 @@ from lassokin_ros.core.learned.learned import MOVED_CAMERA
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.answers import Answer
 from lassokin_ros.pipeline.camera.camera_places import LEVEL
-from lassokin_ros.pipeline.concerns.cameras import wrong_cameras
+from lassokin_ros.pipeline.concerns.live import wrong_cameras
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.camera_info import Intrinsics

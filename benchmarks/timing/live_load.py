@@ -17,7 +17,6 @@ import numpy as np
 
 from benchmarks.common.report import Record
 from benchmarks.data.people_in_view import HEIGHT, LANDMARKS, depth_images, view
-from benchmarks.same_output import PERSON_POINT, keypoints
 from benchmarks.timing.usage import Limits, Usage, latency_rows, row, usage_rows
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.config import TrackerConfig
@@ -27,8 +26,7 @@ from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.seen import Seen, Sight
 from msg_adapters.backends import RclpyBackend
-from msg_adapters.inputs import camera_info
-from msg_adapters.output_messages.builders import CloudBuilder
+from msg_adapters.inputs import camera_info, people_cloud
 
 NAMESPACE, FRAME_ID = "/soak", "camera_optical_frame"
 CYCLE_S, WARM_UP_S, DEADLINE_S = 24.0, 5.0, 30.0
@@ -104,9 +102,9 @@ def _messages(people: int, hz: float) -> list[bytes]:
     """A cycle of serialised keypoint messages; the stamps are written when they are sent."""
     from rclpy.serialization import serialize_message
 
-    cloud, seen = CloudBuilder(RclpyBackend(), PERSON_POINT), view(0, round(CYCLE_S * hz), hz, people)
+    backend, seen = RclpyBackend(), view(0, round(CYCLE_S * hz), hz, people)
     return [
-        serialize_message(cloud.fill(0, FRAME_ID, keypoints(pixels, confidence)))
+        serialize_message(people_cloud(backend, 0, FRAME_ID, list(zip(range(people), pixels, confidence))))
         for pixels, confidence in zip(seen.pixels, seen.confidence)
     ]
 

@@ -34,7 +34,7 @@ from lassokin_ros.core.body.rotations import exponential, logarithm
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import Calibration
 from lassokin_ros.video.camera import from_fov
-from lassokin_ros.video.footage.shots import Footage
+from lassokin_ros.video.shots import Footage
 from lassokin_ros.video.sources import Image, open_source
 
 CASES = ("still", "flicker", "pan", "shake", "zoom", "cut", "reframed", "punch-in", "dissolve")

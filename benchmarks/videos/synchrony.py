@@ -40,8 +40,8 @@ from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.core.rig.setup import UNITS, Explanation, SetUpCheck
 from lassokin_ros.detector.backend import Detected
-from lassokin_ros.video.cameras.synchrony import synchronised
 from lassokin_ros.video.people import Found
+from lassokin_ros.video.synchrony import synchronised
 
 FPS, LARGEST_OFFSET_S, LOST, WANDERS_S = 30.0, 5.0, 15, 0.5
 CASES = ("offset", "occlusion", "lost", "drift", "two", "set-up")
@@ -124,17 +124,16 @@ def offset_run(case: str, person: Person, other: Person, seconds: float, random:
             kept = found[:first] + found[first + LOST :]
             found = [(stamp, one) for (stamp, _), (_, one) in zip(found, kept)]
         images.append(found)
-    timing = synchronised(["a", "b"], images, None)
-    course = timing.timings[1].course
-    sure = "not determinable" not in timing.remarks[0]
+    (_, course), (remark,) = synchronised(["a", "b"], images, None)
+    sure = "not determinable" not in remark
     at = images[1][len(images[1]) // 4][0]
-    error = (0.0 if course is None else float(course.at(np.array([at]))[0])) - true
+    error = float(course.at(np.array([at]))[0]) - true
     if case == "drift":
         error -= 0.001 * (at - true)
-    said = re.search(r"(?:- |to )(\d+) ms", timing.remarks[0])
+    said = re.search(r"(?:- |to )(\d+) ms", remark)
     return {"case": case, "group": person.kind, "sure": sure, "error_s": error,
             "deviation_s": int(said[1]) / 1000 if said else 0.01,
-            "lost": bool(course is not None and course.lost)}  # fmt: skip
+            "lost": bool(course.lost)}  # fmt: skip
 
 
 def set_up_run(fault: str, person: Person, random: np.random.Generator) -> Record:

@@ -20,7 +20,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.yaml_files import user_path
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME
-from lassokin_ros.video.camera import assumed_fov_warning, choose_camera, from_file
+from lassokin_ros.video.camera import DEFAULT_FOV, assumed_fov_warning, from_file, from_fov
 from lassokin_ros.video.sources import Source, SourceError, open_source
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.inputs import camera_info, rgb_image
@@ -96,7 +96,7 @@ class CameraNode(Node):
         if self._calibration is not None and self._fov is not None:
             raise CameraError("calibration has the lens; expected no fov beside it")
         if self._calibration is None:
-            self._camera = choose_camera(None, self._fov, self._size, content)
+            self._camera = from_fov(self._fov or DEFAULT_FOV, self._size, content)
         else:  # without a size it is for the source's images
             calibration = from_file(self._calibration, source.size)
             self._camera = calibration.scaled_to(self._size, str(self._calibration))

@@ -60,6 +60,11 @@ def missing_package(error: ImportError) -> str:
     return f"{error}; the node needs ROS 2's rclpy and common_interfaces, see the README"
 
 
+def one_line(error: Exception, most: int = 160) -> str:
+    """Return the text of an exception of another library in one line. most: characters."""
+    return " ".join(str(error).split())[:most]
+
+
 def print_summary(text: str) -> None:
     """Print to stdout and flush. A closed pipe is ignored. Raises SummaryError for other failures."""
     if isinstance(sys.stdout, io.TextIOWrapper):

@@ -54,6 +54,24 @@ def uninterrupted() -> Iterator[None]:
             signal.raise_signal(first)
 
 
+@contextmanager
+def stop_flag() -> Iterator[list[int]]:
+    """Yield a list that is not empty after SIGINT or SIGTERM. A second signal acts as usual."""
+    received: list[int] = []
+
+    def stop(number: int, _: object) -> None:
+        received.append(number)
+        for signal_number, handler in previous.items():
+            signal.signal(signal_number, handler)
+
+    previous = {number: signal.signal(number, stop) for number in SIGNALS}
+    try:
+        yield received
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)

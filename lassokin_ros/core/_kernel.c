@@ -321,17 +321,40 @@ static void depth_rows(const Body *b, const View *v, double *columns, Py_ssize_t
     }
 }
 
-/* FrameModel.linearise for images, prior, upright, balance and learned depth: tables, state, views, (first rows of prior,
- * upright, balance); columns, z */
-FUNCTION(linearise, 6)
+/* FootContact: its tables (ankles, mask, scale), anchors, stiffness, first row */
+static void contact_rows(Arrays *a, PyObject *from, const Body *b, double *columns, Py_ssize_t stride, double *z)
+{
+    PyObject **o = items(a, from, 6);
+    if (!a->regular) return;
+    int64_t *ankles = indices(a, o[0], 0, b->n);
+    if (size(a) != 2) a->regular = 0;
+    double *reach = in(a, o[1], 6 * b->k), *anchors = in(a, o[3], 6), *stiffness = in(a, o[4], 2);
+    double scale = number(a, o[2]), F[18] = {0}, places[6], error[3];
+    Py_ssize_t row = (Py_ssize_t)number(a, o[5]);
+    if (row < 0 || row + 6 > stride) a->regular = 0;
+    if (!a->regular) return;
+    for (int i = 0; i < 2; i++) {
+        for (int c = 0; c < 3; c++) {
+            places[3 * i + c] = b->p[3 * ankles[i] + c];
+            error[c] = stiffness[i] * (anchors[3 * i + c] - places[3 * i + c]);
+        }
+        double weight = 1 / (1 + dot(error, error, 3) / (scale * scale));
+        for (int c = 0; c < 3; c++) z[row + 3 * i + c] = weight * error[c], F[9 * i + 4 * c] = weight * stiffness[i];
+    }
+    spread(b->twists, b->k, b->p, places, F, 6, 3, reach, columns + row, stride);
+}
+
+/* FrameModel.linearise for images, prior, upright, balance, learned depth and feet in contact: tables, state, views,
+ * (first rows of prior, upright, balance), feet or None; columns, z */
+FUNCTION(linearise, 7)
     Body b;
     View v;
     Py_ssize_t rows[3];
     read_body(&a, o[0], o[1], &b);
     PyObject **begin = items(&a, o[3], 3);
-    double *z = out(&a, o[5], -1);
+    double *z = out(&a, o[6], -1);
     Py_ssize_t width = size(&a), k = a.regular ? b.r : 0;
-    double *columns = out(&a, o[4], a.regular ? (b.k + 3) * width : 0);
+    double *columns = out(&a, o[5], a.regular ? (b.k + 3) * width : 0);
     for (int i = 0; a.regular && i < 3; i++) {
         rows[i] = (Py_ssize_t)number(&a, begin[i]);
         if (rows[i] < 0 || rows[i] + (i ? 3 : k) > width) a.regular = 0;
@@ -348,6 +371,8 @@ FUNCTION(linearise, 6)
         depth_rows(&b, &v, columns + v.depth_row, width, z + v.depth_row);
         for (int c = 0; c < 3; c++) memset(columns + (b.k + c) * width + v.depth_row, 0, (b.m - 1) * sizeof *z);
     }
+    if (o[4] != Py_None) contact_rows(&a, o[4], &b, columns, width, z);
+    IF_REGULAR
     prior_rows(&b, columns + rows[0], width);
     for (Py_ssize_t r = 0; r < k; r++) z[rows[0] + r] = b.prior_weight * b.residual[r];
     upright_and_balance_rows(&b, columns + rows[1], columns + rows[2], width, right);

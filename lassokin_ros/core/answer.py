@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import cached_property, reduce
 from itertools import repeat
 
@@ -12,28 +13,25 @@ import numpy as np
 from lassokin_ros.core.body.kinematics import BodyPose
 from lassokin_ros.core.cameras import Camera, Cameras
 from lassokin_ros.core.evidence.evidence import EvaluatedState
+from lassokin_ros.core.hypotheses.start import Start
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.increment import Increment
-from lassokin_ros.core.record import record
 
 
-@record
+@dataclass(eq=False)
 class Answer:
     """What was measured, the state about which it was linearised, and its lasso's answer.
 
     cameras: all; measured: of each one with an image; together: of all, see `Cameras.together`. start: the state before
-    the increment; initialised: whether it was fitted to this frame alone; replaced: whether it is another one than the
-    last one solved. solved: the state after the increment.
+    the increment. solved: the state after the increment.
     """
 
     cameras: Cameras
     measured: Mapping[Camera, Measurement]
     together: Measurement
     frame: FrameData
-    start: EvaluatedState
-    initialised: bool
-    replaced: bool
+    start: Start
     increment: Increment
     solved: EvaluatedState
 

@@ -31,9 +31,7 @@ if TYPE_CHECKING:
 RECENT = 0.1
 """How long (s) a camera counts as seeing the person."""
 TIMEOUT = 0.5
-"""s: a camera without keypoints is ignored after this."""
-SILENT_SHARE = 0.3
-"""Share of TIMEOUT without an image after which the rows of a camera begin to fade."""
+"""s: a camera without keypoints is ignored after this. Its rows fade from 0.3 of it on."""
 
 
 class Camera:
@@ -170,7 +168,7 @@ class Camera:
         """Weight of this camera's rows, 0 to 1, if there is no image up to a stamp, s."""
         if not self.seen_at(stamp):
             return 0.0
-        silent_after = SILENT_SHARE * self._timeout
+        silent_after = 0.3 * self._timeout
         fading = (stamp - self.newest - silent_after) / (self._timeout - silent_after)
         return self._presence * min(max(1 - fading, 0.0), 1.0)
 
@@ -187,7 +185,7 @@ class Camera:
         if alone:
             self._presence = 1.0
         elif np.isfinite(self.newest):
-            silent_after = SILENT_SHARE * self._timeout
+            silent_after = 0.3 * self._timeout
             grown = min(stamp - self.newest, silent_after) / (self._timeout - silent_after)
             self._presence = min(self._presence_at(stamp) + grown, 1.0)
         self.newest = stamp
@@ -234,9 +232,10 @@ class Cameras(list[Camera]):
 
     def place(self, poses: Iterable[CameraPose]) -> None:
         """See `Tracker.place_cameras`."""
+        extrinsics = self._learned.extrinsics
         for pose in poses:
             if (camera := self.named(pose.name)) is not None:
-                camera.pose, camera.given = self._learned.received(pose), self._learned.given(pose)
+                camera.pose, camera.given = extrinsics.received(pose), extrinsics.given(pose)
 
     def use_lengths(self) -> None:
         """Input the lengths to the networks; those of a skeleton without the built-in ones stay as given."""
@@ -270,7 +269,7 @@ class Cameras(list[Camera]):
                 continue
             others = (other for other in self if other is not camera)
             alone = body is None or not any(other.seen_at(observation.stamp) for other in others)
-            camera.given = self._learned.given(observation.camera)
+            camera.given = self._learned.extrinsics.given(observation.camera)
             error = self._learned.model_error.deviation
             measurement = camera.measure(observation, weights, body, error, config, alone)
             if len(self) > 1 and observation.stamp <= self.newest:  # a later image has been used

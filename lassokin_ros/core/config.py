@@ -20,9 +20,6 @@ SHORTEST = 0.3
 PI = round(math.pi, 4)
 """rad: pi rounded up, for readable ranges."""
 
-KINDS: Mapping[type, str] = {tuple: "a list of names"}
-"""What a setting of a type is, in words, where the name of the type does not say it."""
-
 
 def setting(
     default: Any,
@@ -159,7 +156,8 @@ def check_setting(name: str, value: Any, metadata: Mapping[str, Any], kind: type
     if kind is tuple:  # of names; YAML and ROS give lists
         right_kind = isinstance(value, (list, tuple)) and all(isinstance(name, str) for name in value)
     if not right_kind or (isinstance(value, bool) and kind is not bool):
-        raise ConfigurationError(f"{name} is {value!r}; expected {KINDS.get(kind, f'a value of type {kind.__name__}')}")
+        expected = "a list of names" if kind is tuple else f"a value of type {kind.__name__}"
+        raise ConfigurationError(f"{name} is {value!r}; expected {expected}")
     if metadata["choices"] and value not in metadata["choices"]:
         raise ConfigurationError(f"{name} is {value!r}; expected one of: {', '.join(metadata['choices'])}")
     low, high = metadata["low"], metadata["high"]

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState
-from lassokin_ros.core.image.frame_data import JointDepths
+from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.increment import Increment
 from lassokin_ros.core.lasso.certificate import Certificate
-from lassokin_ros.core.lasso.problem import Lasso
-from lassokin_ros.core.lasso.solver import LassoSolution
 from lassokin_ros.core.observation import Rejection, Status
 
 
@@ -19,21 +17,17 @@ from lassokin_ros.core.observation import Rejection, Status
 class Estimate:
     """The tracker's answer to one observation.
 
-    If the frame was rejected, `rejection` is the reason, and the other fields keep their defaults; `certificate` exists
+    If the frame was rejected, `rejection` is the reason, and the other fields keep their defaults, but for `increment`
     if the lasso was solved.
 
-    state, pose: the smoothed state to publish. omega: (3 n,) rad and translation_step: (3,) m, the frame's increment.
-    solved: the state after the increment, before smoothing; the certificate refers to it. cost: negative log-likelihood
-    of that state; of the fit if `initialised`, and of the last new keypoints while they are repeated. rows: the slice
-    of the problem's rows of each piece of evidence, by name. keypoint_error_ratio: the keypoints' model error in units
-    of its lower limit, see `failure_probability`. repeated: s since the keypoints last changed.
-    visible: (l,) bool, keypoints that were detected in this frame and have a weight. measurements: number of keypoints
-    and measured depths with a weight. depth_measured: True if measured depths were used; depth_covers: of half of the
-    used keypoints of a camera or more. length_deviation: (p,) standard deviation of the log-lengths. size_deviation:
-    that of the logarithm of a measured height; of a given one 0, or its error if it is wrong. cameras: see
-    `FrameData.seen_by`. centre: (3,) m, of the first of them, in the skeleton's frame. joint_depths: what the depth
-    network estimates from its keypoints.
-    place_covariance: (3, 3) m^2, that the poses of the cameras add to the covariance of the place, None without.
+    state, pose: the smoothed state to publish. solved: the state after the increment, before smoothing; the certificate
+    refers to it. frame: the measurements. cost: negative log-likelihood of the solved state; of the fit if
+    `initialised`, and of the last new keypoints while they are repeated. repeated: s since the keypoints last changed.
+    visible: (l,) bool, keypoints that were detected in this frame and have a weight. keypoint_error_ratio: the
+    keypoints' model error in units of its lower limit, see `failure_probability`. length_deviation: (p,) standard
+    deviation of the log-lengths. size_deviation: that of the logarithm of a measured height; of a given one 0, or its
+    error if it is wrong. place_covariance: (3, 3) m^2, that the poses of the cameras add to the covariance of the
+    place, None without.
     still: (n,) bool, ankles of feet that stand still. contacts: (n,) bool, those of them that are on the floor, see
     `foot_contacts.on_floor`. up: (3,) unit vector, the vertical in the skeleton's frame: given by a fixed frame or the
     camera's mount, learned from the person otherwise. prior_cost: of the pose prior for `solved`, with weight 1,
@@ -46,28 +40,18 @@ class Estimate:
     rejection: Rejection | None = None
     state: BodyState | None = None
     pose: BodyPose | None = None
-    omega: np.ndarray | None = None
-    translation_step: np.ndarray | None = None
-    certificate: Certificate | None = None
-    reprojection_px: float = float("nan")
-    initialised: bool = False
-    problem: Lasso | None = None
-    rows: Mapping[str, slice] = field(default_factory=dict)
-    solution: LassoSolution | None = None
     solved: BodyState | None = None
-    cost: float = float("nan")
-    keypoint_error_ratio: float = 1.0
+    increment: Increment | None = None
+    frame: FrameData | None = None
+    initialised: bool = False
     repeated: float = 0.0
+    reprojection_px: float = float("nan")
+    cost: float = float("nan")
     visible: np.ndarray | None = None
-    measurements: int = 0
-    depth_measured: bool = False
-    depth_covers: bool = False
+    keypoint_error_ratio: float = 1.0
     length_deviation: np.ndarray | float = 0.0
     size_deviation: float = 0.0
-    joint_depths: JointDepths | None = None
     place_covariance: np.ndarray | None = None
-    cameras: int = 1
-    centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
     still: np.ndarray | None = None
     contacts: np.ndarray | None = None
     up: np.ndarray | None = None
@@ -78,3 +62,13 @@ class Estimate:
     def accepted(self) -> bool:
         """True when the frame was used and there is a state to publish."""
         return self.rejection is None
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """Of the frame's lasso; None if none was solved."""
+        return None if self.increment is None else self.increment.solution.certificate
+
+    @property
+    def cameras(self) -> int:
+        """How many cameras observe where the person is, see `FrameData.seen_by`; 0 for a rejected frame."""
+        return 0 if self.frame is None else self.frame.seen_by

@@ -6,7 +6,7 @@ The l1 penalty is always on the frame's total increment.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,19 +20,14 @@ from lassokin_ros.core.image.projection import huber_weights
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver
 from lassokin_ros.core.observation import is_longer
-from lassokin_ros.core.record import record
 
 SHORT_STEP, LONG_STEP = 1 / 30, 0.06
 """s between frames, see `for_step`."""
-MORE_LINEARISATIONS = 2
-"""Further linearisations after a long step."""
 LARGE_ROTATION, LARGE_MOTION = 0.2, 0.06
 """rad, m: largest increment of a frame with measured depth after which it is not linearised again."""
-LEAST_MOTION = 0.003
-"""rad per frame: lower limit of the typical motion of a degree of freedom."""
 
 
-@record
+@dataclass(eq=False)
 class Increment:
     """Increment of one frame: omega (3 n,) rad for all joints and x (3,) m for the root, from the last solution.
 
@@ -57,7 +52,7 @@ class IncrementSolver:
         """prior: a degree of freedom of larger `motion` is penalised less. Raises SolverError, see `LassoSolver`."""
         self.lasso = LassoSolver(solver)
         self._frame_model = frame_model
-        self._motion = np.maximum(prior.motion, LEAST_MOTION)[frame_model.live]
+        self._motion = np.maximum(prior.motion, 0.003)[frame_model.live]  # rad per frame
         self._guess: np.ndarray | None = None
         self.warm_start = True
         """Start each lasso from the last answer, which saves time and changes no answer; False to measure that."""
@@ -122,4 +117,4 @@ def for_step(step: float, sparsity: float) -> tuple[int, float]:
     """Linearisations and sparsity for a frame `step` s after the last one; the setting is for 30 Hz or more."""
     if not np.isfinite(step) or step <= SHORT_STEP:
         return 1, sparsity
-    return 1 + MORE_LINEARISATIONS * is_longer(step, LONG_STEP), sparsity * SHORT_STEP / step
+    return 1 + 2 * is_longer(step, LONG_STEP), sparsity * SHORT_STEP / step

@@ -13,8 +13,6 @@ import numpy as np
 
 from lassokin_ros.core.errors import CameraError
 
-ROTATION_TOLERANCE = 0.01
-"""Root of the sum of the squared differences from a rotation; matrices with 3 decimals pass."""
 ORIGIN, AXES = np.zeros(3), np.eye(3)
 for _constant in (ORIGIN, AXES):
     _constant.flags.writeable = False
@@ -123,7 +121,7 @@ def _is_pose(rotation: np.ndarray, translation: np.ndarray) -> bool:
         first, second, between = a * a + b * b + c * c - 1, d * d + e * e + f * f - 1, a * d + b * e + c * f
         u, v, w = b * f - c * e - g, c * d - a * f - h, a * e - b * d - i  # the third row is the product of the others
         wrong = first * first + second * second + between * between + u * u + v * v + w * w + 0.0 * (x + y + z)
-        return bool(wrong < ROTATION_TOLERANCE**2)  # False for NaN
+        return bool(wrong < 0.01**2)  # matrices with 3 decimals pass; False for NaN
     except (AttributeError, TypeError, ValueError):
         return False
 

@@ -7,21 +7,21 @@ The tracker follows the paper's method frame by frame in a closed loop. It compa
 of the present state (not with the last observation, which would drift), linearises the model about that state (12),
 solves the lasso for the increment of all joints and the translation, certifies the answer, and retracts it onto SO(3).
 After a long step it linearises again about the answer, with the l1 penalty on the total increment.
-The published pose is the solved state, smoothed over a few frames (`output_filter`); the next frame starts from the
+The published pose is the solved state, smoothed over a few frames (`smoothing`); the next frame starts from the
 state as solved.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from lassokin_ros.core.answer import Answer
-from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.proportions import symmetric_skeleton
 from lassokin_ros.core.body.roles import missing_roles
@@ -34,28 +34,22 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.network_pose import NetworkPose
+from lassokin_ros.core.hypotheses.initialisation import NetworkPose
 from lassokin_ros.core.hypotheses.start import FIT_AFTER, Start, Starts
-from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.frame_data import FrameData, View
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.image.projection import squared_norm
 from lassokin_ros.core.increment import Increment, IncrementSolver
-from lassokin_ros.core.lasso.certificate import Certificate
-from lassokin_ros.core.learned.extrinsics import Extrinsics
+from lassokin_ros.core.learned.camera_finder import UnplacedCameras
 from lassokin_ros.core.learned.learned import Learned
 from lassokin_ros.core.observation import HERE, CameraPose, Observation, Rejection, StampUnit, Status, is_longer
-from lassokin_ros.core.output.fixed_lag import Backward, FixedLag, Waiting
-from lassokin_ros.core.output.output_filter import OutputFilter
-from lassokin_ros.core.output.uncertainty import JointUncertainty, ObservedJoints, UncertaintyModel
+from lassokin_ros.core.output.smoothing import Backward, Smoothing
+from lassokin_ros.core.output.uncertainty import JointUncertainty, UncertaintyModel
 
 SMALLEST_PX = 3.0
 """Height of the person in the image, in noise_px, below which a body is rejected: random keypoints fit far away."""
 FARTHEST_FLOOR = 1e12
 """m: largest distance of a floor from the origin. With larger ones the computations overflow."""
-OF_NO_CAMERA: dict[str, Any] = {
-    "extrinsics": GIVEN, "camera_roll": 0.0, "camera_pitch": 0.0, "camera_height": 0.0, "tilt_deviation": 0.0
-}  # fmt: skip
-"""Settings for a camera without a pose: those of the mount are about the first camera."""
 
 
 class Tracker:
@@ -78,20 +72,17 @@ class Tracker:
         self.config = (config or TrackerConfig()).checked()
         self.given_skeleton = skeleton or Skeleton.load(self.config.skeleton, self.config.assumed_height)
         """The body before anything is learned, at the configured height."""
-        body, self.averaged = symmetric_skeleton(self.given_skeleton, self.config.calibrate)
-        """Difference of left and right of the given skeleton if calibration starts with their mean, else 0."""
-        self.kinematics = Kinematics(body, Layout.load(self.config.landmarks, body))
+        body, _ = symmetric_skeleton(self.given_skeleton, self.config.calibrate)
         prior = PoseDistribution.load(body)
-        self.frame_model = FrameModel(self.kinematics, prior, evidence)
+        self.frame_model = FrameModel(Kinematics(body, Layout.load(self.config.landmarks, body)), prior, evidence)
         self.learned = Learned(self.frame_model, self.config, None if up is None else _unit_vertical(up))
         self._cameras = Cameras(self.kinematics, self.config.depth_prior, self.learned, self.frame_model.add_camera)
         self._increments = IncrementSolver(self.frame_model, prior, self.config.solver)
         places = None if self._cameras[0].network is None else self._cameras.network_places
         self._starts = Starts(self.frame_model, prior, self.learned.vertical, places, self.config.depth_prior)
-        self._output_filter, self._lag = OutputFilter(self.kinematics.joint_count), FixedLag(self.kinematics)
+        self._unplaced, self._smoothing = UnplacedCameras(self._alone), Smoothing(self.kinematics)
         self.floor_below = None
-        observed = ObservedJoints(body, self.layout.joints)
-        self._uncertainty = UncertaintyModel(self.frame_model, prior, self.learned.lengths.proportions, observed)
+        self._uncertainty = UncertaintyModel(self.frame_model, prior, self.learned.lengths.proportions)
         self.backward: Callable[[float], Backward | None] | None = None
         """The frame at a stamp, s, by a track backward in time; `published` is then between both, see `recording`."""
         self._stamp_unit = StampUnit()
@@ -116,10 +107,8 @@ class Tracker:
 
     def _forget_state(self) -> None:
         self._solved: EvaluatedState | None = None
-        self._replaced = False  # whether the next frame starts from another state than the last one solved
         self._status = Status.SEARCHING
-        self._unplaced: dict[str, Tracker] = {}  # of the person as each camera without a pose sees it
-        parts: list[Any] = [*self._cameras, self._increments, self._starts, self._output_filter, self._lag]
+        parts: list[Any] = [*self._cameras, self._increments, self._starts, self._smoothing, self._unplaced]
         for part in parts:
             part.reset()
         self.published: list[Estimate] = []
@@ -130,6 +119,16 @@ class Tracker:
     def state(self) -> BodyState | None:
         """The present state; None before the first usable frame."""
         return None if self._solved is None else self._solved.state
+
+    @property
+    def kinematics(self) -> Kinematics:
+        """The body in use."""
+        return self.frame_model.kinematics
+
+    @property
+    def averaged(self) -> float:
+        """Difference of left and right of the given skeleton if calibration starts with their mean, else 0."""
+        return symmetric_skeleton(self.given_skeleton, self.config.calibrate)[1]
 
     @property
     def skeleton(self) -> Skeleton:
@@ -171,25 +170,6 @@ class Tracker:
             return f"layout '{self.layout.name}' has too few of the points that the depth network needs; it is off"
         return off
 
-    def adopt_vertical(self, others: Iterable[Tracker]) -> None:
-        """Copy the vertical from trackers of other people in the same images, if one has learned it."""
-        self.learned.vertical.adopt(other.learned.vertical for other in others)
-
-    def adopt_cameras(self, other: Tracker) -> None:
-        """Begin with the poses that another tracker has learned of the same cameras, if this one learns them, too."""
-        own, known = self.learned.extrinsics, other.learned.extrinsics
-        if own is not None and known is not None and self.config.extrinsics == LEARN:
-            own.adopt(known)
-
-    def move_camera(self, roll: float, pitch: float) -> None:
-        """Use a measured mount of the camera, rad, from the next frame on; see `camera_roll` and `camera_pitch`.
-
-        The state stays. Raises ConfigurationError for angles that are not finite.
-        """
-        if not (math.isfinite(roll) and math.isfinite(pitch)):
-            raise ConfigurationError(f"the mount has roll {roll} and pitch {pitch}; expected finite angles, rad")
-        self.learned.vertical.move_mount(roll, pitch)
-
     def place_cameras(self, poses: Sequence[CameraPose]) -> None:
         """Tell where cameras without an image of the next instant are then: their keypoints are predicted to it."""
         self._cameras.place(poses)
@@ -201,14 +181,13 @@ class Tracker:
         """
         for camera in self._cameras:
             camera.move_frame(rotation, translation)
-        if self.learned.extrinsics is not None:
-            self.learned.extrinsics.move_frame(CameraPose("", rotation, translation))
+        self.learned.extrinsics.move_frame(CameraPose("", rotation, translation))
         if self._solved is None:
             return
         state = self._solved.state
         rotations = np.concatenate([rotation @ state.rotations[:1], state.rotations[1:]])
         self._solved = self.frame_model.evaluate(BodyState(rotations, rotation @ state.translation + translation))
-        self._replaced = True
+        self._starts.replaced = True
 
     def tune(self, config: TrackerConfig) -> None:
         """Use new live settings; the others stay as they are.
@@ -216,13 +195,13 @@ class Tracker:
         A new height scales the given body, and makes the tracker forget the person; so does `calibrate` if another body
         results, see `averaged`. Raises ConfigurationError, before anything is changed, for a setting out of its range.
         """
-        before, config = self.config, self.config.with_live_of(config)
+        before, averaged_before, config = self.config, self.averaged, self.config.with_live_of(config)
         given = self.given_skeleton.at_height(config.assumed_height)  # raises for a height out of range
         body, averaged = symmetric_skeleton(given, config.calibrate)
         self.config = config
-        if config.height != before.height or averaged != self.averaged:
+        if config.height != before.height or averaged != averaged_before:
             self.reset()
-            self.given_skeleton, self.averaged = given, averaged
+            self.given_skeleton = given
             self.learned.use_body(body, config.height == 0)
             self._use_body()
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
@@ -240,60 +219,69 @@ class Tracker:
             return Estimate(self._cameras.newest, self._status, Rejection.TOO_FEW_LANDMARKS)
         self._stamp_unit.add(observations[0].stamp)
         extrinsics, known = self.learned.extrinsics, all(one.camera.known for one in observations)
-        if extrinsics is not None and (len(observations) > 1 or len(self._cameras) > 1 or not known):
+        if len(observations) > 1 or len(self._cameras) > 1 or not known:
             observations = [replace(one, camera=extrinsics.received(one.camera)) for one in observations]
         placed = [one for one in observations if one.camera.known]
         estimate = self._track(placed) if placed else self._reject(observations[0], Rejection.UNPLACED)
-        if extrinsics is not None and self.config.extrinsics == LEARN and len(placed) < len(observations):
-            self._find_cameras([one for one in observations if not one.camera.known], extrinsics)
+        if self.config.extrinsics == LEARN and len(placed) < len(observations):
+            self._unplaced.find([one for one in observations if not one.camera.known], self, extrinsics)
         return estimate
 
     def _track(self, observations: Sequence[Observation]) -> Estimate:
         """Process the observations of placed cameras, of one instant."""
-        cameras, body, first = self._cameras, self._body, observations[0]
+        cameras, first = self._cameras, observations[0]
+        body = None if self._solved is None else self._solved.pose
         measured, rejection = cameras.measure(observations, body, self.config)
         if rejection is not None:
             return self._reject(first, rejection)
         together = cameras.together(measured, self.config.lost_after)
         frame = cameras.frame(measured, together.stamp, body, self.floor, first.extra)
-        extrinsics = self.learned.extrinsics
-        if extrinsics is not None and len(cameras) > 1 and not together.repeated:  # also if the lasso has no answer
-            extrinsics.update(together.stamp, frame)
+        if len(cameras) > 1 and not together.repeated:  # also if the lasso has no answer
+            self.learned.extrinsics.update(together.stamp, frame)
         if frame.point_count < self.config.min_landmarks:
             return self._reject(first, Rejection.TOO_FEW_LANDMARKS)
         start = self._starts.start(self._solved, together, frame)
-        self._replaced |= start.fitted
         increment = self._solve(start, frame, together)
         rejection = self._check(start.state.state, increment, frame, together.focal)
         self._starts.note(rejection is None)
         if rejection is not None:
-            return self._reject(first, rejection, increment.solution.certificate)
+            return self._reject(first, rejection, increment)
         moved = start.state.state.retract(increment.omega, increment.x)
         rotations = self.kinematics.on_axes(orthonormalised(moved.rotations))
         solved = self.frame_model.evaluate(BodyState(rotations, moved.translation))
-        fits = start.state, start.initialised, self._replaced
-        answer = Answer(cameras, measured, together, frame, *fits, increment, solved)
-        smoothed = self._smooth(answer)
+        answer = Answer(cameras, measured, together, frame, start, increment, solved)
+        smoothed = self._smoothing.smoothed(answer, self.config.smoothing)
         better = self._starts.better(answer)
-        restarted = answer.initialised or better is not None
-        self.learned.follow_feet(answer, restarted or answer.replaced, self.config.hold_feet)
+        restarted = start.initialised or better is not None
+        self.learned.follow_feet(answer, restarted or start.replaced, self.config.hold_feet)
         estimate = self._estimate(answer, smoothed)
         for camera, one in measured.items():
             camera.measurements.mark_used(one)
-        self._publish(estimate, answer)
-        self._solved, self._replaced = better or solved, better is not None
-        self._learn(answer, restarted)
+        backward = None if self.backward is None else self.backward(estimate.stamp)
+        self.published = self._smoothing.publish(estimate, answer, self.config.smoothing_lag, backward)
+        self._solved = better or solved
+        changed, ratio = self.learned.update(answer, restarted, self.config)
+        if ratio != 1.0:
+            self._resize(ratio, None if answer.several else frame.seeing.camera.centre)
+        elif changed:
+            self._use_body()
         return estimate
 
     def flush(self) -> list[Estimate]:
         """The estimates that still wait for `smoothing_lag`, in order. Call it after the last observation."""
-        return self._lag.flush()
+        return self._smoothing.flush()
 
     def uncertainty(self, estimate: Estimate) -> JointUncertainty:
         """The uncertainty of an accepted estimate, computed on request. Raises ValueError for a rejected frame."""
-        if estimate.pose is None or estimate.problem is None:
+        if not estimate.accepted:
             raise ValueError("only an accepted estimate has an uncertainty; this frame was rejected")
         return self._uncertainty.evaluate(estimate)
+
+    def seen_at(self, stamp: float) -> tuple[View, np.ndarray] | None:
+        """What a camera sees of the person at a stamp, s, and the joints (n, 3) m; None if the last image is older."""
+        if self._solved is None or is_longer(stamp - self._cameras.newest, FIT_AFTER):
+            return None
+        return self._cameras.seen_at(stamp, self._solved.pose), self._solved.pose.positions
 
     def observed(self, estimate: Estimate) -> np.ndarray:
         """Return (n,) bool, the joints that keypoints observe. Raises ValueError for a rejected frame."""
@@ -301,34 +289,18 @@ class Tracker:
             raise ValueError("this frame was rejected; only an accepted estimate has observed joints")
         return self._uncertainty.observed.from_visible(estimate.visible)
 
-    def _find_cameras(self, observations: Sequence[Observation], extrinsics: Extrinsics) -> None:
-        """Compare what cameras without a pose see, each by itself, with the tracked person."""
-        for one in observations:
-            name = one.camera.name
-            if name not in self._unplaced:
-                body = self.learned.lengths.proportions.given
-                self._unplaced[name] = Tracker(replace(self.config, **OF_NO_CAMERA, height=body.height), body)
-            alone = self._unplaced[name]
-            own = alone.track(replace(one, camera=HERE))
-            lately = not is_longer(one.stamp - self._cameras.newest, FIT_AFTER)
-            if not (own.accepted and lately) or own.repeated or alone._solved is None or self._solved is None:
-                continue
-            views = self._cameras.seen_at(one.stamp, self._body), alone._cameras.seen_at(one.stamp, alone._body)
-            extrinsics.find(name, one.stamp, views, (self._solved.pose.positions, alone._solved.pose.positions))
-            if name in extrinsics.found:
-                del self._unplaced[name]
-
-    @property
-    def _body(self) -> BodyPose | None:
-        """The solved pose of the last frame."""
-        return None if self._solved is None else self._solved.pose
+    def _alone(self) -> Tracker:
+        """A tracker of the same person by one camera without a pose; settings of the mount are about the first one."""
+        body = self.learned.lengths.proportions.given
+        config = replace(self.config, extrinsics=GIVEN, height=body.height)
+        return Tracker(replace(config, camera_roll=0.0, camera_pitch=0.0, camera_height=0.0, tilt_deviation=0.0), body)
 
     def _solve(self, start: Start, frame: FrameData, measurement: Measurement) -> Increment:
         """The frame's increment, with the feet that stand still held unless the pose does not continue the last one."""
         step = measurement.step if self._starts.network_pose is not None and not start.initialised else 0.0
         feet = self.learned.feet
-        if feet.anchors is not None and not (start.initialised or self._replaced or measurement.repeated):
-            frame = replace(frame, anchors=feet.anchors, anchor_deviation=feet.deviation)
+        if any(feet.standing) and not (start.initialised or start.replaced or measurement.repeated):
+            frame = frame.held(feet.anchors, feet.stiffness)
         return self._increments.solve(start.state, frame, step, self.config)
 
     def _check(self, start: BodyState, increment: Increment, frame: FrameData, focal: float) -> Rejection | None:
@@ -341,46 +313,28 @@ class Tracker:
             return Rejection.TOO_SMALL  # or behind the camera; the image cannot correct either
         return None
 
-    def _smooth(self, answer: Answer) -> BodyState:
-        """The state to publish."""
-        if answer.initialised or answer.replaced:
-            self._output_filter.reset()  # the motion of the replaced state does not go on
-        step, speed, smoothing = answer.together.step, answer.together.speed, self.config.smoothing
-        centre, several = answer.frame.seeing.camera.centre, answer.several
-        return self._output_filter.filtered(answer.solved, answer.increment, step, speed, smoothing, centre, several)
-
     def _estimate(self, answer: Answer, smoothed: BodyState) -> Estimate:
         """The estimate for an accepted frame. smoothed: the state to publish."""
         self._status, pose = Status.TRACKING, self.kinematics.pose(smoothed)
-        frame, increment, solved = answer.frame, answer.increment, answer.solved
+        solved = answer.solved
         network_pose = self._starts.network_pose
         return Estimate(
             answer.stamp,
             self._status,
             state=smoothed,
             pose=pose,
-            omega=increment.omega,
-            translation_step=increment.x,
-            certificate=increment.solution.certificate,
-            reprojection_px=answer.reprojection_px(pose),
-            initialised=answer.initialised,
-            problem=increment.problem,
-            rows=increment.rows,
-            solution=increment.solution,
             solved=solved.state,
-            cost=self._starts.cost,
-            keypoint_error_ratio=self.learned.model_error.ratio,
+            increment=answer.increment,
+            frame=answer.frame,
+            initialised=answer.start.initialised,
             repeated=answer.together.repeated,
+            reprojection_px=answer.reprojection_px(pose),
+            cost=self._starts.cost,
             visible=answer.visible,
-            measurements=frame.count,
-            depth_measured=any(view.depth_weights is not None for view in frame.views),
-            depth_covers=frame.depth_covers,
+            keypoint_error_ratio=self.learned.model_error.ratio,
             length_deviation=self.learned.lengths.deviation,
             size_deviation=self.learned.size_deviation,
-            joint_depths=frame.seeing.joint_depths,
             place_covariance=self.learned.place_covariance(answer),
-            cameras=frame.seen_by,
-            centre=frame.seeing.camera.centre,
             still=self.learned.still,
             contacts=self.learned.contacts(pose.positions),
             up=self.learned.vertical.direction,
@@ -388,25 +342,17 @@ class Tracker:
             network_distance=network_pose.distance(solved.pose) if isinstance(network_pose, NetworkPose) else math.nan,
         )
 
-    def _learn(self, answer: Answer, restarted: bool) -> None:
-        """Update all that is learned, and use it from the next frame on. restarted: see `Calibration.update`."""
-        changed, ratio = self.learned.update(answer, restarted, self.config)
-        if ratio != 1.0:
-            self._resize(ratio, None if answer.several else answer.frame.seeing.camera.centre)
-        elif changed:
-            self._use_body()
-
     def _resize(self, ratio: float, centre: np.ndarray | None) -> None:
         """Scale the body and what was learned, and its distance from the centre (3,) m of the only camera.
 
         centre: None if several cameras observe where the body is.
         """
         self.learned.resize(ratio, centre)
-        for alone in self._unplaced.values():
+        for alone in self._unplaced.trackers.values():
             alone._resize(ratio, HERE.centre)
         if centre is not None and self._solved is not None:
             self._solved = replace(self._solved, state=self._solved.state.scaled_about(centre, ratio))
-        self._output_filter.reset()
+        self._smoothing.filter.reset()
         self._use_body()
 
     def _use_body(self) -> None:
@@ -416,20 +362,7 @@ class Tracker:
         if self._solved is not None:
             self._solved = self.frame_model.evaluate(self._solved.state)
 
-    def _publish(self, estimate: Estimate, answer: Answer) -> None:
-        """Collect the estimates that are due."""
-        if self.config.smoothing_lag == 0 and self._lag.empty and self.backward is None:
-            self.published = [estimate]
-            return
-        assert self._output_filter.forward is not None
-        forward, vectors = self._output_filter.forward, self.kinematics.vectors
-        backward = None if self.backward is None else self.backward(estimate.stamp)
-        self._lag.add(Waiting(estimate, forward, vectors, answer.reprojection_px, backward))
-        self.published = self._lag.due(estimate.stamp, self.config.smoothing_lag)
-
-    def _reject(
-        self, observation: Observation, rejection: Rejection, certificate: Certificate | None = None
-    ) -> Estimate:
+    def _reject(self, observation: Observation, rejection: Rejection, increment: Increment | None = None) -> Estimate:
         """The estimate for a rejected frame. The state stays; the status becomes LOST after too long a time."""
         if self._solved is None:
             for camera in self._cameras:
@@ -437,8 +370,8 @@ class Tracker:
         if rejection is not Rejection.NOT_FINITE:  # the stamp can be used
             if self._solved is not None and is_longer(observation.stamp - self._cameras.newest, self.config.lost_after):
                 self._status = Status.LOST
-            self.published = self._lag.due(observation.stamp, self.config.smoothing_lag)
-        return Estimate(observation.stamp, self._status, rejection, certificate=certificate)
+            self.published = self._smoothing.due(observation.stamp, self.config.smoothing_lag)
+        return Estimate(observation.stamp, self._status, rejection, increment=increment)
 
 
 def _unit_vertical(up: np.ndarray) -> np.ndarray:

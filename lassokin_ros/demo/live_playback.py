@@ -18,9 +18,8 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lassokin_ros.common.interruption import uninterrupted
 from lassokin_ros.core.errors import LassokinError
@@ -38,14 +37,16 @@ QUIET_S = 10.0
 """s: after the last frame, the playback has ended when nothing new arrives for this time."""
 OUTPUTS = (*topics.FRAME_OUTPUTS, *topics.OTHER_OUTPUTS)
 FRAME_NAMES = tuple(topic.name for topic in topics.FRAME_OUTPUTS)
+TYPES = {topic.name: topic.message_type for topic in OUTPUTS}
+UNIT = " [messages]"
+"""End of the keys of /diagnostics that count messages."""
 
 
 class PlaybackError(LassokinError, RuntimeError):
     """The node did not start, did not answer in time, or ended with an error."""
 
 
-@dataclass(frozen=True)
-class Received:
+class Received(NamedTuple):
     """One serialised output message, its arrival time (s, monotonic) and the time at which it was published (ns)."""
 
     arrival: float
@@ -58,12 +59,11 @@ class LiveNode:
 
     def __init__(self, parameters: Mapping[str, Any] | None = None, namespace: str = "/playback") -> None:
         """parameters: parameters of the node. namespace: namespace of the node and the topics."""
-        self.namespace = namespace
-        self.types = typestore()
-        self.got: dict[str, list[Received]] = {topic.name: [] for topic in OUTPUTS}
+        self._namespace, self._types = namespace, typestore()
+        self._got: dict[str, list[Received]] = {topic.name: [] for topic in OUTPUTS}
         self.sent: dict[int, float] = {}
         """Stamp of each played keypoint message, ns -> time of sending (s, monotonic)."""
-        self._before: dict[str, int] = {}
+        self._before: Counter[str] = Counter()
         self._process: Any = None
         assignments = [text for item in (parameters or {}).items() for text in ("-p", f"{item[0]}:={item[1]}")]
         arguments = ["--ros-args", "-r", f"__ns:={namespace}", *assignments]
@@ -82,7 +82,7 @@ class LiveNode:
             rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         except RuntimeError as error:  # RCLError, such as for a folder of logs that cannot be written
             raise PlaybackError(first_sentence(error)) from None
-        self._node = Node("player", namespace=self.namespace, context=self._context)
+        self._node = Node("player", namespace=self._namespace, context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         for topic in OUTPUTS:
@@ -101,35 +101,28 @@ class LiveNode:
             self._node.destroy_node()
             self._context.try_shutdown()
         finally:  # stop the node even if the peer fails
-            self._end()
-
-    def _end(self) -> None:
-        if self._process is None:
-            return
-        self._process.send_signal(signal.SIGINT)
-        try:
-            self.stderr = self._process.communicate(timeout=GRACE_S)[1]
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self.stderr = self._process.communicate()[1]
-        self.exit_code = self._process.returncode
+            if self._process is not None:
+                self._process.send_signal(signal.SIGINT)
+                try:
+                    self.stderr = self._process.communicate(timeout=GRACE_S)[1]
+                except subprocess.TimeoutExpired:
+                    self._process.kill()
+                    self.stderr = self._process.communicate()[1]
+                self.exit_code = self._process.returncode
 
     def _listen(self, topic: topics.OutputTopic) -> None:
         from rclpy.qos import DurabilityPolicy, QoSProfile
 
         durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
-        collected = self.got[topic.name]
-
-        own = f"{self.namespace.strip('/')}/{NODE_NAME}:".encode()
+        collected, own = self._got[topic.name], f"{self._namespace.strip('/')}/{NODE_NAME}:".encode()
 
         def collect(data: Any, info: Any) -> None:
             if topic.name != topics.DIAGNOSTICS or own in data:  # every node publishes on /diagnostics
                 collected.append(Received(time.monotonic(), info["source_timestamp"], data))
 
-        qos = QoSProfile(depth=100, durability=durability)
+        qos, kind = QoSProfile(depth=100, durability=durability), message_class(topic.message_type)
         name = topic.name.replace("~", NODE_NAME)
-        sort = message_class(topic.message_type)
-        self._node.create_subscription(sort, name, collect, qos, raw=True)  # type: ignore[arg-type]
+        self._node.create_subscription(kind, name, collect, qos, raw=True)  # type: ignore[arg-type]
 
     def play(
         self,
@@ -147,11 +140,15 @@ class LiveNode:
         frames = self._load(recording)
         self._warm_up(frames)
         started, first = time.monotonic(), frames[0][1]
-        self.epoch = started, first, rate or 1.0
+        self._epoch = started, first, rate or 1.0
         for is_keypoints, time_ns, data in frames:
-            self._spin_to(started + (time_ns - first) * 1e-9 / rate if rate is not None else -math.inf)
+            moment = started + (time_ns - first) * 1e-9 / rate if rate is not None else -math.inf
+            for _ in OUTPUTS if time.monotonic() > moment else ():  # too late: take one message of each topic
+                self._executor.spin_once(timeout_sec=0)
+            while (left := moment - time.monotonic()) > 0:
+                self._executor.spin_once(timeout_sec=left)
             if is_keypoints and ahead is not None:
-                self._spin_while(lambda: len(self.sent) - len(self.got[topics.JOINT_STATES]) > ahead, "an answer")
+                self._spin_while(lambda: len(self.sent) - len(self._got[topics.JOINT_STATES]) > ahead, "an answer")
             if is_keypoints:
                 self.sent[_stamp(data)] = time.monotonic()
                 on_frame()
@@ -177,112 +174,90 @@ class LiveNode:
 
         Only an answer on every topic proves that both processes have found each other in both directions.
         """
-        camera = next(data for is_keypoints, _, data in frames if not is_keypoints)
-        keypoints = next(data for is_keypoints, _, data in frames if is_keypoints)
-        stamp = _stamp(keypoints) - 1000 * 1_000_000_000
-        next_try = 0.0
+        from std_srvs.srv import Trigger
+
+        camera, keypoints = (next(data for kind, _, data in frames if kind is wanted) for wanted in (False, True))
+        stamp, next_try = _stamp(keypoints) - 1000 * 1_000_000_000, 0.0
 
         def silent() -> bool:
             nonlocal stamp, next_try
             if time.monotonic() >= next_try:
                 next_try, stamp = time.monotonic() + 0.1, stamp + 100_000_000
+                copy = bytearray(keypoints)
+                struct.pack_into("<iI", copy, 4, *divmod(stamp, 1_000_000_000))
                 self._publishers[0].publish(camera)
-                self._publishers[1].publish(_restamped(keypoints, stamp))
-            return not all(self.got[name] for name in FRAME_NAMES)
+                self._publishers[1].publish(bytes(copy))
+            return not all(self._got[name] for name in FRAME_NAMES)
+
+        def moving() -> bool:
+            """Whether the last two diagnostics have other counts of messages."""
+            return len(reports) < 2 or self._counts(reports[-2])["received"] != self._counts()["received"]
 
         self._spin_while(silent, "the node's first answer")
-        self._settle()
-        self._reset()
-        self._before = self._counts()
-        for name in FRAME_NAMES:
-            self.got[name].clear()
-
-    def _reset(self) -> None:
-        from std_srvs.srv import Trigger
-
+        reports = self._got[topics.DIAGNOSTICS]
+        reports.clear()
+        self._spin_while(moving, "a quiet second")
         client = self._node.create_client(Trigger, f"{NODE_NAME}/reset")
         self._spin_while(lambda: not client.service_is_ready(), "the service reset")
         future = client.call_async(Trigger.Request())
         self._spin_while(lambda: not future.done(), "the answer of the service reset")
-
-    def _settle(self) -> None:
-        """Wait until two successive diagnostics have the same message count."""
-        self.got[topics.DIAGNOSTICS].clear()
-
-        def moving() -> bool:
-            counts = [self._count(message) for message in self.got[topics.DIAGNOSTICS][-2:]]
-            return len(counts) < 2 or counts[0] != counts[1]
-
-        self._spin_while(moving, "a quiet second")
+        self._before = self._counts()
+        for name in FRAME_NAMES:
+            self._got[name].clear()
 
     def _finish(self) -> None:
-        """Wait until the node has counted every frame and its outputs have arrived.
+        """Wait until the node has counted every frame and its outputs have arrived, or nothing new arrives."""
+        reports = self._got[topics.DIAGNOSTICS]
+        begun = len(reports)
 
-        Give up when nothing new arrives for QUIET_S: the figures show what is missing.
-        """
-        begun = len(self.got[topics.DIAGNOSTICS])
-
-        def counted() -> bool:
+        def uncounted() -> bool:
             new = self._new_counts()
-            return len(self.got[topics.DIAGNOSTICS]) > begun and new["received"] + new[LOST] >= len(self.sent)
+            return len(reports) == begun or new["received"] + new[LOST] < len(self.sent)
 
-        self._spin_while_new(lambda: not counted(), lambda: self._counts()["received"])
+        self._spin_while(uncounted, progress=lambda: self._counts()["received"])
         accepted = self._new_counts()["accepted"]
-        arrived = lambda: sum(min(len(self.got[name]), accepted) for name in FRAME_NAMES)  # noqa: E731
-        self._spin_while_new(lambda: arrived() < accepted * len(FRAME_NAMES), arrived)
 
-    def _spin_while_new(self, condition: Callable[[], bool], progress: Callable[[], int]) -> None:
-        """Spin while a condition holds and `progress` has changed within QUIET_S."""
-        before, end = progress(), time.monotonic() + QUIET_S
-        while condition() and time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=0.05)
-            if progress() != before:
-                before, end = progress(), time.monotonic() + QUIET_S
+        def arrived() -> int:
+            return sum(min(len(self._got[name]), accepted) for name in FRAME_NAMES)
 
-    def _count(self, message: Received) -> int:
-        return int(self._values(message)["received [messages]"])
+        self._spin_while(lambda: arrived() < accepted * len(FRAME_NAMES), progress=arrived)
 
-    def _counts(self) -> Counter[str]:
-        """Return the node's counts of messages, from its last diagnostics."""
-        unit = " [messages]"
-        return Counter({key.removesuffix(unit): int(n) for key, n in self.last_diagnostics().items() if unit in key})
+    def _spin_while(
+        self, condition: Callable[[], bool], what: str = "", progress: Callable[[], int] | None = None
+    ) -> None:
+        """Spin while a condition holds; with `progress` also until that has not changed for QUIET_S.
 
-    def _new_counts(self) -> Counter[str]:
-        """Return the counts since the playback started.
-
-        Rejections during warm-up do not count: keypoints may arrive before the first camera_info.
+        Raises PlaybackError if the node has exited, and without `progress` at the deadline.
         """
-        return Counter({key: n - self._before.get(key, 0) for key, n in self._counts().items()})
-
-    def _values(self, message: Received) -> dict[str, str]:
-        status = self.types.deserialize_cdr(message.data, "diagnostic_msgs/msg/DiagnosticArray").status[0]
-        return {pair.key: pair.value for pair in status.values}
-
-    def _spin_to(self, moment: float) -> None:
-        """Spin until a moment; if it has passed, long enough to take one message of each topic."""
-        for _ in OUTPUTS if time.monotonic() > moment else ():
-            self._executor.spin_once(timeout_sec=0)
-        while (left := moment - time.monotonic()) > 0:
-            self._executor.spin_once(timeout_sec=left)
-
-    def _spin_while(self, condition: Callable[[], bool], what: str) -> None:
-        """Spin while a condition holds. Raises PlaybackError at the deadline, or if the node has exited."""
-        end = time.monotonic() + DEADLINE_S
+        before, end = None, time.monotonic() + DEADLINE_S
         while condition():
             if self._process.poll() is not None:
                 raise PlaybackError(f"the node has exited: {(self._process.stderr or sys.stdin).read().strip()}")
+            if progress is not None and (now := progress()) != before:
+                before, end = now, time.monotonic() + QUIET_S
             if time.monotonic() > end:
-                raise PlaybackError(f"{what} did not arrive within {DEADLINE_S:g} s")
+                if progress is None:
+                    raise PlaybackError(f"{what} did not arrive within {DEADLINE_S:g} s")
+                return
             self._executor.spin_once(timeout_sec=0.05)
+
+    def _counts(self, report: Received | None = None) -> Counter[str]:
+        """Return the node's counts of messages by key, by default those of its last diagnostics."""
+        data = (report or self._got[topics.DIAGNOSTICS][-1]).data
+        pairs = self._types.deserialize_cdr(data, TYPES[topics.DIAGNOSTICS]).status[0].values
+        return Counter({pair.key.removesuffix(UNIT): int(pair.value) for pair in pairs if UNIT in pair.key})
+
+    def _new_counts(self) -> Counter[str]:
+        """Return the counts since the playback started: in the warm-up, keypoints may precede the first camera_info."""
+        return Counter({key: n - self._before[key] for key, n in self._counts().items()})
 
     def messages(self, topic: str) -> list[Any]:
         """Return the messages of one output since the playback started, deserialised by rosbags."""
-        kind = next(t.message_type for t in OUTPUTS if t.name == topic)
-        return [self.types.deserialize_cdr(message.data, kind) for message in self.got[topic]]
+        return [self._types.deserialize_cdr(message.data, TYPES[topic]) for message in self._got[topic]]
 
     def latencies_ms(self) -> list[float]:
         """Return the time from sending keypoints to the arrival of their joint states, ms, for each answer."""
-        arrivals = ((_stamp(message.data), message.arrival) for message in self.got[topics.JOINT_STATES])
+        arrivals = ((_stamp(message.data), message.arrival) for message in self._got[topics.JOINT_STATES])
         return [1e3 * (arrival - self.sent[stamp]) for stamp, arrival in arrivals if stamp in self.sent]
 
     def rejected(self) -> int:
@@ -293,24 +268,17 @@ class LiveNode:
         """Return the number of messages of the recording that the node or DDS dropped for newer ones."""
         return self._new_counts()[OVERTAKEN] + self._new_counts()[LOST]
 
-    def last_diagnostics(self) -> dict[str, str]:
-        """Return the values of the node's last diagnostics, by key."""
-        return self._values(self.got[topics.DIAGNOSTICS][-1])
-
     def state(self) -> str:
-        """Return the last `~/state` before the last answer.
-
-        A later one may be `lost`, since no more keypoints arrive.
-        """
-        last = max((message.published for name in FRAME_NAMES for message in self.got[name][-1:]), default=math.inf)
-        states = [message for message in self.got[topics.STATE] if message.published <= last]
-        return str(self.types.deserialize_cdr(states[-1].data, topics.STATE_OUTPUT.message_type).data) if states else ""
+        """Return the last `~/state` before the last answer. A later one may be `lost`: no more keypoints arrive."""
+        last = max((message.published for name in FRAME_NAMES for message in self._got[name][-1:]), default=math.inf)
+        states = [message for message in self._got[topics.STATE] if message.published <= last]
+        return str(self._types.deserialize_cdr(states[-1].data, TYPES[topics.STATE]).data) if states else ""
 
     def record(self, path: Path, storage: str = "mcap", replace: bool = False) -> None:
         """Write all received messages to a recording, with times relative to the playback. Raises BagError."""
-        started, first, rate = self.epoch
-        with BagWriter(path, storage, self.types, replace) as writer:
-            everything = [(max(m.arrival, started), topic, m.data) for topic in OUTPUTS for m in self.got[topic.name]]
+        started, first, rate = self._epoch
+        with BagWriter(path, storage, self._types, replace) as writer:
+            everything = [(max(m.arrival, started), topic, m.data) for topic in OUTPUTS for m in self._got[topic.name]]
             for arrival, topic, data in sorted(everything, key=lambda item: item[0]):
                 name = topic.name.replace("~", NODE_NAME).strip("/")
                 time_ns = first + round((arrival - started) * rate * 1e9)
@@ -321,9 +289,3 @@ def _stamp(data: bytes) -> int:
     """Return the stamp of a serialised message that starts with a header, ns."""
     seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
     return int(seconds * 1_000_000_000 + nanoseconds)
-
-
-def _restamped(data: bytes, stamp_ns: int) -> bytes:
-    copy = bytearray(data)
-    struct.pack_into("<iI", copy, 4, *divmod(stamp_ns, 1_000_000_000))
-    return bytes(copy)

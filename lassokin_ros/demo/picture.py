@@ -39,7 +39,7 @@ def draw(result: DemoResult, path: Path) -> None:
 
 def _bones(result: DemoResult) -> list[tuple[int, int, str]]:
     """Return (joint, parent, colour) for every bone."""
-    skeleton = result.tracker.skeleton
+    skeleton = result.skeleton
     colours = {"left": LEFT, "right": RIGHT}
     return [
         (joint, int(skeleton.parents[joint]), colours.get(skeleton.joint_names[joint].split("_")[0], MIDDLE))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import user_path
+from msg_adapters.backends import Backend
+from msg_adapters.inputs import people_cloud, point_cloud
 
 
 class DetectorError(LassokinError):
@@ -17,10 +20,30 @@ class DetectorError(LassokinError):
 
 @dataclass(frozen=True, eq=False)
 class Detected:
-    """Keypoints of one person in one image. pixels: (l, 2) px. confidence: (l,) 0 to 1, 0 = missing."""
+    """Keypoints of one person in one image.
+
+    pixels: (l, 2) px. confidence: (l,) 0 to 1, 0 = missing. number: the person's, from 1; 0 if nobody knows who it is.
+    """
 
     pixels: np.ndarray
     confidence: np.ndarray
+    number: int = 0
+
+
+def numbered(people: Sequence[Detected]) -> list[tuple[int, np.ndarray, np.ndarray]]:
+    """Return number, pixels and confidence of the people in an image. Numbers below 0 are valid in this image only."""
+    return [(one.number or -1 - i, one.pixels, one.confidence) for i, one in enumerate(people)]
+
+
+def keypoint_message(backend: Backend, stamp_ns: int, frame_id: str, found: Sequence[Detected], several: bool) -> Any:
+    """Return the people in an image as sensor_msgs/PointCloud2.
+
+    several: the detector can find more than one person; the points then have the field `person`, see `numbered`.
+    """
+    if several:
+        return people_cloud(backend, stamp_ns, frame_id, numbered(found))
+    pixels, confidence = (found[0].pixels, found[0].confidence) if found else (np.zeros((0, 2)), np.zeros(0))
+    return point_cloud(backend, stamp_ns, frame_id, pixels, confidence)
 
 
 class Detector(Protocol):
@@ -49,7 +72,7 @@ def make_detector(name: str) -> Detector:
     name: "mediapipe", "mediapipe_hands" for a body with hands, or the path of a MediaPipe or an ONNX file.
     """
     if name == "mediapipe_hands":
-        from lassokin_ros.detector.mediapipe_hands import MediaPipeHands
+        from lassokin_ros.detector.mediapipe_pose import MediaPipeHands
 
         return MediaPipeHands()
     if name == "mediapipe" or name.endswith(".task"):

@@ -14,8 +14,7 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Image, PointCloud2
 
-from lassokin_ros.detector.backend import make_detector
-from lassokin_ros.detector.keypoint_message import keypoint_message
+from lassokin_ros.detector.backend import keypoint_message, make_detector
 from lassokin_ros.node.log_throttle import LogThrottle
 from lassokin_ros.node.qos import sensor_data
 from msg_adapters.backends import RclpyBackend

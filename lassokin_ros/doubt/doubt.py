@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
@@ -11,14 +12,13 @@ import numpy as np
 
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.observation import HERE, CameraPose
-from lassokin_ros.core.record import record
 
 MARKED = 0.17
 """Probability from which a pose is marked: 94 % or more of the frames under 60 mm stay unmarked."""
 NO_TURN = np.eye(3)
 
 
-@record
+@dataclass(eq=False)
 class Signs:
     """What is known of one tracked frame; a figure that is not known is NaN.
 
@@ -63,15 +63,15 @@ def signs_of(
     points: (l, 2) normalised image coordinates of the detector's keypoints. focal: px per normalised unit. height: m,
     of the skeleton. camera: that of the points. frame_turn: (3, 3) by which the frame of the skeleton has turned.
     """
-    assert estimate.pose is not None
+    assert estimate.pose is not None and estimate.frame is not None
     positions = camera.into_camera(estimate.pose.positions)
-    alone = estimate.cameras == 1 and not estimate.depth_covers  # the failure model is that of one camera without depth
+    alone = not estimate.frame.observes_depth  # the failure model is that of one camera without depth
     return Signs(
         estimate.stamp,
         points,
         positions,
         estimate.reprojection_px / focal * float(positions[0, 2]) / height,
-        estimate.cost / max(estimate.measurements, 1),
+        estimate.cost / max(estimate.frame.count, 1),
         estimate.prior_cost,
         estimate.network_distance if alone else math.nan,
         estimate.visible,

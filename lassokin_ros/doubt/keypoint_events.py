@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from lassokin_ros.core.body.proportions import partners
 from lassokin_ros.core.image.projection import carried, norm
-from lassokin_ros.core.record import record
 
 PAIRS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 """Landmarks that exist on both sides."""
@@ -33,7 +33,7 @@ no motion of 44 recordings and 550 clips reached. All of 16 changes of person ex
 _HALVES = np.full(2, 0.5)
 
 
-@record
+@dataclass(eq=False)
 class KeypointMotion:
     """The motion between two frames, in trunk lengths of the image (middle of the shoulders to middle of the hips).
 
@@ -84,8 +84,10 @@ class MotionMeter:
         stamp: s. points: (l, 2) in any unit of the image, NaN = missing. rotation: see `Signs`; turns of the camera are
         no motion.
         """
-        last, size, self._last = self._last, self._size, (stamp, points.copy(), rotation)
-        present = self._trunk_length(points)
+        last, size, self._last, present = self._last, self._size, (stamp, points.copy(), rotation), math.nan
+        if self._trunk:
+            (a, b), (c, d), (e, f), (g, h) = points.take(self._trunk, axis=0).tolist()
+            present = 0.5 * math.hypot(a + c - e - g, b + d - f - h)
         self._size = size if math.isnan(present) else present
         scale = max(size, present) if size == size and present == present else self._size
         if last is None or not 0 < stamp - last[0] <= LONGEST_S or not scale > 0:
@@ -94,12 +96,6 @@ class MotionMeter:
         if rotation is not None and last[2] is not None and not np.array_equal(rotation, last[2]):
             before = carried(before, rotation @ last[2].T, np.zeros(3))
         return KeypointMotion(stamp - last[0], points, before, scale, self._partner)
-
-    def _trunk_length(self, points: np.ndarray) -> float:
-        if not self._trunk:
-            return np.nan
-        (a, b), (c, d), (e, f), (g, h) = points.take(self._trunk, axis=0).tolist()
-        return 0.5 * math.hypot(a + c - e - g, b + d - f - h)
 
 
 class SideExchange:
@@ -119,25 +115,17 @@ class SideExchange:
         """Return what was exchanged with this frame: body, legs, arms, or an empty text."""
         if motion is None:
             return ""
-        straight = self._of_pairs(motion.straight)
+        straight = (motion.straight[self._pairs] @ _HALVES).tolist()  # of each pair, NaN if it is not seen
         if not any(own > LEAST_MOTION for own in straight):
             return ""
-        moved = list(zip(straight, self._of_pairs(motion.crossed)))
-        return next((limb for limb, own in self._limbs.items() if _exchanged([moved[i] for i in own], limb)), "")
-
-    def _of_pairs(self, distances: np.ndarray) -> list[float]:
-        """The mean distance of each pair, NaN if it is not seen."""
-        pairs: list[float] = (distances[self._pairs] @ _HALVES).tolist()
-        return pairs
-
-
-def _exchanged(moved: list[tuple[float, float]], limb: str) -> bool:
-    """moved: straight and crossed displacement of each pair, NaN if it is not seen."""
-    seen = [(own, other) for own, other in moved if own == own and other == other]
-    if len(seen) < max(2, len(moved) / 2):
-        return False
-    own, other = (sum(values) / len(seen) for values in zip(*seen))
-    return own > LEAST_MOTION and own > RATIO[limb] * other
+        moved = list(zip(straight, (motion.crossed[self._pairs] @ _HALVES).tolist()))
+        for limb, pairs in self._limbs.items():
+            seen = [moved[i] for i in pairs if moved[i][0] == moved[i][0] and moved[i][1] == moved[i][1]]
+            if len(seen) >= max(2, len(pairs) / 2):
+                own, other = (sum(values) / len(seen) for values in zip(*seen))
+                if own > LEAST_MOTION and own > RATIO[limb] * other:
+                    return limb
+        return ""
 
 
 def is_person_change(motion: KeypointMotion | None) -> bool:

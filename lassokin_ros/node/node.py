@@ -80,7 +80,7 @@ class TrackerNode(Node):
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._session, name, time.monotonic())
         self._sink = Publishers(self)
-        self._diagnostics_out = self._sink.open(topics.DIAGNOSTICS_OUTPUT, topics.DIAGNOSTICS)
+        self._diagnostics_out = self._sink.open(topics.DIAGNOSTICS, topics.DIAGNOSTICS)
         self._open_outputs(settings[1], name)
         self._listen(settings[1])
         for publisher in self.publishers:  # also those of rclpy; see `advertise`
@@ -118,7 +118,7 @@ class TrackerNode(Node):
     def _open_outputs(self, config: NodeSettings, name: str) -> None:
         """Create the publishers of one person, or the common ones of several people."""
         if config.several_people and config.publish_tf != OFF:
-            message_class(topics.TF_OUTPUT.message_type)  # raises now, not when the first person appears
+            message_class(topics.TF.message_type)  # raises now, not when the first person appears
         self._outputs = Outputs(self._session, self._sink, RclpyBackend(), name)
         self._outputs.on_fault = partial(self._warning.log, "base_frame")
         self._outputs.on_state = self._log_state

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from lassokin_ros.core.observation import Rejection
-from lassokin_ros.core.output.fixed_lag import TOLERANCE
-from lassokin_ros.core.record import record
+from lassokin_ros.core.output.smoothing import TOLERANCE
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.people.people_tracker import PERSON_ABSENT
@@ -17,7 +16,7 @@ ABSENCES = (Rejection.TOO_FEW_LANDMARKS.value, Rejection.UNPLACED.value, PERSON_
 """Rejections of the images of a camera that does not see the person."""
 
 
-@record
+@dataclass(eq=False)
 class Answer:
     """The results of the images of one instant, or of a message that was refused as a whole.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +15,6 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import HERE, CameraPose, Observation
 from lassokin_ros.core.output.uncertainty import JointUncertainty
-from lassokin_ros.core.record import record
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.doubt.doubt import Doubt
 from lassokin_ros.doubt.monitor import Judgement, Pending
@@ -26,7 +26,7 @@ BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 z front)."""
 
 
-@record
+@dataclass(eq=False)
 class ImageOfPerson:
     """A person in the image of a camera.
 
@@ -44,7 +44,7 @@ class ImageOfPerson:
         return self.lens.distort(project(self.camera.into_camera(points)))
 
 
-@record
+@dataclass(eq=False)
 class FrameResult:
     """Result of one keypoint message for one person, or of a message that was refused as a whole.
 

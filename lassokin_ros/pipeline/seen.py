@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import HERE, CameraPose
-from lassokin_ros.core.record import record
 from lassokin_ros.pipeline.camera.lens import Lens
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
@@ -19,7 +18,7 @@ MOST_PEOPLE = 100
 """Largest number of people in one message. A message with more is refused before any of them is processed."""
 
 
-@record
+@dataclass(eq=False)
 class Seen:
     """One person in one image.
 
@@ -40,7 +39,7 @@ class Seen:
     trackable: bool = True
 
 
-@record
+@dataclass(eq=False)
 class Image:
     """All people in one image, and how it was taken.
 
@@ -69,7 +68,7 @@ class Image:
         return self.body or self.camera.name
 
 
-@record
+@dataclass(eq=False)
 class Sight:
     """A person as seen by a camera, and how the image was taken. stamp_ns: ns. camera: which one, and where it is."""
 

@@ -17,7 +17,7 @@ from typing import Any
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.evidence import Evidence
-from lassokin_ros.core.output.fixed_lag import Backward
+from lassokin_ros.core.output.smoothing import Backward
 from lassokin_ros.pipeline.answers import Answer, Answers, frames_of
 from lassokin_ros.pipeline.camera.camera_places import GivenPoses
 from lassokin_ros.pipeline.camera.placement import Placement

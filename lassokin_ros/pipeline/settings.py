@@ -9,7 +9,7 @@ from lassokin_ros.core.config import OFF, TrackerConfig, check_setting, setting
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.pipeline.people.choice import CONFIDENT, RULES, number_named
 from msg_adapters.detectors.registry import ADAPTERS, full_type_name
-from msg_adapters.output_messages.people import BUILDERS
+from msg_adapters.output_messages.people import TYPES
 
 OPTICAL_FRAME = "camera_optical_frame"
 """Name of the camera's optical frame (z forward, x right, y down) if nothing else gives one."""
@@ -21,7 +21,7 @@ MESSAGE, NODE, LASTING = "message", "node", "lasting"
 ROOT, ALL = "root", "all"
 SKELETON_SUFFIXES = (".yaml", ".yml")
 """Suffixes of skeletons that are written. One with another suffix would be read as another format."""
-PEOPLE_TYPES = tuple(BUILDERS)
+PEOPLE_TYPES = TYPES
 CAMERA_NAME = re.compile(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 """Name of a camera: the beginning of a topic's name."""
 PER_BODY_TYPE = "hri_msgs/msg/Skeleton2D"

@@ -19,7 +19,7 @@ from lassokin_ros.replay.recording_files import (
     refuse_other_files,
 )
 from lassokin_ros.replay.recording_files import BagError as BagError
-from msg_adapters.detectors.definitions import DEFINITIONS, OLDER
+from msg_adapters.definitions import DEFINITIONS, OLDER
 
 STORAGES = ("sqlite3", "mcap")
 READ_TOGETHER, READ_BYTES = 64, 100_000
@@ -194,13 +194,13 @@ class BagReader:
 
     def _use_own_definitions(self, message_type: str) -> None:
         """Register the definitions of msg_adapters; for types with older definitions, prepare those too."""
-        register_detector_types(self.types)
+        register_types(self.types)
         package = message_type.partition("/")[0]
         if any(name.startswith(f"{package}/") for name in OLDER):
             self._undefined.add(message_type)
             if self._older is None:
                 self._older = typestore()
-                register_detector_types(self._older, {**DEFINITIONS, **OLDER})
+                register_types(self._older, {**DEFINITIONS, **OLDER})
 
 
 def _grouped(items: Iterator[Any]) -> Iterator[list[Any]]:
@@ -237,8 +237,8 @@ def _items_of(file: DataFile, connections: list[Any]) -> Iterator[Any]:
         raise BagError(f"{file.path} is damaged: only {read} of its {expected} messages can be read")
 
 
-def register_detector_types(types: Any, definitions: Mapping[str, str] = DEFINITIONS) -> None:
-    """Register the messages of detectors that Jazzy lacks. types: the typestore of rosbags, changed in place."""
+def register_types(types: Any, definitions: Mapping[str, str] = DEFINITIONS) -> None:
+    """Register message types that Jazzy lacks. types: the typestore of rosbags, changed in place."""
     from rosbags.typesys import get_types_from_msg
 
     for name, text in definitions.items():

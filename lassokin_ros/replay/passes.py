@@ -19,7 +19,7 @@ from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import GIVEN, TrackerConfig
 from lassokin_ros.core.observation import CameraPose, Observation
-from lassokin_ros.core.output.fixed_lag import Backward
+from lassokin_ros.core.output.smoothing import Backward
 from lassokin_ros.core.recording import track_backward
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.camera.placement import JUMPS
@@ -192,7 +192,7 @@ class Known:
     def session(self, make: Make) -> Session:
         """Return the session of the last pass."""
         session = make(self.config, self.bodies)
-        session.tracker.adopt_cameras(self.first.tracker)
+        session.tracker.learned.extrinsics.adopt(self.first.tracker.learned.extrinsics)
         session.use_backward(self.backward)
         session.identities = self.identities
         return session

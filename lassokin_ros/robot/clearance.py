@@ -56,7 +56,7 @@ class Clearance:
         self._last: np.ndarray | None = None
 
     def rows(self, configuration: Configuration, period: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the weighted Jacobian (r, nv) and error (r,) of the pairs that are too near, as a task of pink.
+        """Return the weighted Jacobian (r, nv) and error (r,) of the pairs that are too near.
 
         period: s since the last call.
         """

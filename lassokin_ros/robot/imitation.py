@@ -8,13 +8,10 @@ box of limits of angles, speeds and accelerations, which is never empty, so that
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pinocchio as pin
 import qpsolvers
 from pink import Configuration
-from pink.solve_ik import build_ik
 
 from lassokin_ros.robot.model import RobotModel
 from lassokin_ros.robot.person import Course, Person, Posture, posture
@@ -143,18 +140,14 @@ class Imitation:
         self._targets.aim(self.configuration, shown, person, self._heading, self.period)
         self.engaged += self.period
         low, high = self.box(self.share)
-        problem = build_ik(self.configuration, [self._targets], self.period, DAMPING, limits=[])
-        self._smooth(problem)
-        problem.lb, problem.ub = low * self.period, high * self.period
+        hessian, linear = self._targets.objective(self.configuration)
+        hessian.flat[:: len(linear) + 1] += DAMPING + self._smoothing  # of the step, and of its change
+        linear -= self._smoothing * self.speed * self.period
+        problem = qpsolvers.Problem(hessian, linear, lb=low * self.period, ub=high * self.period)
         self._move(np.clip(self._solve(problem), low, high))
         return self.configuration.q
 
-    def _smooth(self, problem: Any) -> None:
-        """Add the weight of a change of the step."""
-        problem.P.flat[:: len(self.speed) + 1] += self._smoothing
-        problem.q -= self._smoothing * self.speed * self.period
-
-    def _solve(self, problem: Any) -> np.ndarray:
+    def _solve(self, problem: qpsolvers.Problem) -> np.ndarray:
         """Return the speeds (nv,) of the solution; without one those that brake, counted in `unsolved`."""
         try:
             solution = qpsolvers.solve_problem(problem, solver=self.solver)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from difflib import get_close_matches
 from xml.etree import ElementTree
 
@@ -48,9 +48,7 @@ class RobotModel:
         self.frames = {place: self.model.getFrameId(PREFIX + place) for place in PLACES}
         self.names = tuple(self.model.names[2 if free else 1 :])
         #: All joints of the URDF that can move, in its order; those that are not in `names` stay at rest.
-        self.all_names = _movable(xml)
-        self._whole = np.array([robot.rest.get(name, 0.0) for name in self.all_names])
-        self._at = [self.all_names.index(name) for name in self.names]
+        self.all_names = tuple(str(joint.get("name")) for joint in xml.iter("joint") if joint.get("type") in MOVABLE)
         #: Index of the first joint in the configuration and in the velocity.
         self.at, self.v_at = (7, 6) if free else (0, 0)
         self.lowest = self.model.lowerPositionLimit[self.at :].copy()
@@ -59,15 +57,14 @@ class RobotModel:
         self.speed, self.acceleration = np.minimum(most, robot.speed), np.full(self.model.nv, robot.acceleration)
         if free:
             self.speed[:6], self.acceleration[:6] = np.repeat(BASE_SPEED, 3), np.repeat(BASE_ACCELERATION, 3)
-        self.rest = self._rest()
+        self.rest = self.on_floor(self._configuration([robot.rest.get(name, 0.0) for name in self.names]))
         self._measure()
 
-    def _rest(self) -> np.ndarray:
+    def _configuration(self, positions: Sequence[float] | float) -> np.ndarray:
+        """Return (nq,) with positions (m,) within the limits, and the base at the origin."""
         q = pin.neutral(self.model)
-        for index, name in enumerate(self.names):
-            q[self.at + index] = self.robot.rest.get(name, 0.0)
-        q[self.at :] = np.clip(q[self.at :], self.lowest, self.highest)
-        return self.on_floor(q)
+        q[self.at :] = np.clip(positions, self.lowest, self.highest)
+        return q
 
     def on_floor(self, q: np.ndarray) -> np.ndarray:
         """Return a configuration with the lower sole of a robot with a free base on the floor, which is at z = 0."""
@@ -78,24 +75,23 @@ class RobotModel:
 
     def whole(self, positions: np.ndarray) -> np.ndarray:
         """Return the positions of `all_names`. positions: of `names`."""
-        q = self._whole.copy()
-        q[self._at] = positions
-        return q
+        moved = dict(zip(self.names, positions))
+        return np.array([moved.get(name, self.robot.rest.get(name, 0.0)) for name in self.all_names])
 
     def places(self, q: np.ndarray) -> dict[str, np.ndarray]:
         """Return (3,) m of each place in the world of the robot. q: (nq,) configuration."""
+        return {place: frame.translation.copy() for place, frame in self._placed(q).items()}
+
+    def _placed(self, q: np.ndarray) -> dict[str, pin.SE3]:
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, q)
-        return {place: data.oMf[frame].translation.copy() for place, frame in self.frames.items()}
+        return {place: data.oMf[frame].copy() for place, frame in self.frames.items()}
 
     def _measure(self) -> None:
         """Set axes, lengths and offsets. Raises RobotError for a robot whose places are not where a person's are."""
-        data = self.model.createData()
-        neutral = pin.neutral(self.model)
-        neutral[self.at :] = np.clip(neutral[self.at :], self.lowest, self.highest)
-        pin.framesForwardKinematics(self.model, data, neutral)
-        at = {place: data.oMf[frame].translation.copy() for place, frame in self.frames.items()}
-        self.axes = {place: data.oMf[self.frames[place]].rotation.T.copy() for place in ("base", "torso")}
+        placed = self._placed(self._configuration(0.0))
+        at = {place: frame.translation.copy() for place, frame in placed.items()}
+        self.axes = {place: placed[place].rotation.T.copy() for place in ("base", "torso")}
         self.lengths, self.offsets, wrong = {}, {}, []
         for bone in BONES:
             self.offsets[bone.first] = at[bone.first] - at[bone.owner]
@@ -197,12 +193,6 @@ def _unusable(model: pin.Model, robot: RobotFile, moving: set[int]) -> list[str]
         elif not low <= robot.rest.get(name, np.clip(0.0, low, high)) <= high:
             wrong.append(f"rest of '{name}' is {robot.rest[name]:g}; expected {low:g} to {high:g}, its limits")
     return wrong
-
-
-def _movable(xml: ElementTree.Element) -> tuple[str, ...]:
-    """Return the joints of a URDF that are neither fixed nor floating, in its order."""
-    found = [joint for joint in xml.iter("joint") if joint.get("type") in MOVABLE]
-    return tuple(str(joint.get("name")) for joint in found)
 
 
 def _mimics(xml: ElementTree.Element, names: Collection[str]) -> list[str]:

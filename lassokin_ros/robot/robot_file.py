@@ -37,6 +37,8 @@ BONES = tuple(
 ARM_BONES = len(BONES) // 2
 SETTINGS = {"sole": 0.0, "speed": 6.0, "acceleration": 100.0}
 """m, rad/s, rad/s^2: the numbers of a robot's file, and what they are without it."""
+NUMBERS = ("rest", "radii")
+"""Keys of a robot's file with a number for each of several names."""
 PARTS = ("trunk", "forearm", "thigh", "shin")
 """Capsules that are kept apart."""
 SHIPPED = ("g1", "h1", "h1_2", "talos")
@@ -98,17 +100,12 @@ def parse_robot(text: str, source: str) -> RobotFile:
     lock = data.get("lock") or []
     if not isinstance(lock, list) or not all(isinstance(joint, str) for joint in lock):
         raise RobotError(f"{source}: lock is {lock!r}; expected a list of names of joints")
-    rest = {
-        name: _numbers([value], 1, f"{source}: rest of {name}")[0] for name, value in _mapping(data, "rest", source)
-    }
-    limits = {name: _range(value, f"{source}: limits of {name}") for name, value in _mapping(data, "limits", source)}
-    radii = {
-        name: _numbers([value], 1, f"{source}: radii of {name}")[0] for name, value in _mapping(data, "radii", source)
-    }
+    rest, radii = ({name: _number(value, where) for name, value, where in _of(data, key, source)} for key in NUMBERS)
+    limits = {name: _range(value, where) for name, value, where in _of(data, "limits", source)}
     check_keys(radii, PARTS, f"{source}: radii", RobotError)
-    settings = {name: _numbers([data.get(name, value)], 1, f"{source}: {name}")[0] for name, value in SETTINGS.items()}
-    for name, least in (("speed", 0.0), ("acceleration", 0.0)):
-        if settings[name] <= least:
+    settings = {name: _number(data.get(name, value), f"{source}: {name}") for name, value in SETTINGS.items()}
+    for name in ("speed", "acceleration"):
+        if settings[name] <= 0:
             raise RobotError(f"{source}: {name} is {settings[name]:g}; expected more than 0")
     return RobotFile(Path(source).stem, links, offsets, tuple(lock), rest, limits, radii=radii, **settings)
 
@@ -121,18 +118,23 @@ def _link(value: Any, where: str) -> tuple[str, tuple[float, ...] | None]:
     raise RobotError(f"{where} is {value!r}; expected the name of a link, or {{link: NAME, offset: [x, y, z]}}")
 
 
-def _mapping(data: Mapping[str, Any], key: str, source: str) -> list[tuple[str, Any]]:
+def _of(data: Mapping[str, Any], key: str, source: str) -> list[tuple[str, Any, str]]:
+    """Return name, value and place, for errors, of each entry of a mapping."""
     value = data.get(key) or {}
     if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
         raise RobotError(f"{source}: {key} is {value!r}; expected names of joints, each with its value")
-    return list(value.items())
+    return [(name, each, f"{source}: {key} of {name}") for name, each in value.items()]
+
+
+def _number(value: Any, where: str) -> float:
+    if (numbers := finite_numbers([value], 1)) is None:
+        raise RobotError(f"{where} is {value!r}; expected a finite number")
+    return numbers[0]
 
 
 def _numbers(value: Any, count: int, where: str) -> list[float]:
-    numbers = finite_numbers(value, count)
-    if numbers is None:
-        expected = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise RobotError(f"{where} is {value[0] if count == 1 else value!r}; expected {expected}")
+    if (numbers := finite_numbers(value, count)) is None:
+        raise RobotError(f"{where} is {value!r}; expected {count} finite numbers")
     return numbers
 
 

@@ -1,4 +1,4 @@
-"""The targets of a robot that imitates a person, as one task of pink: rows of position and rotation.
+"""The targets of a robot that imitates a person: weighted rows of position and rotation, and their quadratic objective.
 
 Places of elbows and wrists in the axes of the torso, of knees and ankles in those of the base, the torso's rotation in
 the base, limbs that come too near to each other; with a free base the base's rotation, the feet (those that stand are
@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 from pink import Configuration
-from pink.tasks import Task
 
 from lassokin_ros import joints
 from lassokin_ros.core.body.rotations import hat
@@ -39,12 +38,11 @@ POSTURE_GAIN = 0.1
 """Share of the way to the rest angles that a step aims at."""
 
 
-class Targets(Task):  # type: ignore[misc]
+class Targets:
     """All targets of a tick. standing: the left and the right foot are held."""
 
     def __init__(self, configuration: Configuration, model: RobotModel) -> None:
-        super().__init__(cost=1.0, gain=1.0, lm_damping=0.0)
-        self._model, self._free = model, model.free
+        self._model = model
         self._bones = BONES if model.free else BONES[:ARM_BONES]
         self._frames = [model.frames[bone.far] for bone in self._bones]
         self._lengths = np.array([model.lengths[bone.far] for bone in self._bones])[:, None]
@@ -85,9 +83,9 @@ class Targets(Task):  # type: ignore[misc]
         known = person.usable[self._used] & np.isfinite(turned).all(axis=1)
         known[1::2] &= known[::2]
         self._places = np.where(known[:, None], turned, self._places)
-        base = shown.pelvis if self._free else shown.level
+        base = shown.pelvis if self._model.free else shown.level
         self._torso = axes["base"] @ base.T @ shown.torso @ axes["torso"].T
-        if self._free:
+        if self._model.free:
             self._base = heading @ shown.pelvis @ axes["base"].T
             heights = shown.heights - shown.heights.min()
             standing = person.contacts & (heights <= FLOOR_GATE)
@@ -118,15 +116,7 @@ class Targets(Task):  # type: ignore[misc]
         place: np.ndarray = owner.actInv(at[self._frames[index]]).translation
         return place - self._places[index]
 
-    def compute_error(self, configuration: Configuration) -> np.ndarray:
-        """See pink's Task: weighted, as in `_rows`."""
-        return self._rows(configuration)[1]
-
-    def compute_jacobian(self, configuration: Configuration) -> np.ndarray:
-        """See pink's Task: weighted, as in `_rows`."""
-        return self._rows(configuration)[0]
-
-    def compute_qp_objective(self, configuration: Configuration) -> tuple[np.ndarray, np.ndarray]:
+    def objective(self, configuration: Configuration) -> tuple[np.ndarray, np.ndarray]:
         """Return H (nv, nv) and c (nv,) of 1/2 d^T H d + c^T d, d the step."""
         jacobian, error = self._rows(configuration)
         hessian, linear = jacobian.T @ jacobian, jacobian.T @ error
@@ -160,7 +150,7 @@ class Targets(Task):  # type: ignore[misc]
         (base, of_base), (torso, of_torso) = owners["base"], owners["torso"]
         rows.append(TORSO * (torso.rotation.T @ (of_torso[3:] - of_base[3:])))
         errors.append(-TORSO * pin.log3(torso.rotation.T @ base.rotation @ self._torso))
-        if self._free:
+        if self._model.free:
             rows.append(BASE * of_base[3:])
             errors.append(-BASE * pin.log3(self._base @ base.rotation.T))
             for side, share in enumerate(self._held):
@@ -189,9 +179,6 @@ class Targets(Task):  # type: ignore[misc]
         beyond = max(1.0 - SUPPORT / max(float(np.linalg.norm(away)), 1e-9), 0.0)
         weight = BALANCE * self._held[first]
         return weight * moved[:2], weight * beyond * away
-
-    def __repr__(self) -> str:
-        return f"Targets({', '.join(bone.far for bone in self._bones)})"
 
 
 def _flat(foot: pin.SE3, height: float) -> pin.SE3:

@@ -28,21 +28,6 @@ def assumed_fov_warning(remedy: str) -> str:
     )
 
 
-def choose_camera(
-    file: Path | None, fov: float | None, size: Size, content: Size, fisheye: bool = False
-) -> Calibration:
-    """Return the camera of a file if there is one, else that of a field of view (degrees; None: DEFAULT_FOV).
-
-    size: (width, height) px of the images; content: of the part between black bars; fisheye: see from_fov. Raises
-    CameraError.
-    """
-    if fisheye and (file is not None or fov is None):
-        raise CameraError("--fisheye is the kind of lens for a field of view; expected --fov beside it")
-    if file is not None:
-        return from_file(file, size)
-    return from_fov(DEFAULT_FOV if fov is None else fov, size, content, fisheye)
-
-
 def from_fov(degrees: float, size: Size, content: Size | None = None, fisheye: bool = False) -> Calibration:
     """Return a camera without distortion. degrees: field of view along the longer side of the content (None: of size).
 

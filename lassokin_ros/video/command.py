@@ -12,8 +12,8 @@ from lassokin_ros.common.command_line import INTERRUPTED, USAGE_ERROR, print_not
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.video import PROGRAM
 
-QUIET = {"GLOG_minloglevel": "3", "TF_CPP_MIN_LOG_LEVEL": "3", "OPENCV_FFMPEG_LOGLEVEL": "-8", "RUST_LOG": "off"}
-"""Environment variables that keep libraries (MediaPipe, FFmpeg, Rerun) from writing to stderr beside our line."""
+QUIET = {"OPENCV_FFMPEG_LOGLEVEL": "-8", "RUST_LOG": "off"}
+"""Environment variables that keep libraries (FFmpeg, Rerun) from writing to stderr beside our line."""
 WINDOW = Path()
 """Value of --view without a file."""
 SOURCES = """video file, folder of images, number or device of a webcam, address of a stream (rtsp://, http://), or
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """Track, print the summary and return the exit code. Raises a LassokinError."""
-    from lassokin_ros.video.output_paths import check_output_paths
+    from lassokin_ros.video.run_settings import check_output_paths
     from lassokin_ros.video.track import track
 
     several = len(options.sources) > 1 or options.cameras is not None

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 import numpy as np
@@ -11,9 +11,10 @@ import numpy as np
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.detector.backend import Detected
-from lassokin_ros.pipeline import seen
 from lassokin_ros.pipeline.people.image_tracks import ImageTrack, ImageTracks
+from lassokin_ros.pipeline.seen import Seen
 from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.video.sources import stamp_of
 
 LARGEST, NEAREST, ALL = "largest", "nearest", "all"
 MOST_PEOPLE = 4
@@ -30,7 +31,7 @@ class PersonError(LassokinError, ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Person:
     """A person in the images of a file.
 
     seconds: (f,) of the images with the person. detected: the keypoints in them. sizes: (f,) px, the diagonal of the
@@ -50,16 +51,21 @@ class Seen:
         return f"{span}, {np.median(self.sizes):.0f} px in size, at first {place}"
 
 
-def people_in(images: Sequence[Found]) -> list[Seen]:
+def people_in(images: Sequence[Found]) -> list[Person]:
     """Return the people who are seen for long enough, the largest first: by the sum of the sizes over the images.
 
     A person who is found again by place within `forget_after` is the same person.
     """
     gathered: dict[ImageTrack, list[tuple[float, Detected]]] = {}
-    for seconds, track, detected in _tracks(images):
-        gathered.setdefault(track, []).append((seconds, detected))
+    tracks, patience = ImageTracks(), NodeSettings().forget_after
+    for seconds, found in images:
+        points = [Seen(np.where(one.confidence[:, None] > 0, one.pixels, np.nan), one.confidence) for one in found]
+        sources = dict(zip(map(id, points), found))
+        tracks.update(stamp_of(seconds), points, lasting=False, forget_after=patience)
+        for track in tracks.seen_at(stamp_of(seconds)):
+            gathered.setdefault(track, []).append((seconds, sources[id(track.detection)]))
     everybody = [
-        Seen(np.array([at for at, _ in rows]), [one for _, one in rows], np.array([size_px(one) for _, one in rows]))
+        Person(np.array([at for at, _ in rows]), [one for _, one in rows], np.array([_size_px(one) for _, one in rows]))
         for rows in gathered.values()
     ]
     times = [seconds for seconds, _ in images]
@@ -69,7 +75,7 @@ def people_in(images: Sequence[Found]) -> list[Seen]:
     return sorted(lasting, key=lambda one: -float(one.sizes.sum()))
 
 
-def people_of_shots(images: Sequence[Found], cuts: Sequence[float]) -> list[Seen]:
+def people_of_shots(images: Sequence[Found], cuts: Sequence[float]) -> list[Person]:
     """Return the people of several shots: in each, they are in the order of their sizes; see `people_in`.
 
     cuts: s, of the first image of each shot but the first. Nothing tells who is who in another shot.
@@ -79,13 +85,21 @@ def people_of_shots(images: Sequence[Found], cuts: Sequence[float]) -> list[Seen
     return [_joined([one for one in same if one is not None]) for same in zip_longest(*map(people_in, parts))]
 
 
-def _joined(parts: Sequence[Seen]) -> Seen:
+def _joined(parts: Sequence[Person]) -> Person:
     """Return one person of the parts of a file, in order."""
     seconds, sizes = (np.concatenate([getattr(one, name) for one in parts]) for name in ("seconds", "sizes"))
-    return Seen(seconds, [detected for one in parts for detected in one.detected], sizes)
+    return Person(seconds, [detected for one in parts for detected in one.detected], sizes)
 
 
-def choose(who: str, people: Sequence[Seen], most: int) -> list[int]:
+def only(images: Sequence[Found], people: Sequence[tuple[int, Person]]) -> list[Found]:
+    """Return the images with some people only, in their order. people: number of each, 0 for none, and the person."""
+    shown = [
+        dict(zip(one.seconds.tolist(), (replace(d, number=n) if n else d for d in one.detected))) for n, one in people
+    ]
+    return [(seconds, [of[seconds] for of in shown if seconds in of]) for seconds, _ in images]
+
+
+def choose(who: str, people: Sequence[Person], most: int) -> list[int]:
     """Return the indices of the people to track.
 
     who: `largest`, `nearest`, `all`, or a number, 1 for the first. most: people tracked with `all`. Raises PersonError.
@@ -111,20 +125,20 @@ def largest_in(images: Sequence[Found], camera: str, width: int) -> tuple[list[F
     people = people_in(images)
     if len(people) < 2:
         return list(images), ""
-    present: dict[float, Detected] = {}
-    kept = []
+    present: set[float] = set()
+    kept: dict[str, Person] = {}
     for number, person in enumerate(people, 1):
-        if present.keys().isdisjoint(person.seconds.tolist()):
-            present.update(zip(person.seconds.tolist(), person.detected))
-            kept.append(str(number))
-    found: list[Found] = [(seconds, [present[seconds]] if seconds in present else []) for seconds, _ in images]
+        if present.isdisjoint(person.seconds.tolist()):
+            present.update(person.seconds.tolist())
+            kept[str(number)] = person
     who, listed = "the first, largest one is tracked", "; ".join(person.words(width) for person in people)
     if len(kept) > 1:
         who = f"{', '.join(kept)} are never in view together and are tracked as one person"
+    found = only(images, [(0, _joined([*kept.values()]))])
     return found, f"{len(people)} people in the images of {camera}, {who}: {listed}."
 
 
-def who_in_words(people: Sequence[Seen], chosen: Sequence[int], width: int) -> str:
+def who_in_words(people: Sequence[Person], chosen: Sequence[int], width: int) -> str:
     """Return who is in the images and who is tracked; empty for one person. width: of the images, px."""
     if len(people) < 2:
         return ""
@@ -158,22 +172,7 @@ def settings_for(who: str, live: bool) -> list[str]:
     return [f"follow:={NEAREST}"] if live else []
 
 
-def size_px(person: Detected) -> float:
+def _size_px(person: Detected) -> float:
     """Return the diagonal of the points that the tracker would use, px; 0 without any."""
     sure = person.pixels[person.confidence >= TrackerConfig().min_confidence]
     return float(np.linalg.norm(np.ptp(sure, axis=0))) if len(sure) else 0.0
-
-
-def _tracks(images: Sequence[Found]) -> Iterator[tuple[float, ImageTrack, Detected]]:
-    """Yield time in s, track and keypoints of each person in each image."""
-    tracks, patience = ImageTracks(), NodeSettings().forget_after
-    for seconds, found in images:
-        stamp_ns = round(seconds * 1e9)
-        sources = {id(points := _detection(person)): (points, person) for person in found}
-        tracks.update(stamp_ns, [points for points, _ in sources.values()], lasting=False, forget_after=patience)
-        for track in tracks.seen_at(stamp_ns):
-            yield seconds, track, sources[id(track.detection)][1]
-
-
-def _detection(person: Detected) -> seen.Seen:
-    return seen.Seen(np.where(person.confidence[:, None] > 0, person.pixels, np.nan), person.confidence)

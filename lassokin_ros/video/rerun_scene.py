@@ -1,25 +1,29 @@
 """The layout of the viewer Rerun: image with keypoints and skeleton, skeleton with its uncertainty, angles and errors.
 
-`lassokin track --view` and the node `viewer` both log through it.
+`lassokin track --view` (`LiveView`) and the node `viewer` both log through `RerunScene`.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lassokin_ros.common.atomic_files import refuse_existing
+from lassokin_ros.common.command_line import one_line
 from lassokin_ros.core.body.rotations import logarithm, to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.observation import CameraPose
+from lassokin_ros.pipeline.camera.calibration_file import Calibration
+from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.frame_messages import principal_axes
 from lassokin_ros.replay.body import capsules
+from lassokin_ros.video.sources import Image
 
 CAMERA, BODY = "camera", "body"
 ANGLES, ERRORS = "angles", "errors"
@@ -166,7 +170,7 @@ class RerunScene:
         try:
             self._stream.flush()
         except Exception as error:  # RuntimeError of Rerun, such as for a full disk, or its own of newer releases
-            reason = " ".join(str(error).split())[:200]
+            reason = one_line(error, 200)
             raise ViewError(f"'{self._path or 'the view'}' cannot be written completely: {reason}") from None
         self._stream.disconnect()
         part, self._part = self._part, None
@@ -192,7 +196,7 @@ class RerunScene:
             try:
                 self._stream.spawn(default_blueprint=self._blueprint())
             except Exception as error:  # Rerun's own, of several kinds
-                raise ViewError(f"the viewer cannot be started: {' '.join(str(error).split())[:200]}") from None
+                raise ViewError(f"the viewer cannot be started: {one_line(error, 200)}") from None
             return
         if self._path.suffix != ".rrd":
             raise ViewError(f"{self._option} '{self._path}'; expected a name that ends in .rrd, or none (a window)")
@@ -200,7 +204,7 @@ class RerunScene:
         try:
             self._stream.save(self._part, default_blueprint=self._blueprint())
         except Exception as error:
-            raise ViewError(f"'{self._path}' cannot be written: {' '.join(str(error).split())[:200]}") from None
+            raise ViewError(f"'{self._path}' cannot be written: {one_line(error, 200)}") from None
 
     def _blueprint(self) -> Any:
         from rerun import blueprint
@@ -226,6 +230,57 @@ class RerunScene:
 
     def _log(self, path: str, what: Any, static: bool = False) -> None:
         self._stream.log(path, what, static=static)
+
+
+class LiveView(RerunScene):
+    """Shows a run of `track` in a viewer window, or records it."""
+
+    def __init__(
+        self,
+        path: Path | None,
+        name: str,
+        cameras: Mapping[str, tuple[Calibration, tuple[int, int]]],
+        replace: bool,
+        z_up: bool = False,
+    ) -> None:
+        """cameras: by name, empty if there is one, the lens and (width, height) px of the images. Raises ViewError.
+
+        path, name, replace, z_up: see RerunScene.
+        """
+        super().__init__(path, name, "--view", replace, "video", tuple(cameras), z_up)
+        for camera, (calibration, size) in cameras.items():
+            self.set_camera(calibration.K, size, camera)
+
+    def add_images(self, images: Mapping[str, Image]) -> None:
+        """Show the images of one instant, by camera, at the time of the first one."""
+        self.set_time(duration=next(iter(images.values())).seconds)
+        for camera, image in images.items():
+            self.add_image(image.rgb, camera)
+
+    def add(self, seconds: float, frames: Sequence[FrameResult]) -> None:
+        """Show the results for the images of this time."""
+        self.set_time(duration=seconds)
+        several = len(self._cameras) > 1
+        for frame in frames:
+            place = f"/{frame.person}" if frame.person else ""
+            views = [(image.camera.name if several else "", image) for image in frame.images]
+            for camera, image in views:
+                if several:
+                    self.add_place(camera, image.camera)
+                if image.detected is not None:
+                    self.add_keypoints(place, image.detected, camera)
+            estimate, skeleton = frame.estimate, frame.skeleton
+            if not frame.accepted or estimate is None or estimate.pose is None or skeleton is None:
+                self.clear(place)
+                continue
+            assert estimate.state is not None
+            joints, uncertainty = estimate.pose.positions, frame.uncertainty
+            self.add_skeleton(place, skeleton, joints)
+            for camera, image in views:
+                self.add_outline(place, skeleton, image.project(joints), camera)
+            self.add_uncertainty(place, joints, uncertainty.covariance, uncertainty.deviation)
+            self.add_angles(place, skeleton, estimate.state.rotations)
+            self.add_error(place, REPROJECTION, estimate.reprojection_px)
 
 
 def turns_of_z(directions: np.ndarray) -> np.ndarray:

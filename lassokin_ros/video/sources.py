@@ -41,6 +41,10 @@ LAST_READ_S = 1.0
 DEVICES = Path("/dev")
 
 
+FIRST_STAMP_NS = 1_000_000_000
+"""ns: stamp of an image at 0 s. A stamp of zero means no stamp."""
+
+
 class SourceError(LassokinError):
     """A source of images cannot be opened, or ends unexpectedly."""
 
@@ -88,6 +92,11 @@ class Timing:
 
     fps: float | None = None
     slow_motion: float = 1.0
+
+
+def stamp_of(seconds: float) -> int:
+    """Return the stamp of an image, ns. seconds: its time in the source."""
+    return FIRST_STAMP_NS + round(seconds * 1e9)
 
 
 def open_source(name: str, fps: float | None = None, slow_motion: float = 1.0) -> Source:

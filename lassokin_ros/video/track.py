@@ -17,7 +17,7 @@ import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.command_line import print_note
-from lassokin_ros.common.interruption import Interrupted
+from lassokin_ros.common.interruption import Interrupted, stop_flag
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.config import CHECK, TrackerConfig
 from lassokin_ros.core.errors import CameraError
@@ -30,7 +30,7 @@ from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.replay.passes import Bodies, Known, learn
 from lassokin_ros.replay.playback import Playback
 from lassokin_ros.video import PROGRAM
-from lassokin_ros.video.cameras.filmed import (
+from lassokin_ros.video.cameras import (
     Filmed,
     calibration_toml,
     found_poses,
@@ -38,14 +38,12 @@ from lassokin_ros.video.cameras.filmed import (
     open_cameras,
     where_in_words,
 )
-from lassokin_ros.video.cameras.synchrony import checked_places, given_offsets, set_up_of, synchronised
-from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of, stop_flag
-from lassokin_ros.video.footage.shots import Footage, LiveFootage
-from lassokin_ros.video.people import ALL, LARGEST, Seen, choose, largest_in, people_of_shots, who_in_words
-from lassokin_ros.video.run_settings import settings_of
-from lassokin_ros.video.sources import Image, SourceError
-from lassokin_ros.video.track_outputs import ASSUMED_HEIGHT, TrackOutputs, height_given
-from msg_adapters.keypoints import Keypoints
+from lassokin_ros.video.people import ALL, LARGEST, choose, largest_in, only, people_of_shots, who_in_words
+from lassokin_ros.video.run_settings import ASSUMED_HEIGHT, height_given, settings_of
+from lassokin_ros.video.shots import Footage, LiveFootage
+from lassokin_ros.video.sources import FIRST_STAMP_NS, SourceError, stamp_of
+from lassokin_ros.video.synchrony import checked_places, given_offsets, shifted, synchronised
+from lassokin_ros.video.track_outputs import TrackOutputs
 
 
 @dataclass(frozen=True)
@@ -74,9 +72,9 @@ def track(options: argparse.Namespace, detector: Detector | None = None) -> Trac
         stack.callback(detector.close)
         run = Run(options, cameras, detector, stack)
         if run.is_live:
-            run.live()
+            run.live(detector)
         else:
-            run.whole_files(offsets)
+            run.whole_files(detector, offsets)
         written = run.write(files)
         files.check()
     return run.end(written)
@@ -89,151 +87,136 @@ class Run:
         self, options: argparse.Namespace, cameras: list[Filmed], detector: Detector, stack: ExitStack
     ) -> None:
         """detector: of the first camera. stack: removes outputs that are not finished. Raises a LassokinError."""
-        self._options, self._cameras, self._detector = options, cameras, detector
+        self._options, self._cameras = options, cameras
         self._started = time.monotonic()
-        (self._first, *others) = cameras
-        self._of_several = bool(self._first.name)  # videos of a scene, with the cameras' names
-        self._unplaced = self._of_several and options.cameras is None
-        self._many = detector.several or any(one.stored is not None and one.stored.several for one in others)
+        first = cameras[0]
+        self._of_several = bool(first.name)  # videos of a scene, with the cameras' names
+        self._many = detector.several or any(one.stored is not None and one.stored.several for one in cameras)
         self._config, self._node = settings_of(options, cameras, detector.landmarks, self._many)
-        self.is_live = not self._of_several and (self._first.source.live or bool(options.causal))
-        self._footage: Footage | LiveFootage | None = None
-        if not self._of_several and self._first.stored is None:
-            source = self._first.source
-            follow = LiveFootage if self.is_live else Footage
-            self._footage = follow(self._first.calibration, source.size, source.content)
+        self.is_live = not self._of_several and (first.source.live or bool(options.causal))
         self._poses: Mapping[str, CameraPose] | Callable[[int], CameraPose] | None = None
         if self._of_several:
             self._poses = {camera.name: camera.pose for camera in cameras}
-        elif isinstance(self._footage, LiveFootage):
-            self._poses = self._footage.pose
+        elif first.stored is None:
+            follow = LiveFootage if self.is_live else Footage
+            first.footage = follow(first.calibration, first.source.size, first.source.content)
+            self._poses = first.footage.pose if self.is_live else None
         self._tracker = Playback(self._make(self._config))
         self._outputs = TrackOutputs(options, cameras, self._tracker, stack)
-        self._people: list[tuple[int, Seen]] | None = None  # those who are tracked, of one video
-        self._who = self._passes = ""
-        self._notes: list[str] = []
-        self._heights: Mapping[str, str] = {}
+        self._known: Known | None = None
+        self._facts: list[tuple[str, str]] = []  # lines of the summary about people and cameras
         self._stopped = False
 
     def _make(self, config: TrackerConfig, bodies: Bodies | None = None) -> Session:
         return Session(config, self._node, bodies=bodies, poses=self._poses)
 
-    def live(self) -> None:
+    @property
+    def _unplaced(self) -> bool:
+        """Whether nobody tells where the cameras are."""
+        return self._of_several and self._options.cameras is None
+
+    def live(self, detector: Detector) -> None:
         """Track each image as it comes, until the end or until SIGINT or SIGTERM."""
-        tracker, source = self._tracker, self._first.source
+        tracker, (camera,) = self._tracker, self._cameras
         self._outputs.follow(tracker)
-        tracker.camera_info(self._first.calibration.intrinsics(self._first.frame_id), FIRST_STAMP_NS)
-        detections = self._first.detections = Detections(source, self._detector, self._first.frame_id, not source.live)
-        progress = Progress(source.count, "images")
+        tracker.camera_info(camera.calibration.intrinsics(camera.frame_id), FIRST_STAMP_NS)
+        progress, stood = Progress(camera.source.count, "images"), True
         with stop_flag() as stopped:
-            for image, message in detections.images(stopped, progress):
+            for image, people in camera.detect(detector, stopped, progress, keep=not camera.source.live):
                 self._outputs.add_report_image(image)
                 self._outputs.add_images({"": image})
-                self._follow_background(image)
-                tracker.keypoints(message, stamp_of(image.seconds))
+                if stood and camera.footage is not None and camera.footage.moves:
+                    stood = False
+                    _note(f"the camera turns from {image.seconds:.1f} s on; its rotation is taken out")
+                tracker.keypoints(camera.keypoints(image.seconds, people, self._many), stamp_of(image.seconds))
                 progress.advance(note=tracker.session.roster.status.value)
             tracker.finish()
         self._stopped = bool(stopped)
 
-    def _follow_background(self, image: Image) -> None:
-        """Use an image; say it when the camera begins to turn."""
-        if self._footage is None:
-            return
-        stood = not self._footage.moves if isinstance(self._footage, LiveFootage) else False
-        self._footage.add(image, self._first.detected.people)
-        if stood and self._footage.moves:
-            _note(f"the camera turns from {image.seconds:.1f} s on; its rotation is taken out")
-
-    def whole_files(self, offsets: Sequence[float] | None) -> None:
+    def whole_files(self, detector: Detector, offsets: Sequence[float] | None) -> None:
         """Detect all images, learn the people's lengths from them, and track them backward and forward with these.
 
         offsets: see --offsets. Raises a LassokinError; Interrupted if a signal comes too early for any result.
         """
         with stop_flag() as stopped:
-            for camera in self._cameras:
-                if camera is self._first:
-                    self._detect(camera, self._detector, stopped)
-                    continue
-                with closing(camera.stored or make_detector(self._options.detector)) as detector:
-                    self._detect(camera, detector, stopped)  # of its own: it follows the person from image to image
+            self._detect(self._cameras[0], detector, stopped)
+            for camera in self._cameras[1:]:
+                with closing(camera.stored or make_detector(self._options.detector)) as own:
+                    self._detect(camera, own, stopped)  # of its own: it follows the person from image to image
         self._stopped = bool(stopped)
-        if self._of_several:
-            self._put_together(offsets)
-        else:
-            self._use_shots()
-        known = None
+        self._put_together(offsets)
+        self._choose_people()
         if (self._config.calibrate or self._unplaced) and not self._options.causal:
-            known = learn(self._make, self._play, self._config)
-            self._heights = known.heights
-            known = self._with_found_places(known) if self._unplaced else known
-        self._tracker = Playback(self._make(self._config) if known is None else known.session(self._make))
-        backward = known is not None and any(known.backward.values())
-        if not self._options.causal:
-            self._passes = _passes_in_words(known is not None, backward, self._config.smoothing_lag > 0)
+            self._known = learn(self._make, self._play, self._config)
+            if self._unplaced:
+                self._use_found_places(self._known)
+                self._known = replace(self._known, config=replace(self._known.config, extrinsics=CHECK))
+        self._tracker = Playback(self._known.session(self._make) if self._known else self._make(self._config))
         self._outputs.follow(self._tracker)
         self._play(self._tracker, "last pass", self._outputs.needs_images)
 
     def _detect(self, camera: Filmed, detector: Detector, stopped: list[int]) -> None:
         """Detect the people in all images, until the end or until SIGINT or SIGTERM."""
-        camera.detections = Detections(camera.source, detector, camera.frame_id, keep=True)
         progress = Progress(camera.source.count, "images")
-        for image, _ in camera.detections.images(stopped, progress):
+        for image, people in camera.detect(detector, stopped, progress):
             self._outputs.add_report_image(image, camera.name)
-            self._follow_background(image)
-            progress.advance(note=camera.name or f"{len(camera.detections.people)} in view")
-
-    def _use_shots(self) -> None:
-        """Say what the background of one video shows, and choose among the people in it."""
-        footage = self._footage
-        if isinstance(footage, Footage):
-            footage.finish()
-            for remark in footage.remarks():
-                _note(remark)
-            self._outputs.remarks += [*footage.remarks(), *footage.unknown()]
-            self._poses = footage.pose if footage.moves else None
-        if self._node.person_ids == MESSAGE:
-            self._node = replace(self._node, person_ids=LASTING)  # those of `people_in`
-        if self._many:
-            cuts = footage.cuts if isinstance(footage, Footage) else []
-            people = people_of_shots(self._first.detected.found, cuts)
-            who = self._options.person or (ALL if self._node.several_people else LARGEST)
-            chosen = choose(who, people, self._node.max_people)
-            self._who = who_in_words(people, chosen, self._first.source.size[0])
-            self._outputs.remarks += [self._who] if self._who else []
-            self._people = [(i + 1, people[i]) for i in chosen]
+            progress.advance(note=camera.name or f"{len(people)} in view")
 
     def _put_together(self, offsets: Sequence[float] | None) -> None:
-        """Put several videos on one clock, and check the places of their cameras. offsets: of --offsets."""
-        cameras, kept = self._cameras, [camera.detected for camera in self._cameras]
+        """Put the videos on one clock, and say what they show of their cameras. offsets: of --offsets."""
+        cameras, notes = self._cameras, list[str]()
         if self._stopped:  # the part that was detected in all
-            if not all(one.found for one in kept):
+            if not all(camera.found for camera in cameras):
                 raise Interrupted("nothing was written")
-            end = min(one.found[-1][0] for one in kept)
-            for one in kept:
-                one.found = [found for found in one.found if found[0] <= end]
-        clocks = synchronised([camera.name for camera in cameras], [one.found for one in kept], offsets)
-        for number, camera in enumerate(cameras):
-            camera.timing = clocks.timings[number]
-            camera.detected.found = clocks.shifted(number, camera.detected.found)
-            self._outputs.move_report_images(camera.name, camera.timing.of_first)
-        self._notes = [f"{remark[0].upper()}{remark[1:]}." for remark in clocks.remarks]
-        if not self._unplaced:
-            layout, skeleton = self._tracker.session.tracker.layout, self._tracker.session.tracker.skeleton
-            rest = skeleton.rest_positions[layout.joints] + layout.offsets
-            lenses, given = [camera.calibration for camera in cameras], [camera.pose for camera in cameras]
-            found = set_up_of([one.found for one in kept], lenses, given, layout.names, rest)
-            poses, words = checked_places(found, given, self._node.fixed_frame)
-            self._notes += words
-            self._poses = {camera.name: pose for camera, pose in zip(cameras, poses)}  # in m
-        for remark in self._notes:
-            _note(remark)
-        if self._many and not self._node.several_people:
+            end = min(camera.found[-1][0] for camera in cameras)
             for camera in cameras:
-                camera.detected.found, words_of = largest_in(camera.detected.found, camera.name, camera.source.size[0])
-                self._notes += [words_of] if words_of else []
-        self._outputs.remarks += self._notes
+                camera.found = [found for found in camera.found if found[0] <= end]
+        names, found = [camera.name for camera in cameras], [camera.found for camera in cameras]
+        courses, remarks = synchronised(names, found, offsets)
+        notes += [f"{remark[0].upper()}{remark[1:]}." for remark in remarks]
+        for camera, course in zip(cameras, courses):
+            camera.course, camera.found = course, shifted(course, camera.found)
+            if self._of_several:
+                self._outputs.move_report_images(camera)
+        if self._of_several and not self._unplaced:
+            tracker, given = self._tracker.session.tracker, [camera.pose for camera in cameras]
+            rest = tracker.skeleton.rest_positions[tracker.layout.joints] + tracker.layout.offsets
+            lenses, found = [camera.calibration for camera in cameras], [camera.found for camera in cameras]
+            poses, words = checked_places(found, lenses, given, tracker.layout.names, rest, self._node.fixed_frame)
+            notes += words
+            self._poses = {camera.name: pose for camera, pose in zip(cameras, poses)}  # in m
+        for footage in (camera.footage for camera in cameras):
+            if isinstance(footage, Footage):
+                footage.finish()
+                notes += footage.remarks()
+                self._outputs.remarks += footage.unknown()
+                self._poses = footage.pose if footage.moves else None
+        for remark in notes:
+            _note(remark)
+        self._outputs.remarks += notes
+        self._facts += [("note", remark) for remark in notes]
 
-    def _with_found_places(self, known: Known) -> Known:
+    def _choose_people(self) -> None:
+        """Keep those who are to be tracked, and say who they are. In several videos nobody knows who is who."""
+        if not self._of_several and self._node.person_ids == MESSAGE:
+            self._node = replace(self._node, person_ids=LASTING)  # those of `people_in`
+        if not self._many or self._of_several and self._node.several_people:
+            return
+        for camera in self._cameras:
+            width = camera.source.size[0]
+            if self._of_several:
+                camera.found, words = largest_in(camera.found, camera.name, width)
+            else:
+                cuts = camera.footage.cuts if isinstance(camera.footage, Footage) else []
+                people = people_of_shots(camera.found, cuts)
+                who = self._options.person or (ALL if self._node.several_people else LARGEST)
+                chosen = choose(who, people, self._node.max_people)
+                camera.found = only(camera.found, [(i + 1, people[i]) for i in chosen])
+                words = who_in_words(people, chosen, width)
+            self._outputs.remarks += [words] if words else []
+            self._facts.append(("people", words))
+
+    def _use_found_places(self, known: Known) -> None:
         """Use the places of the cameras that the first pass has found."""
         try:
             self._poses = found_poses(known.first)
@@ -241,34 +224,26 @@ class Run:
             if self._stopped:
                 raise Interrupted("nothing was written") from None
             raise
-        return replace(known, config=replace(known.config, extrinsics=CHECK))
 
     def _play(self, tracker: Playback, title: str, show: bool = False) -> None:
         """Play the keypoints of all cameras in the order of their times. show: give the images to the outputs, too."""
         for camera in self._cameras:
             tracker.camera_info(camera.calibration.intrinsics(camera.frame_id), FIRST_STAMP_NS, camera.name)
         images = images_together(self._cameras, self._options) if show else iter(())
-        found = [(at, camera, points) for camera in self._cameras for at, points in self._keypoints(camera)]
+        found = [(at, camera, people) for camera in self._cameras for at, people in camera.found]
         progress = Progress(len(found), "frames")
-        for seconds, camera, keypoints in sorted(found, key=lambda one: one[0]):
-            if show and camera is self._first:
+        for seconds, camera, people in sorted(found, key=lambda one: one[0]):
+            if show and camera is self._cameras[0]:
                 if (together := next(images, None)) is None:
-                    raise SourceError(f"{self._first.source.name} has fewer images when it is read again")
+                    raise SourceError(f"{camera.source.name} has fewer images when it is read again")
                 self._outputs.add_images(together)
-            if isinstance(self._footage, Footage) and self._footage.begins_at(seconds):
+            if isinstance(camera.footage, Footage) and camera.footage.begins_at(seconds):
                 tracker.begin_take()
+            keypoints = camera.keypoints(seconds, people, self._node.several_people)
             tracker.keypoints(keypoints, stamp_of(seconds), camera.name)
             progress.advance(note=f"{title}, {tracker.session.roster.status.value}")
         tracker.finish()
         progress.close()
-
-    def _keypoints(self, camera: Filmed) -> Iterator[tuple[float, Keypoints]]:
-        """Return time in s and keypoints of each kept image of a camera."""
-        if self._people is not None:
-            return camera.detected.of_people(self._people, self._node.several_people)
-        if self._of_several and self._node.several_people:
-            return camera.detected.of_everybody()
-        return camera.detected.of_all()
 
     def write(self, files: AtomicFiles) -> list[Path]:
         """Write the files as part of `files`, and return their paths. Raises a LassokinError."""
@@ -281,52 +256,56 @@ class Run:
 
     def end(self, written: Sequence[Path]) -> Tracked:
         """Return the end of the run, with a summary of one fact per line."""
-        tracker, detections = self._tracker, [camera.detected for camera in self._cameras]
+        tracker, cameras = self._tracker, self._cameras
         counts, error = tracker.session.counts, tracker.reprojection_px
-        seconds = [one for each in detections for one in each.detect_seconds] or [np.nan]
+        seconds = [one for camera in cameras for one in camera.detect_seconds] or [np.nan]
         tracked = f"{tracker.messages_tracked}{' instants' * self._of_several}"
-        lines = {
-            "images": f"{counts['received']} in, {tracked} tracked",
-            "height": self._height_line(),
-            "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
-            "detector": f"{1e3 * float(np.median(seconds)):.1f} ms median",
-            "tracker": f"{1e3 * float(np.median(tracker.frame_seconds or [np.nan])):.2f} ms median",
-            "total": f"{time.monotonic() - self._started:.1f} s",
-            "people": self._who,
-            "passes": self._passes and f"{self._passes} (--causal tracks as a camera's images)",
-            "written": ", ".join(map(str, written)) or "nothing",
-        }
-        facts = [(name, text) for name, text in lines.items() if text]
-        facts += [*self._places(), *(("note", remark) for remark in self._notes)]
-        names = [one.source.name + f" ({one.name})" * self._of_several for one in self._cameras]
-        summary = [", ".join(names), *(f"{name:<15} {text}" for name, text in facts), *self._outputs.doubts]
-        complete = not self._stopped or self.is_live and self._first.source.count == 0
-        return Tracked("\n".join(summary), complete, "; ".join(one.fault for one in detections if one.fault))
+        facts = [
+            ("images", f"{counts['received']} in, {tracked} tracked"),
+            ("height", self._height_line()),
+            ("reprojection", f"{np.median(error):.2f} px median" if error else "nothing was tracked"),
+            ("detector", f"{1e3 * float(np.median(seconds)):.1f} ms median"),
+            ("tracker", f"{1e3 * float(np.median(tracker.frame_seconds or [np.nan])):.2f} ms median"),
+            ("total", f"{time.monotonic() - self._started:.1f} s"),
+            ("passes", self._passes_line()),
+            *self._facts,
+            *self._places(),
+            ("written", ", ".join(map(str, written)) or "nothing"),
+        ]
+        names = [one.source.name + f" ({one.name})" * self._of_several for one in cameras]
+        summary = [", ".join(names), *(f"{name:<15} {text}" for name, text in facts if text), *self._outputs.doubts]
+        complete = not self._stopped or self.is_live and cameras[0].source.count == 0
+        return Tracked("\n".join(summary), complete, "; ".join(one.fault for one in cameras if one.fault))
 
     def _places(self) -> Iterator[tuple[str, str]]:
         """Yield where the cameras were found, or by how much their given places are off."""
-        session = self._tracker.session
+        session, first = self._tracker.session, self._cameras[0]
         places, extrinsics = session.placement.places, session.roster.extrinsics
         for camera in self._cameras[1:]:
             if self._unplaced and places is not None and camera.name in places.newest:
-                yield f"camera {camera.name}", where_in_words(places.newest[camera.name], self._first.pose)
+                yield f"camera {camera.name}", where_in_words(places.newest[camera.name], first.pose)
             elif extrinsics is not None and (words := extrinsics.in_words(camera.name)):
                 yield f"camera {camera.name}", words
 
     def _height_line(self) -> str:
         """Return the height. Without one, sizes and distances are those of a person of the default height."""
         session = self._tracker.session
-        if measured := list(self._heights.values()) or list(map(height_in_words, session.roster.heights().values())):
+        learned = self._known.heights if self._known else {}
+        if measured := list(learned.values()) or list(map(height_in_words, session.roster.heights().values())):
             return "; ".join(measured)
         if height_given(self._options) or self._options.cameras is not None:
             return session.tracker.config.height_text
         return f"{ASSUMED_HEIGHT:g} m is assumed; sizes and distances scale with it, set --height"
 
-
-def _passes_in_words(learned: bool, backward: bool, smoothed: bool) -> str:
-    """Return the passes over a file that were made. learned: that for the lengths, which the backward one needs."""
-    made = ", ".join(["lengths"] * learned + ["backward"] * backward + ["forward"]) + "; smoothed" * smoothed
-    return made if learned else f"{made}; those for the lengths and backward need calibrate"
+    def _passes_line(self) -> str:
+        """Return the passes over a file that were made."""
+        if self._options.causal or self.is_live:
+            return ""
+        learned, backward = self._known is not None, self._known is not None and any(self._known.backward.values())
+        made = ", ".join(["lengths"] * learned + ["backward"] * backward + ["forward"])
+        made += "; smoothed" * (self._config.smoothing_lag > 0)
+        made += "" if learned else "; those for the lengths and backward need calibrate"
+        return f"{made} (--causal tracks as a camera's images)"
 
 
 def _note(text: str) -> None:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import argparse
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-
-import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.command_line import print_note
@@ -16,21 +14,20 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.image_sets import SAME_INSTANT_NS
 from lassokin_ros.replay.exports.exports import Exports
-from lassokin_ros.replay.motion import ASSUMED, GIVEN, MotionRecorder
+from lassokin_ros.replay.frames import FrameTable
+from lassokin_ros.replay.motion import ASSUMED, GIVEN, motions, scene_of
 from lassokin_ros.replay.playback import Playback
 from lassokin_ros.replay.report.images import ReportImages
 from lassokin_ros.replay.report.report import Report, check_report
 from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.camera import DEFAULT_FOV, assumed_fov_warning
-from lassokin_ros.video.cameras.filmed import Filmed
-from lassokin_ros.video.detections import FIRST_STAMP_NS, stamp_of
-from lassokin_ros.video.live_view import LiveView
+from lassokin_ros.video.cameras import Filmed
 from lassokin_ros.video.output_video import OutputVideo
-from lassokin_ros.video.sources import Image
+from lassokin_ros.video.rerun_scene import LiveView
+from lassokin_ros.video.run_settings import ASSUMED_HEIGHT, height_given
+from lassokin_ros.video.sources import FIRST_STAMP_NS, Image, stamp_of
+from lassokin_ros.video.synchrony import on_first_clock
 
-ASSUMED_HEIGHT = 1.75
-"""m: height of the person in a video that does not show the size, if none is given. It is not measured, so that the
-lengths can be learned, and the video can be tracked backward."""
 HEIGHT_ASSUMED = (
     f"The person is taken to be {ASSUMED_HEIGHT:g} m tall. The images do not show the size: with another "
     "height, all lengths and the distance change by the same factor; set `--height`."
@@ -70,13 +67,9 @@ class TrackOutputs:
             check_report(options.report, options.force)
             self._report_images = {name: ReportImages() for name in session.cameras}
         self._level = session.placement.level
-        names = session.tracker.layout.names
-        config, topics = session.tracker.config, session.config.camera_names
-        self._motion = MotionRecorder(names, config, lambda: self._level, FIRST_STAMP_NS, topics, lens, height)
+        self._known_from = {"lens": lens, "height_from": height}
         people = session.config.several_people
-        self._exports = None
-        if options.export:
-            self._exports = Exports(options.export, self._motion, self._given, people, options.force)
+        self._exports = Exports(options.export, self._given, people, options.force) if options.export else None
         self._video = self._view = None
         if options.video is not None:
             sizes = {name: size for name, (_, size) in views.items()}
@@ -99,21 +92,21 @@ class TrackOutputs:
         if camera in self._report_images:
             self._report_images[camera].add(stamp_of(image.seconds), lambda: image.rgb)
 
-    def move_report_images(self, camera: str, moved: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Move the images of a camera to other times. moved: returns the new times (k,) s of given ones."""
-        if camera in self._report_images:
-            self._report_images[camera].move(
-                lambda stamp_ns: stamp_of(float(moved(np.array([(stamp_ns - FIRST_STAMP_NS) * 1e-9]))[0]))
+    def move_report_images(self, camera: Filmed) -> None:
+        """Put the images of a camera on the clock of the first one."""
+        if camera.name in self._report_images:
+            self._report_images[camera.name].move(
+                lambda stamp: stamp_of(float(on_first_clock(camera.course, (stamp - FIRST_STAMP_NS) * 1e-9)))
             )
 
     def follow(self, tracker: Playback) -> None:
         """Take the results of a tracker from now on."""
+        self._session, self._table = tracker.session, FrameTable(tracker.session)
         if self._options.report is not None or not self._source.live:
-            self._report = Report(self._options.report, tracker.session, self._options.force, self._given)
+            self._report = Report(self._options.report, tracker.session, self._table, self._options.force, self._given)
             self._report.images = self._report_images
-            tracker.listeners.append(self._report.add)
-        if self._exports is not None:
-            tracker.listeners.append(self._motion.add)
+        if self._report is not None or self._exports is not None:
+            tracker.listeners.append(self._table.add)
         if self._video is not None:
             tracker.listeners.append(self._draw)
         if self._view is not None:
@@ -147,14 +140,12 @@ class TrackOutputs:
         written = []
         if self._report is not None:
             topics = f"of {Path(self._options.detector).name}", camera_name(self._options)
-            if self._options.report is None:
-                self._report.conclude(self._source.name, topics, own_keypoints=True)
-            else:
-                self._report.remarks = self.remarks
-                self._report.write(files, self._source.name, topics, own_keypoints=True)
-                written.append(self._options.report)
+            self._report.remarks = self.remarks
+            self._report.write(files, self._source.name, topics, own_keypoints=True)
+            written += [] if self._options.report is None else [self._options.report]
         if self._exports is not None:
-            written += self._exports.write(Path(), files)
+            found = motions(self._table, scene_of(self._session, self._level, **self._known_from), FIRST_STAMP_NS)
+            written += self._exports.write(found, Path(), files)
         if self._video is not None:
             while self._waiting:  # images after the last result
                 self._draw_images(self._waiting.popleft()[1], [])
@@ -171,12 +162,6 @@ class TrackOutputs:
         remarks = {} if self._exports is None else self._exports.remarks
         lines = [f"{name:<15} {text}" for name, text in remarks.items()]
         return lines + ([] if self._report is None else self._report.summary_lines)
-
-
-def height_given(options: argparse.Namespace) -> bool:
-    """Return whether the options give the person's height, or settings that may."""
-    named = any(parameter.startswith("height:=") for parameter in options.p)
-    return options.height is not None or bool(options.params_file) or named
 
 
 def camera_name(options: argparse.Namespace) -> str:

@@ -34,7 +34,7 @@ from msg_adapters.detectors import point_cloud2
 from msg_adapters.errors import AdapterError
 from msg_adapters.image import decode_image
 from msg_adapters.keypoints import stamp_of
-from msg_adapters.output_messages.joint_uncertainty import read_uncertainty_cloud
+from msg_adapters.output_messages.clouds import read_uncertainty_cloud
 
 TIMELINE = "stamp"
 DEPTH = 10

@@ -37,7 +37,7 @@ class StampedBuilder(ABC):
         """
 
     @abstractmethod
-    def write(self, numbers: np.ndarray) -> None:
+    def _write(self, numbers: np.ndarray) -> None:
         """Write the result of `numbers` into the message's fields."""
 
     def place(self, stamp_ns: int, frame_id: str, numbers: np.ndarray) -> Any:
@@ -46,7 +46,7 @@ class StampedBuilder(ABC):
         """
         for header in self._headers:
             set_header(header, stamp_ns, frame_id)
-        self.write(numbers)
+        self._write(numbers)
         return self._message
 
     def fill(self, stamp_ns: int, frame_id: str, *content: Any) -> Any:
@@ -67,8 +67,7 @@ class JointStateBuilder(StampedBuilder):
         """positions, velocities: (number of names,), m and m/s or rad and rad/s."""
         return np.concatenate([positions, velocities])
 
-    def write(self, numbers: np.ndarray) -> None:
-        """See StampedBuilder.write."""
+    def _write(self, numbers: np.ndarray) -> None:
         half = len(numbers) // 2
         self._message.position, self._message.velocity = self._float64(numbers[:half]), self._float64(numbers[half:])
 
@@ -85,8 +84,7 @@ class FieldsBuilder(StampedBuilder):
         """content: arrays (k,), or (n, k) with a row for each of n parts, in the order of the fields."""
         return np.concatenate(content, axis=-1).reshape(-1)
 
-    def write(self, numbers: np.ndarray) -> None:
-        """See StampedBuilder.write."""
+    def _write(self, numbers: np.ndarray) -> None:
         for (part, name), value in zip(self._fields, numbers.tolist()):
             setattr(part, name, value)
 
@@ -136,9 +134,8 @@ class PoseWithCovarianceBuilder(FieldsBuilder):
         """position: (3,) m; quaternion: (4,), x, y, z, w; covariance: (6, 6) of position and rotation, m and rad."""
         return super().numbers(position, quaternion, covariance.reshape(36))
 
-    def write(self, numbers: np.ndarray) -> None:
-        """See StampedBuilder.write."""
-        super().write(numbers[:7])
+    def _write(self, numbers: np.ndarray) -> None:
+        super()._write(numbers[:7])
         self._message.pose.covariance = numbers[7:].copy()
 
 
@@ -160,9 +157,8 @@ class TransformsBuilder(FieldsBuilder):
         parts = [part for move in moves for part in ((move.translation, "xyz"), (move.rotation, "xyzw"))]
         super().__init__(message, [each.header for each in made], parts)
 
-    def write(self, numbers: np.ndarray) -> None:
-        """See StampedBuilder.write."""
-        super().write(numbers)
+    def _write(self, numbers: np.ndarray) -> None:
+        super()._write(numbers)
         for header, parent in self._headers_of_parents:
             header.frame_id = parent
 
@@ -241,16 +237,23 @@ DATATYPES = {"i4": 5, "f4": 7}  # sensor_msgs/PointField: INT32, FLOAT32
 class Cloud(StampedBuilder):
     """Clouds of one kind of point. The message object is reused; its points change, also in number."""
 
-    def __init__(self, backend: Backend, point: np.dtype, dense: bool = True) -> None:
-        """point: a packed structure of little-endian float32 and int32. dense: no position can be NaN."""
+    def __init__(self, backend: Backend, point: np.dtype, dense: bool = True, **constant: Any) -> None:
+        """point: a packed structure of little-endian float32 and int32. dense: no position can be NaN.
+
+        constant: fields with the same values in each message, such as index=(n,) int, for subclasses that fill the
+        same n points, `_points`, and all their values as float32, `_values`, again and again.
+        """
         self._uint8, self._size = backend.uint8, point.itemsize
+        self._points = np.zeros(np.shape(next(iter(constant.values()), [])), point)
+        for name, values in constant.items():
+            self._points[name] = values
+        self._values = as_floats(self._points)
         message = backend.make("sensor_msgs/msg/PointCloud2")
         message.height, message.point_step, message.is_dense = 1, point.itemsize, dense
         message.fields = [_field(backend, point, name) for name in point.names or ()]
         super().__init__(message, [message.header])
 
-    def write(self, numbers: np.ndarray) -> None:
-        """See StampedBuilder.write."""
+    def _write(self, numbers: np.ndarray) -> None:
         self._message.width, self._message.row_step = len(numbers) // self._size, len(numbers)
         self._message.data = self._uint8(numbers.tobytes())
 
@@ -261,6 +264,11 @@ class CloudBuilder(Cloud):
     def numbers(self, points: np.ndarray) -> np.ndarray:
         """points: (k,) of the structure."""
         return points.view(np.uint8)
+
+
+def as_floats(points: np.ndarray) -> np.ndarray:
+    """Return a view (..., size / 4) float32 of structured points (...,)."""
+    return points.view("<f4").reshape(*points.shape, points.itemsize // 4)
 
 
 def _field(backend: Backend, point: np.dtype, name: str) -> Any:

@@ -10,46 +10,32 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from msg_adapters.backends import Backend
-from msg_adapters.output_messages.builders import CloudBuilder, set_header
-from msg_adapters.output_messages.joint_uncertainty import COVARIANCE, UPPER
+from msg_adapters.output_messages.builders import CloudBuilder, as_floats, set_header
+from msg_adapters.output_messages.clouds import COVARIANCE, MOTION, UPPER, floats, whole
 from msg_adapters.output_messages.serialised_messages import SerialisedMessage
-from msg_adapters.output_messages.skeleton_cloud import MOTION
 
 CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
 DETECTIONS_TYPE, PEOPLE_TYPE = "vision_msgs/msg/Detection3DArray", "people_msgs/msg/People"
+TYPES = (CLOUD_TYPE, DETECTIONS_TYPE, PEOPLE_TYPE)
+"""Of messages about all people; the first one is the default."""
 CLASS_ID = "person"
 TRACKING, LOST = "tracking", "lost"
 LARGEST_NUMBER = 0x7FFFFFFF
 """Largest number of a person that a field of type int32 can have."""
 VELOCITY_COVARIANCE = tuple(f"v{name}" for name in COVARIANCE)
+FLAGS = ("guessed", "doubtful", "locked", "out_of_view")
 POINT = np.dtype(
-    [(name, "<f4") for name in (*MOTION, *COVARIANCE, "confidence", "age")]
-    + [(name, "<i4") for name in ("person", "tracked", "detector_id", "guessed", "doubtful", "locked", "out_of_view")]
-    + [(name, "<f4") for name in VELOCITY_COVARIANCE]
+    [
+        *floats(*MOTION, *COVARIANCE, "confidence", "age"),
+        *whole("person", "tracked", "detector_id", *FLAGS),
+        *floats(*VELOCITY_COVARIANCE),
+    ]
 )
-DEFINITIONS: Mapping[str, str] = {
-    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
-    "vision_msgs/msg/ObjectHypothesisWithPose": (
-        "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"
-    ),
-    "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
-    "vision_msgs/msg/Detection3D": (
-        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\nvision_msgs/BoundingBox3D bbox\n"
-        "string id"
-    ),
-    DETECTIONS_TYPE: "std_msgs/Header header\nvision_msgs/Detection3D[] detections",
-    "people_msgs/msg/Person": (
-        "string name\ngeometry_msgs/Point position\ngeometry_msgs/Point velocity\nfloat64 reliability\n"
-        "string[] tagnames\nstring[] tags"
-    ),
-    PEOPLE_TYPE: "std_msgs/Header header\npeople_msgs/Person[] people",
-}
-"""Fields of the message types of other packages, for recordings that are written without ROS."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +82,6 @@ class PersonReport:
         """See `number_of`."""
         return number_of(self.id)
 
-    @property
-    def state(self) -> str:
-        """Text of the state: tracking or lost."""
-        return TRACKING if self.tracked else LOST
-
 
 @lru_cache(maxsize=256)
 def number_of(person: str) -> int:
@@ -109,78 +90,64 @@ def number_of(person: str) -> int:
     return int(found[1]) if found else zlib.crc32(person.encode()) & LARGEST_NUMBER
 
 
-class PeopleBuilder(Protocol):
-    """Makes one message about all people."""
-
-    def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport], untracked: int = 0) -> Any:
-        """Return the message. Without people it is an empty list.
-
-        untracked: number of further people in the image, whose place is not known. Only PointCloud2 tells them.
-        """
-        ...
-
-
-class DetectionsBuilder:
-    """vision_msgs/Detection3DArray. score: the confidence, 0 for a person who is lost. It has no velocity."""
-
-    def __init__(self, backend: Backend) -> None:
-        self._backend = backend
-        self._message = backend.make(DETECTIONS_TYPE)
-
-    def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport], untracked: int = 0) -> Any:
-        """See PeopleBuilder.fill."""
-        set_header(self._message.header, stamp_ns, frame_id)
-        self._message.detections = [self._detection(stamp_ns, frame_id, person) for person in people]
-        return self._message
-
-    def _detection(self, stamp_ns: int, frame_id: str, person: PersonReport) -> Any:
-        detection = self._backend.make("vision_msgs/msg/Detection3D")
-        result = self._backend.make("vision_msgs/msg/ObjectHypothesisWithPose")
-        set_header(detection.header, stamp_ns, frame_id)
-        detection.id = person.id
-        result.hypothesis.class_id, result.hypothesis.score = CLASS_ID, person.confidence
-        place, turn = result.pose.pose.position, result.pose.pose.orientation
-        place.x, place.y, place.z = person.position.tolist()
-        turn.x, turn.y, turn.z, turn.w = person.quaternion.tolist()
-        result.pose.covariance = person.covariance.reshape(36)
-        detection.results = [result]
-        centre, size = detection.bbox.center, detection.bbox.size
-        least, greatest = person.joints.min(axis=0), person.joints.max(axis=0)
-        centre.position.x, centre.position.y, centre.position.z = ((least + greatest) / 2).tolist()
-        centre.orientation.w = 1.0
-        size.x, size.y, size.z = (greatest - least).tolist()
-        return detection
+def _detection(backend: Backend, stamp_ns: int, frame_id: str, person: PersonReport) -> Any:
+    """Return a vision_msgs/Detection3D. score: the confidence, 0 for a person who is lost. It has no velocity."""
+    detection = backend.make("vision_msgs/msg/Detection3D")
+    result = backend.make("vision_msgs/msg/ObjectHypothesisWithPose")
+    set_header(detection.header, stamp_ns, frame_id)
+    detection.id = person.id
+    result.hypothesis.class_id, result.hypothesis.score = CLASS_ID, person.confidence
+    place, turn = result.pose.pose.position, result.pose.pose.orientation
+    place.x, place.y, place.z = person.position.tolist()
+    turn.x, turn.y, turn.z, turn.w = person.quaternion.tolist()
+    result.pose.covariance = person.covariance.reshape(36)
+    detection.results = [result]
+    centre, size = detection.bbox.center, detection.bbox.size
+    least, greatest = person.joints.min(axis=0), person.joints.max(axis=0)
+    centre.position.x, centre.position.y, centre.position.z = ((least + greatest) / 2).tolist()
+    centre.orientation.w = 1.0
+    size.x, size.y, size.z = (greatest - least).tolist()
+    return detection
 
 
-class PeopleMsgsBuilder:
-    """people_msgs/People. reliability: the confidence.
+def _person(backend: Backend, stamp_ns: int, frame_id: str, person: PersonReport) -> Any:
+    """Return a people_msgs/Person. reliability: the confidence.
 
-    Tags: state, xx to zz of the position's covariance, age, detector_id, guessed, doubtful, locked and out_of_view (0
-    or 1).
+    Tags: state, xx to zz of the position's covariance, age, detector_id, and FLAGS (0 or 1).
     """
+    message = backend.make("people_msgs/msg/Person")
+    message.name, message.reliability = person.id, person.confidence
+    place, velocity = message.position, message.velocity
+    place.x, place.y, place.z = person.position.tolist()
+    velocity.x, velocity.y, velocity.z = person.velocity.tolist()
+    variances = person.covariance[:3, :3].reshape(9)[UPPER]
+    message.tagnames = ["state", *COVARIANCE, "age", "detector_id", *FLAGS]
+    tags = [TRACKING if person.tracked else LOST, *(f"{variance:.6g}" for variance in variances.tolist())]
+    flags = [str(int(getattr(person, flag))) for flag in FLAGS]
+    message.tags = [*tags, f"{person.age:.3f}", str(person.detector_id), *flags]
+    return message
 
-    def __init__(self, backend: Backend) -> None:
-        self._backend = backend
-        self._message = backend.make(PEOPLE_TYPE)
+
+NESTED: Mapping[str, tuple[str, Callable[[Backend, int, str, PersonReport], Any]]] = {
+    DETECTIONS_TYPE: ("detections", _detection),
+    PEOPLE_TYPE: ("people", _person),
+}
+"""Message type -> its field of people, and what makes one of them."""
+
+
+class NestedPeopleBuilder:
+    """A message with a message for each person, of a type in NESTED."""
+
+    def __init__(self, backend: Backend, message_type: str) -> None:
+        self._backend, self._message = backend, backend.make(message_type)
+        self._field, self._make = NESTED[message_type]
 
     def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport], untracked: int = 0) -> Any:
-        """See PeopleBuilder.fill."""
+        """Return the message. It does not tell untracked people."""
         set_header(self._message.header, stamp_ns, frame_id)
-        self._message.people = [self._person(person) for person in people]
+        made = [self._make(self._backend, stamp_ns, frame_id, person) for person in people]
+        setattr(self._message, self._field, made)
         return self._message
-
-    def _person(self, person: PersonReport) -> Any:
-        message = self._backend.make("people_msgs/msg/Person")
-        message.name, message.reliability = person.id, person.confidence
-        place, velocity = message.position, message.velocity
-        place.x, place.y, place.z = person.position.tolist()
-        velocity.x, velocity.y, velocity.z = person.velocity.tolist()
-        variances = person.covariance[:3, :3].reshape(9)[UPPER]
-        message.tagnames = ["state", *COVARIANCE, "age", "detector_id", "guessed", "doubtful", "locked", "out_of_view"]
-        tags = [person.state, *(f"{variance:.6g}" for variance in variances.tolist())]
-        flags = [str(int(flag)) for flag in (person.guessed, person.doubtful, person.locked, person.out_of_view)]
-        message.tags = [*tags, f"{person.age:.3f}", str(person.detector_id), *flags]
-        return message
 
 
 class PeopleCloudBuilder:
@@ -198,9 +165,9 @@ class PeopleCloudBuilder:
         self._fill = SerialisedMessage(cloud, backend).fill if serialised else cloud.fill
 
     def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport], untracked: int = 0) -> Any:
-        """See PeopleBuilder.fill."""
+        """Return the message. untracked: number of further people in the image, whose place is not known."""
         points = np.zeros(len(people) + untracked, POINT)
-        values = points.view("<f4").reshape(len(points), POINT.itemsize // 4)
+        values = as_floats(points)
         if untracked:
             values[len(people) :, :12] = values[len(people) :, -6:] = np.nan
             points["person"] = points["detector_id"] = -1
@@ -212,24 +179,18 @@ class PeopleCloudBuilder:
         numbers["person"] = [person.number for person in people]
         numbers["tracked"] = [person.tracked for person in people]
         numbers["detector_id"] = [p.detector_id if p.detector_id <= LARGEST_NUMBER else -1 for p in people]
-        for flag in ("guessed", "doubtful", "locked", "out_of_view"):
+        for flag in FLAGS:
             numbers[flag] = [getattr(person, flag) for person in people]
         return self._fill(stamp_ns, frame_id, points)
 
 
-BUILDERS: Mapping[str, Callable[[Backend], PeopleBuilder]] = {
-    CLOUD_TYPE: PeopleCloudBuilder,
-    DETECTIONS_TYPE: DetectionsBuilder,
-    PEOPLE_TYPE: PeopleMsgsBuilder,
-}
-"""Builders by message type. The first one is the default."""
-
-
-def people_builder(backend: Backend, message_type: str, serialised: bool = False) -> PeopleBuilder:
-    """Return the builder of a message type of BUILDERS. Its package must be installed.
+def people_builder(
+    backend: Backend, message_type: str, serialised: bool = False
+) -> PeopleCloudBuilder | NestedPeopleBuilder:
+    """Return the builder of a message type of TYPES, all people in one message. Its package must be installed.
 
     serialised: return serialised messages where that is faster.
     """
     if message_type == CLOUD_TYPE:
         return PeopleCloudBuilder(backend, serialised)
-    return BUILDERS[message_type](backend)
+    return NestedPeopleBuilder(backend, message_type)

@@ -9,7 +9,7 @@ from benchmarks.accuracy_run.people import test_clips as clips_of
 from benchmarks.cameras import COLUMNS, METHODS, Job, main, parser, run
 from benchmarks.common.report import data_folder
 
-FOLDER = data_folder()
+FOLDER, SHORT = data_folder(), ("--longest", "2.5")
 pytestmark = pytest.mark.skipif(not (FOLDER / "mocap").is_dir(), reason="no motion capture: set LASSOKIN_DATA")
 
 
@@ -24,7 +24,7 @@ def clip():
 
 
 def figures(clip, *options):
-    return {record["method"]: record for record in run(Job(clip, parser().parse_args(options)))}
+    return {record["method"]: record for record in run(Job(clip, parser().parse_args([*SHORT, *options])))}
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def usual(clip):
 
 def test_all_methods_and_figures_of_two_cameras(clip, tmp_path, capsys):
     file = tmp_path / "records.json"
-    assert main(["--clips", clip.stem, "--jobs", "1", "--json", str(file)]) == 0
+    assert main([*SHORT, "--clips", clip.stem, "--jobs", "1", "--json", str(file)]) == 0
     records = json.loads(file.read_text(encoding="utf-8"))
     assert tuple(record["method"] for record in records) == METHODS
     assert all(set(COLUMNS) - {"clips"} <= set(record) for record in records)

@@ -23,7 +23,7 @@ from lassokin_ros.video.sources import Image as SourceImage  # noqa: E402
 from lassokin_ros.video.sources import Source, SourceError  # noqa: E402
 from msg_adapters.image import decode_image  # noqa: E402
 
-COMMAND = [sys.executable, "-m", "lassokin_ros.camera.command"]
+COMMAND = [sys.executable, "-m", "lassokin_ros.cli.lassokin", "camera"]
 FRAMES, FPS, SIZE = 12, 20.0, (160, 120)
 SIDE = 80
 DEADLINE_S = 60.0

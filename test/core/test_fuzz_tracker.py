@@ -169,7 +169,7 @@ def test_the_tracker_recovers_soon_from_an_absurd_first_frame():
     """Random keypoints before a person is known may initialise; the true person is tracked within 0.8 s."""
     twins, seconds = Twins(), 0.8
     frames = observations(twins.tracker, seconds)
-    for seed in range(12):
+    for seed in range(6):
         twins.restart()
         twins.tracker.track(scattered(replace(frames[0][1], stamp=-0.03), np.random.default_rng(seed)))
         estimates = [twins.tracker.track(observation) for _, observation in frames]

@@ -174,7 +174,7 @@ def array(depth=0):
     if choice == 0:
         return random.choice([None, 3, 2.5, "text", b"12345678"])
     if choice == 1 and depth < 2:
-        return tuple(array(depth + 1) for _ in range(random.choice([0, 3, 9, 10])))
+        return tuple(array(depth + 1) for _ in range(random.choice([0, 3, 6, 9, 10])))
     shape = [int(random.choice([0, 1, 2, 3, 4, 9, 24, 44, 47])) for _ in range(random.integers(1, 4))]
     found = np.ones(shape) * number() if random.random() < 0.3 else random.normal(size=shape) * 10
     with np.errstate(all="ignore"):

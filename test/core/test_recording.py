@@ -9,7 +9,7 @@ from sequences import CONFIG, RATE, observations
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.core.output.fixed_lag import COMPARED_S, TEMPER, Backward
+from lassokin_ros.core.output.smoothing import COMPARED_S, TEMPER, Backward
 from lassokin_ros.core.recording import WHOLE_FILE, published, track_backward, track_recording
 from lassokin_ros.core.tracker import Tracker
 
@@ -64,20 +64,6 @@ def test_pose_and_reprojection_error_are_those_of_the_published_state(tracks):
         assert np.abs(estimate.pose.positions - tracker.kinematics.pose(estimate.state).positions).max() < 1e-12
         assert estimate.reprojection_px != forward[stamp].reprojection_px
         assert vars(estimate.certificate) == vars(forward[stamp].certificate)
-
-
-def test_the_lengths_are_those_of_a_first_pass():
-    config = replace(SMOOTHED, calibrate=True)
-    long = instants(150)
-    first = Tracker(replace(config, smoothing_lag=0.0))
-    for instant in long:
-        first.track(instant)
-    learned = track_recording(config, long)
-    ends = [first.skeleton.index(name) for name in ("left_shoulder", "left_elbow")]
-    arm = np.linalg.norm(np.diff(learned[0].pose.positions[ends], axis=0))
-    known = np.linalg.norm(first.skeleton.offsets[ends[1]])
-    given = np.linalg.norm(Tracker(config).skeleton.offsets[ends[1]])
-    assert abs(arm - known) < abs(given - known)
 
 
 def test_frames_that_only_one_track_has_are_published_as_they_are(tracks):

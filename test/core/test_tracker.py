@@ -8,23 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import FACING, copied_body, one_view, relative_error
+from cases import copied_body, relative_error
 from sequences import CONFIG, FOCAL, NOISE_PX, RATE, aligned_error, frame, observations, same
 
-from lassokin_ros.core.body.kinematics import BodyState
-from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
-from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.body.landmarks import built_in_layouts
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import ConfigurationError
-from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.initialisation import Initialiser
 from lassokin_ros.core.hypotheses.start import FIT_AFTER
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.certificate import certify
-from lassokin_ros.core.observation import Observation, Rejection, Status
+from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.demo.synthetic import motion
 
 
 def test_every_frame_is_tracked_certified_and_consistent():
@@ -44,37 +38,22 @@ def test_every_frame_is_tracked_certified_and_consistent():
         shown = (observation.points - project(pose.landmarks)) * FOCAL
         assert estimate.reprojection_px == pytest.approx(np.sqrt(np.mean(np.sum(shown**2, axis=-1))), rel=0.5)
         if last is not None and not replaced:  # the step that is reported leads from the last state to this one
-            stepped = last.retract(estimate.omega, estimate.translation_step)
+            stepped = last.retract(estimate.increment.omega, estimate.increment.x)
             assert np.abs(stepped.rotations - estimate.solved.rotations).max() < 1e-9
             assert np.abs(stepped.translation - estimate.solved.translation).max() < 1e-9
-        last, replaced = estimate.solved, tracker._replaced
+        last, replaced = estimate.solved, tracker._starts.replaced
         errors.append(aligned_error(estimate, truth))
     assert np.median(errors) < 0.08 and estimate.reprojection_px < 4 * NOISE_PX
 
 
 def test_larger_penalties_move_fewer_joints():
-    """With a very large penalty, only the translation moves."""
     sizes = []
-    for sparsity in (0.05, 0.5, 5.0, 100.0):
+    for sparsity in (0.05, 0.5, 5.0, 100.0):  # with the last one only the translation moves
         tracker = Tracker(replace(CONFIG, sparsity=sparsity))
-        moved = [np.count_nonzero(tracker.track(o).omega) for _, o in observations(tracker, 1.0)][1:]
+        moved = [np.count_nonzero(tracker.track(o).increment.omega) for _, o in observations(tracker, 1.0)][1:]
         sizes.append(np.mean(moved))
     assert sizes[0] > sizes[1] > sizes[2] >= sizes[3]
     assert sizes[0] < 72 and sizes[3] < 1
-
-
-def test_translation_is_followed_when_no_joint_may_move():
-    tracker = Tracker(replace(CONFIG, sparsity=100.0))
-    body = motion(tracker.skeleton, np.zeros(1))
-    rotations, place = body.rotations[0], body.translation[0]
-    for i in range(8):
-        shifted = BodyState(rotations, place + np.array([0.04 * i, 0.02 * i, 0.05 * i]))
-        points = project(tracker.kinematics.pose(shifted).landmarks)
-        estimate = tracker.track(Observation(i / RATE, points, np.ones(17), FOCAL))
-        if i == 0:
-            offset = estimate.state.translation - shifted.translation
-    assert not estimate.omega.any()
-    assert np.abs(estimate.state.translation - offset - shifted.translation).max() < 0.02
 
 
 def test_after_long_steps_frames_start_from_a_fit(monkeypatch):
@@ -98,77 +77,40 @@ def test_every_layout_tracks(layout):
     assert aligned_error(estimate, truth) < 0.12
 
 
-def broken(observation, **changes):
-    return replace(observation, **changes)
+BAD = {
+    "shape": ({"points": np.zeros((17, 3))}, Rejection.WRONG_SHAPE),
+    "ragged": ({"points": [[1.0, 2.0], [3.0]]}, Rejection.WRONG_SHAPE),
+    "complex": ({"points": np.zeros((17, 2), complex)}, Rejection.WRONG_SHAPE),
+    "objects": ({"points": np.full((17, 2), None)}, Rejection.WRONG_SHAPE),
+    "text": ({"points": np.zeros((17, 2)).astype(str)}, Rejection.WRONG_SHAPE),
+    "tuple": ({"confidence": tuple(np.ones(17))}, Rejection.WRONG_SHAPE),
+    "depth": ({"depth": np.full(16, 3.0), "depth_of_surface": True}, Rejection.WRONG_SHAPE),
+    "depth in words": ({"depth": np.full(17, "far")}, Rejection.WRONG_SHAPE),
+    "nobody": ({"points": np.zeros((0, 2)), "confidence": np.zeros(0)}, Rejection.TOO_FEW_LANDMARKS),
+    "no stamp": ({"stamp": None}, Rejection.NOT_FINITE),
+    "endless": ({"stamp": np.inf}, Rejection.NOT_FINITE),
+    "two focals": ({"focal": np.full(2, FOCAL)}, Rejection.NOT_FINITE),
+    "negative focal": ({"focal": -100.0}, Rejection.NOT_FINITE),
+    "old": ({"stamp": -1.0}, Rejection.OLD_STAMP),
+    "few": ({"confidence": np.where(np.arange(17) < 3, 1.0, 0.0)}, Rejection.TOO_FEW_LANDMARKS),
+    "NaN": ({"confidence": np.full(17, np.nan)}, Rejection.TOO_FEW_LANDMARKS),
+    "far": ({"points": np.where(np.arange(34).reshape(17, 2) < 6, 0.1, 1e30)}, Rejection.TOO_FEW_LANDMARKS),
+}
+"""What a detector may send and the tracker rejects."""
 
 
-def bad_observations(good):
-    """Every observation that a detector may send and the tracker rejects: (reason, observation)."""
-    points, confidence = good.points, good.confidence
-    few = np.where(np.arange(len(confidence)) < 3, confidence, 0.0)
-    hidden = points.copy()
-    hidden[3:] = np.nan
-    far = points.copy()
-    far[3:] = 1e30
-    some_inf = points.copy()
-    some_inf[3:] = np.inf
-    return [
-        (Rejection.WRONG_SHAPE, broken(good, points=points[:-1])),
-        (Rejection.WRONG_SHAPE, broken(good, points=np.zeros((17, 3)))),
-        (Rejection.WRONG_SHAPE, broken(good, confidence=confidence[:-1])),
-        (Rejection.WRONG_SHAPE, broken(good, confidence=None)),
-        (Rejection.TOO_FEW_LANDMARKS, broken(good, points=np.zeros((0, 2)), confidence=np.zeros(0))),
-        (Rejection.WRONG_SHAPE, broken(good, depth=np.full(16, 3.0), depth_of_surface=True)),
-        (Rejection.WRONG_SHAPE, broken(good, depth=np.full(17, 3.0), depth_deviation=np.full(3, 0.03))),
-        (Rejection.WRONG_SHAPE, broken(good, points=points.tolist())),
-        (Rejection.WRONG_SHAPE, broken(good, points=[[1.0, 2.0], [3.0]])),
-        (Rejection.WRONG_SHAPE, broken(good, points=points.astype(complex))),
-        (Rejection.WRONG_SHAPE, broken(good, points=np.full((17, 2), None))),
-        (Rejection.WRONG_SHAPE, broken(good, points=points.astype(str))),
-        (Rejection.WRONG_SHAPE, broken(good, confidence=tuple(confidence))),
-        (Rejection.WRONG_SHAPE, broken(good, depth=np.full(17, "far"))),
-        (Rejection.NOT_FINITE, broken(good, stamp=None)),
-        (Rejection.NOT_FINITE, broken(good, focal=None)),
-        (Rejection.NOT_FINITE, broken(good, focal=np.full(2, good.focal))),
-        (Rejection.NOT_FINITE, broken(good, stamp=np.nan)),
-        (Rejection.NOT_FINITE, broken(good, stamp=np.inf)),
-        (Rejection.NOT_FINITE, broken(good, focal=np.nan)),
-        (Rejection.NOT_FINITE, broken(good, focal=0.0)),
-        (Rejection.NOT_FINITE, broken(good, focal=-100.0)),
-        (Rejection.OLD_STAMP, broken(good, stamp=-1.0)),
-        (Rejection.TOO_FEW_LANDMARKS, broken(good, confidence=few)),
-        (Rejection.TOO_FEW_LANDMARKS, broken(good, confidence=np.full(17, np.nan))),
-        (Rejection.TOO_FEW_LANDMARKS, broken(good, confidence=np.full(17, -1.0))),
-        (Rejection.TOO_FEW_LANDMARKS, broken(good, confidence=np.full(17, CONFIG.min_confidence - 1e-6))),
-        (Rejection.TOO_FEW_LANDMARKS, broken(good, points=hidden)),
-        (Rejection.TOO_FEW_LANDMARKS, broken(good, points=far)),
-        (Rejection.TOO_FEW_LANDMARKS, broken(good, points=some_inf)),
-        (Rejection.TOO_FEW_LANDMARKS, broken(good, points=np.full((17, 2), np.nan))),
-    ]
-
-
-@pytest.mark.parametrize("case", range(len(bad_observations(Observation(0.0, np.zeros((17, 2)), np.ones(17), 1.0)))))
+@pytest.mark.parametrize("case", BAD)
 def test_a_rejected_frame_has_a_reason_and_does_not_change_the_state(case):
     """The frames after it are bitwise the same as without it."""
-    disturbed, undisturbed = Tracker(CONFIG), Tracker(CONFIG)
-    sequence = [o for _, o in observations(disturbed, 0.4)]
-    for i, observation in enumerate(sequence):
-        if i in (0, 1, 5):  # before the first frame, and while tracking
-            reason, bad = bad_observations(broken(observation, stamp=observation.stamp - 0.01))[case]
-            if not (i == 0 and reason is Rejection.OLD_STAMP):
-                before = disturbed.state
-                answer = disturbed.track(bad)
-                assert answer.rejection is reason and not answer.accepted
-                assert answer.state is None and answer.pose is None
-                assert disturbed.state is before
+    disturbed, undisturbed, (changes, reason) = Tracker(CONFIG), Tracker(CONFIG), BAD[case]
+    for i, (_, observation) in enumerate(observations(disturbed, 0.3)):
+        if i in (0, 1, 5) and not (i == 0 and reason is Rejection.OLD_STAMP):  # before the first frame, and later
+            before = disturbed.state
+            answer = disturbed.track(replace(observation, **{"stamp": observation.stamp - 0.01, **changes}))
+            assert answer.rejection is reason and not answer.accepted and answer.state is None is answer.pose
+            assert disturbed.state is before
         mine, theirs = disturbed.track(observation), undisturbed.track(observation)
         assert mine.accepted and same(mine.state, theirs.state)
-
-
-def test_the_same_stamp_twice_is_refused():
-    tracker = Tracker(CONFIG)
-    assert tracker.track(frame(tracker)).accepted
-    assert tracker.track(frame(tracker)).rejection is Rejection.OLD_STAMP
 
 
 def test_frames_with_missing_landmarks_are_tracked():
@@ -196,25 +138,19 @@ def test_missing_landmarks_have_no_influence():
         assert same(first.state, second.state)
 
 
-def test_the_tracker_is_lost_after_a_gap_and_initialises_again():
+def test_the_tracker_searches_and_is_lost_after_a_gap_and_initialises_again():
     tracker = Tracker(replace(CONFIG, lost_after=0.5))
-    assert tracker.track(frame(tracker)).status is Status.TRACKING
     nothing = replace(frame(tracker), confidence=np.zeros(17))
+    assert tracker.track(replace(nothing, stamp=-10.0)).status is Status.SEARCHING and tracker.state is None
+    assert tracker.track(replace(nothing, stamp=-1.0)).status is Status.SEARCHING
+    assert tracker.track(frame(tracker)).status is Status.TRACKING
+    assert tracker.track(frame(tracker)).rejection is Rejection.OLD_STAMP  # the same stamp again
     assert tracker.track(replace(nothing, stamp=0.4)).status is Status.TRACKING
     assert tracker.track(replace(nothing, stamp=0.6)).status is Status.LOST
     found = tracker.track(frame(tracker, 0.7))
     assert found.accepted and found.status is Status.TRACKING and found.initialised
     again = tracker.track(frame(tracker, 0.8))
     assert again.accepted and not again.initialised
-
-
-def test_searching_before_the_first_usable_frame():
-    tracker = Tracker(CONFIG)
-    nothing = replace(frame(tracker), confidence=np.zeros(17))
-    assert tracker.state is None
-    for stamp in (0.0, 10.0):
-        answer = tracker.track(replace(nothing, stamp=stamp))
-        assert answer.status is Status.SEARCHING and tracker.state is None
 
 
 def test_an_estimate_is_not_changed_by_later_frames():
@@ -224,23 +160,6 @@ def test_an_estimate_is_not_changed_by_later_frames():
     for _, observation in observations(tracker, 0.3, start=1.0):
         tracker.track(observation)
     assert all(np.array_equal(e.state.rotations, c) for e, c in zip(estimates, copies))
-
-
-def test_frames_out_of_order_never_raise_nor_break_the_state():
-    """All points jump (rejected or not), an older frame arrives late, then good frames follow."""
-    tracker = Tracker(CONFIG)
-    sequence = [o for _, o in observations(tracker, 1.0)]
-    for i, observation in enumerate(sequence):
-        if i % 4 == 3:
-            tracker.track(
-                replace(observation, points=observation.points + 0.3 * (-1) ** i, stamp=observation.stamp + 0.9)
-            )
-            tracker.track(replace(observation, stamp=observation.stamp + 0.01))
-        estimate = tracker.track(observation)
-        if estimate.accepted:
-            assert np.isfinite(estimate.pose.positions).all()
-    last = tracker.track(frame(tracker, 10.0))
-    assert last.accepted and last.initialised
 
 
 def test_tune_takes_effect_on_the_next_frame():
@@ -253,16 +172,9 @@ def test_tune_takes_effect_on_the_next_frame():
     tracker.tune(replace(CONFIG, min_landmarks=18))
     assert tracker.track(replace(good, stamp=0.2)).rejection is Rejection.TOO_FEW_LANDMARKS
     tracker.tune(replace(CONFIG, sparsity=100.0))
-    assert not tracker.track(replace(good, stamp=0.3, points=good.points + 0.01)).omega.any()
+    assert not tracker.track(replace(good, stamp=0.3, points=good.points + 0.01)).increment.omega.any()
     tracker.tune(CONFIG)
     assert tracker.track(replace(good, stamp=0.4, points=good.points + 0.02)).accepted
-
-
-def test_tuning_to_a_bad_value_changes_nothing():
-    tracker = Tracker(CONFIG)
-    with pytest.raises(ValueError, match="noise_px is -1.0; expected"):
-        tracker.tune(replace(CONFIG, noise_px=-1.0))
-    assert tracker.config == CONFIG
 
 
 def test_tuning_changes_live_settings_only():
@@ -299,33 +211,6 @@ def test_a_new_height_needs_no_file(tmp_path):
         assert np.allclose(tracker.track(observation).pose.positions, fresh.track(observation).pose.positions)
 
 
-def test_a_measured_height_needs_no_file(tmp_path):
-    """It scales body and layout as they were read at the start."""
-    files = copied_body(tmp_path)
-    tracker, person = Tracker(replace(CONFIG, height=0.0, **files)), Tracker(replace(CONFIG, height=1.5))
-    before = tracker.skeleton.height
-    for path in files.values():
-        Path(path).unlink()
-    poses = person.kinematics.pose(motion(person.skeleton, np.arange(45) / RATE)).landmarks
-    for i, landmarks in enumerate(poses):
-        observation = Observation(i / RATE, project(landmarks), np.ones(17), FOCAL, depth=landmarks[:, 2])
-        assert tracker.track(observation).accepted
-    assert before == 1.7 and tracker.skeleton.height == pytest.approx(1.5, abs=0.06)
-    ratio = tracker.skeleton.height / before
-    assert np.allclose(tracker.layout.offsets, Layout.load("coco17", person.skeleton).offsets * (ratio * before / 1.5))
-
-
-def test_a_new_height_scales_the_given_skeleton():
-    """Not the one that the configuration names."""
-    scales = np.ones(24)
-    built_in = Skeleton.load("anthropometric", 1.75)
-    scales[[built_in.index("left_wrist"), built_in.index("right_wrist")]] = 1.3
-    given = built_in.with_bone_scales(scales)
-    tracker = Tracker(replace(CONFIG, height=1.75), given)
-    tracker.tune(replace(CONFIG, height=1.4))
-    assert np.allclose(tracker.skeleton.offsets, given.offsets * (1.4 / 1.75)) and tracker.skeleton.height == 1.4
-
-
 def test_a_new_height_reaches_the_network_of_a_skeleton_in_metres():
     """Its lengths stay, so that the same ones are other fractions of the height."""
     given = replace(Skeleton.load("anthropometric", 1.75), metric=True)
@@ -338,14 +223,11 @@ def test_a_new_height_reaches_the_network_of_a_skeleton_in_metres():
 
 
 @pytest.mark.parametrize("wrong", [float("nan"), float("inf"), -1e300])
-def test_a_mount_or_a_floor_that_is_no_place_is_refused_and_changes_nothing(wrong):
+def test_a_floor_that_is_no_place_is_refused_and_changes_nothing(wrong):
     tracker, left_alone = Tracker(CONFIG), Tracker(CONFIG)
     for _, observation in observations(tracker, 0.2):
         with pytest.raises(ConfigurationError, match=r"floor_below is .*; expected metres"):
             tracker.floor_below = wrong
-        if not np.isfinite(wrong):
-            with pytest.raises(ConfigurationError, match=r"roll 0.1 and pitch .*; expected finite angles"):
-                tracker.move_camera(0.1, wrong)
         assert tracker.floor is None
         assert same(tracker.track(observation).state, left_alone.track(observation).state)
 
@@ -410,41 +292,21 @@ def test_an_uncertified_solve_does_not_move_the_state(monkeypatch):
     assert tracker.track(sequence[5]).accepted
 
 
-@pytest.mark.parametrize("yaw", [0, 60, 120, 180, 240, 300])
-def test_initialisation_finds_the_way_a_person_faces(yaw):
-    """The prior's mean pose, noise of 2 px, facing any side: the heading of the pelvis is found within 30 degrees."""
-    tracker = Tracker(CONFIG)
-    kinematics, prior = tracker.kinematics, PoseDistribution.load(tracker.skeleton)
-    rotations = exponential(prior.mean)
-    rotations[0] = FACING @ exponential(np.array([0, np.deg2rad(yaw), 0]))
-    truth = kinematics.pose(BodyState(rotations, np.array([0.2, 0.1, 3.5])))
-    random = np.random.default_rng(yaw)
-    points = project(truth.landmarks) + random.normal(size=(17, 2)) * NOISE_PX / FOCAL
-    weights = np.full(17, FOCAL / NOISE_PX)
-    fit = Initialiser(kinematics, prior, FrameModel(kinematics, prior)).fit(one_view(points, weights))
-    front = fit.state.rotations[0] @ [0, 0, 1]
-    angle = np.degrees(np.arccos(np.clip(front @ (rotations[0] @ [0, 0, 1]), -1, 1)))
-    assert angle < 30
-    assert np.linalg.norm(fit.state.translation - [0.2, 0.1, 3.5]) < 0.15
-
-
 def test_without_warm_start_the_qp_solver_gives_the_same_answers():
     warm, cold = Tracker(CONFIG), Tracker(CONFIG)
     cold._increments.warm_start = False
     for _, observation in observations(warm, 1.0):
         a, b = warm.track(observation), cold.track(observation)
-        assert {a.solution.method, b.solution.method} <= {"proxqp", "zero"}
+        assert {a.increment.solution.method, b.increment.solution.method} <= {"proxqp", "zero"}
         assert np.abs(a.pose.positions - b.pose.positions).max() < 1e-6
 
 
-@pytest.mark.parametrize("joint", ["left_ankle", "left_wrist", "right_knee"])
-def test_a_bone_without_length_is_tracked(joint):
-    scales = np.ones(24)
-    plain = Tracker(CONFIG)
-    scales[plain.skeleton.index(joint)] = 0.0
+def test_bones_without_length_are_tracked():
+    scales, plain = np.ones(24), Tracker(CONFIG)
+    scales[[plain.skeleton.index(joint) for joint in ("left_ankle", "left_wrist", "right_knee")]] = 0.0
     tracker = Tracker(replace(CONFIG, calibrate=False), plain.skeleton.with_bone_scales(scales))
     with np.errstate(all="raise", under="ignore"):
-        for _, observation in observations(tracker, 2.5):
+        for _, observation in observations(tracker, 1.0):
             estimate = tracker.track(observation)
             assert estimate.accepted and np.isfinite(estimate.state.rotations).all()
 
@@ -454,14 +316,14 @@ def test_the_certificate_is_of_the_problem_that_is_given():
     tracker, raised = Tracker(replace(CONFIG, sparsity=1e-4)), 0
     for _, observation in observations(tracker, 2.0):
         estimate = tracker.track(observation)
-        problem, solution = estimate.problem, estimate.solution
+        problem, solution = estimate.increment.problem, estimate.increment.solution
         again = certify(problem.A, problem.B, problem.z, problem.alpha, solution.omega, solution.x)
         assert estimate.accepted and again.kkt_residual < 1e-6
         raised += bool(np.all(problem.alpha > 1.01 * 1e-4 / tracker._increments._motion))
     assert raised > 10
 
 
-@pytest.mark.parametrize(("smoothing", "lag"), [(1e-90, 0.0), (3e-7, 0.1), (1e-77, 0.2), (9e-4, 0.1), (1.1e-3, 0.1)])
+@pytest.mark.parametrize(("smoothing", "lag"), [(1e-90, 0.0), (9e-4, 0.1), (1.1e-3, 0.1)])
 def test_the_shortest_smoothing_time_switches_the_filter_off(smoothing, lag):
     tracker = Tracker(replace(CONFIG, smoothing=smoothing, smoothing_lag=lag))
     published = []
@@ -472,27 +334,3 @@ def test_the_shortest_smoothing_time_switches_the_filter_off(smoothing, lag):
     assert len(published) == 45
     off = [np.abs(one.state.rotations - one.solved.rotations).max() for one in published]
     assert max(off) <= (0.02 if smoothing > 1e-3 else 0.0)
-
-
-def test_a_frame_without_a_finite_stamp_does_not_change_the_time():
-    tracker = Tracker(replace(CONFIG, smoothing_lag=0.2))
-    for _, observation in observations(tracker, 1.0):
-        tracker.track(observation)
-    estimate = tracker.track(Observation(np.inf, np.zeros((3, 2)), np.ones(3), FOCAL))
-    assert (estimate.rejection, estimate.status) == (Rejection.NOT_FINITE, Status.TRACKING)
-    assert tracker.published == []
-
-
-def test_a_changed_height_starts_a_new_track():
-    """After a live change of the height, the results are those of a new tracker with that height."""
-    other = replace(CONFIG, height=1.5)
-    tracker, fresh = Tracker(CONFIG), Tracker(other)
-    seen = [observation for _, observation in observations(tracker, 0.2)]
-    for observation in seen:
-        tracker.track(observation)
-    tracker.tune(other)
-    assert tracker.state is None and tracker.skeleton.height == fresh.skeleton.height == 1.5
-    for observation in seen:
-        ours, theirs = tracker.track(observation), fresh.track(observation)
-        assert ours.initialised == theirs.initialised
-        assert np.allclose(ours.pose.positions, theirs.pose.positions, atol=1e-6), observation.stamp

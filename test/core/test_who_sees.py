@@ -9,6 +9,7 @@ from sequences import CONFIG, FOCAL, RATE
 
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import CameraPose, Observation
+from lassokin_ros.core.output.smoothing import Smoothing
 from lassokin_ros.core.recording import WHOLE_FILE, track_recording
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
@@ -222,7 +223,7 @@ def test_the_cost_of_a_measurement_does_not_depend_on_whether_images_come_togeth
         for index in range(len(scene.times)):
             now = cameras if together else [cameras[index % 3]]
             estimate = tracker.track([scene.seen(index, camera) for camera in now])
-            own.append(estimate.cost / estimate.measurements)
+            own.append(estimate.cost / estimate.frame.count)
         costs.append(np.mean(own[len(own) // 2 :]))
     assert costs[1] == pytest.approx(costs[0], rel=0.3)
 
@@ -233,28 +234,16 @@ def test_a_frame_has_its_backward_one_whichever_camera_saw_the_person():
         [scene.seen(index, A), scene.seen(index, B, shown=index % 2 == 0, stamp=seconds + 0.001)]
         for index, seconds in enumerate(scene.times)
     ]
-    publish = Tracker._publish
+    publish = Smoothing.publish
 
-    def watched(tracker, estimate, measured):
-        if tracker.backward is not None:
-            found.append(tracker.backward(estimate.stamp) is not None)
-        publish(tracker, estimate, measured)
+    def watched(smoothing, estimate, answer, lag, backward):
+        found.append(backward is not None)
+        return publish(smoothing, estimate, answer, lag, backward)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Tracker, "_publish", watched)
+        patch.setattr(Smoothing, "publish", watched)
         track_recording(replace(CONFIG, **WHOLE_FILE), instants)
-    assert len(found) == len(instants) and all(found)
-
-
-def test_an_instant_without_an_observation_publishes_nothing():
-    scene, tracker = Scene(0.5), Tracker(CONFIG)
-    tracker.track(scene.seen(0, A))
-    assert len(tracker.published) == 1
-    tracker.track([])
-    assert tracker.published == []
-    instants = [[scene.seen(index, A)] if index % 5 else [] for index in range(len(scene.times))]
-    stamps = [estimate.stamp for estimate in track_recording(replace(CONFIG, **WHOLE_FILE), instants)]
-    assert stamps == sorted(set(stamps)) and len(stamps) == sum(map(bool, instants))
+    assert len(found) == 3 * len(instants) and sum(found) == len(instants) and all(found[2 * len(instants) :])
 
 
 def test_a_person_before_a_turning_wide_lens_does_not_jump():

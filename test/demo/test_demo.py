@@ -19,13 +19,32 @@ pytest.importorskip("rosbags", reason="the demo needs rosbags")
 from live import stamp_of  # noqa: E402
 from recordings import FRAME_TOPICS, read  # noqa: E402
 
-from lassokin_ros.demo.demo import RATE, main, run, show, slow_line, table  # noqa: E402
+from lassokin_ros.demo.demo import (  # noqa: E402
+    BIAS,
+    NOISE,
+    OCCLUDED,
+    RATE,
+    main,
+    run,
+    scene,
+    show,
+    track,
+    with_depth,
+    with_second_camera,
+)
 from lassokin_ros.demo.live_playback import LiveNode  # noqa: E402
-from lassokin_ros.demo.result import LIMITS  # noqa: E402
+from lassokin_ros.demo.result import LIMITS, slow_line, table  # noqa: E402
+from lassokin_ros.demo.synthetic import DISTANCE  # noqa: E402
 from lassokin_ros.replay.bags import BagReader  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 SECONDS = 4
+
+
+def command(output, seconds, **environment):
+    """The demo as a process."""
+    words = [sys.executable, "-m", "lassokin_ros.demo.demo", "--output", str(output), "--seconds", str(seconds)]
+    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False, **environment)
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +53,15 @@ def result(tmp_path_factory):
 
 
 def test_the_command_keeps_its_limits_and_writes_its_files(tmp_path):
-    command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "out"), "--seconds", str(SECONDS)]
+    command = [
+        sys.executable,
+        "-m",
+        "lassokin_ros.demo.demo",
+        "--output",
+        str(tmp_path / "out"),
+        "--seconds",
+        str(SECONDS),
+    ]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
     print(done.stdout, done.stderr)
     assert done.returncode == 0 and "FAILED" not in done.stdout, done.stderr
@@ -155,7 +182,7 @@ def children_of(pid):
 
 
 def test_an_interrupted_demo_prints_one_line_and_leaves_no_node(tmp_path):
-    command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "out"), "--seconds", "60"]
+    command = [sys.executable, "-m", "lassokin_ros.demo.demo", "--output", str(tmp_path / "out"), "--seconds", "60"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as demo:
         deadline, nodes = time.monotonic() + 120, {}
         while not any(b"lassokin_ros.node.command" in line for line in nodes.values()):
@@ -168,6 +195,22 @@ def test_an_interrupted_demo_prints_one_line_and_leaves_no_node(tmp_path):
     assert not any(Path(f"/proc/{child}").exists() for child in nodes)
 
 
+@pytest.mark.parametrize("observe, most_m", [(with_depth, 0.04), (with_second_camera, 0.02)])
+def test_measured_depth_and_a_second_camera_reduce_the_error(observe, most_m):
+    shown = scene(2.0)
+    instants = observe(shown)
+    error = np.linalg.norm(track(instants) - shown.truth, axis=-1)
+    assert np.isfinite(error).all() and np.median(error) < most_m
+    if observe is with_depth:
+        off = np.array([one.depth for (one,) in instants]) - shown.landmarks[..., 2]
+        assert np.isclose((off < -5 * np.hypot(NOISE, BIAS)).mean(), OCCLUDED, atol=0.04)
+        assert np.isclose(np.median(np.abs(off)) / 0.674, np.hypot(NOISE, BIAS), rtol=0.3)
+    else:
+        side = instants[0][1].camera
+        assert np.allclose(side.into_camera(np.array([0.0, 0.0, DISTANCE])), [0, 0, DISTANCE])
+        assert np.allclose(np.abs(side.centre), [DISTANCE, 0, DISTANCE])
+
+
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf", "long"])
 def test_an_invalid_duration_is_refused_with_the_expected_range(seconds, tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
@@ -176,18 +219,11 @@ def test_an_invalid_duration_is_refused_with_the_expected_range(seconds, tmp_pat
     assert not (tmp_path / "out").exists()
 
 
-def test_an_unwritable_output_is_one_line(tmp_path):
+def test_what_cannot_be_written_is_one_line(tmp_path):
+    """An output, and a home, where ROS writes its logs."""
     (tmp_path / "file").write_text("")
-    command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "file"), "--seconds", "1"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 2 and done.stderr.startswith("demo: ") and done.stderr.count("\n") == 1
-
-
-def test_a_home_that_cannot_be_written_is_one_line_with_the_remedy(tmp_path):
-    """ROS writes its logs there."""
-    environment = {k: v for k, v in os.environ.items() if k not in ("ROS_LOG_DIR", "ROS_HOME")}
-    command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "out"), "--seconds", "1"]
-    environment["HOME"] = "/proc/nowhere"
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, env=environment, check=False)
-    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
-    assert done.stderr.startswith("demo: ") and "set ROS_LOG_DIR" in done.stderr
+    environment = {k: v for k, v in os.environ.items() if k not in ("ROS_LOG_DIR", "ROS_HOME")} | {"HOME": "/proc/no"}
+    for output, env, said in (("file", None, ""), ("out", environment, "set ROS_LOG_DIR")):
+        done = command(tmp_path / output, 1, env=env)
+        assert done.returncode == 2 and done.stderr.startswith("demo: ") and done.stderr.count("\n") == 1
+        assert said in done.stderr

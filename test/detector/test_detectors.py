@@ -5,8 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lassokin_ros.detector.backend import Detected, DetectorError, make_detector
-from lassokin_ros.detector.keypoint_message import keypoint_message
+from lassokin_ros.detector.backend import Detected, DetectorError, keypoint_message, make_detector
 from lassokin_ros.detector.onnx_pose import letterbox
 from msg_adapters.backends import RosbagsBackend
 from msg_adapters.detectors import point_cloud2

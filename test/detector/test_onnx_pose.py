@@ -12,8 +12,7 @@ from onnx_graph import COCO, Graph
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.detector.backend import DetectorError, make_detector
-from lassokin_ros.detector.onnx_pose import WHOLE, OnnxPose, region_around
-from lassokin_ros.detector.pose_models import recognise
+from lassokin_ros.detector.onnx_pose import WHOLE, OnnxPose, recognise, region_around
 
 pytest.importorskip("cv2")
 

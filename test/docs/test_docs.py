@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = ["README.md", *sorted(page.name for page in DOCS.glob("*.md") if page.name != "README.md")]
 """In the order in which they run; the first page makes the recording that the others use."""
-OTHER_MACHINES = re.compile(r"\$ (ros2 |colcon |rviz2|source |sudo apt |export ROS_)")
+OTHER_MACHINES = re.compile(r"\$ (ros2 |colcon |rviz2|source |sudo apt |export ROS_|dask |lassokin .* --scheduler )")
 MOST_ON_OTHER_MACHINES = 40
 """Largest number of commands, in all pages, that are not run here."""
 
@@ -72,7 +72,7 @@ def test_every_block_is_run_or_marked_as_not_run():
 @pytest.fixture(scope="module")
 def workplace(tmp_path_factory):
     """A folder that looks like the repository after `make test`, for the files that the pages write."""
-    for module in ("rclpy", "rosbags", "matplotlib", "distributed"):
+    for module in ("rclpy", "rosbags", "matplotlib"):
         pytest.importorskip(module, reason=f"{module} is needed by what the pages show")
     environment = Path(sys.prefix)
     if not (environment / "bin" / "activate").is_file():

@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "first-skeleton.md").read_text(encoding="utf-8")
 LINES = [shlex.split(line) for line in re.findall(r"^    (\S.*)$", PAGE, re.MULTILINE)]
 TRACK = [line[2:] for line in LINES if line[:2] == ["lassokin", "track"]]
-SAMPLE = "examples/balancing.mp4"
+SAMPLE, FRAMES = "examples/balancing.mp4", 12
 
 
 def table(header):
@@ -78,12 +78,12 @@ def test_the_longest_track_command_of_the_page_runs(tmp_path):
     if "--view" in line:
         pytest.importorskip("rerun", reason="--view needs rerun-sdk")
     pytest.importorskip("mediapipe", reason="the detector of the page needs mediapipe")
-    given = [str(beginning_of(ROOT / SAMPLE, tmp_path / "sample.mp4", 30)), *line[1:]]
+    given = [str(beginning_of(ROOT / SAMPLE, tmp_path / "sample.mp4", FRAMES)), *line[1:]]
     command = [sys.executable, "-m", "lassokin_ros.cli.lassokin", "track", *given]
     environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
-    assert "30 in, 30 tracked" in done.stdout
+    assert f"{FRAMES} in, {FRAMES} tracked" in done.stdout
     assert all(line.startswith("lassokin track: ") for line in done.stderr.splitlines()), done.stderr
     files = [word for word in line[1:] if re.search(r"\.\w+$", word) and not word[0].isdecimal()]
     assert files and sorted(file.name for file in tmp_path.iterdir()) == sorted([*files, "sample.mp4"])

@@ -30,7 +30,8 @@ def named_in(section):
 
 
 def test_every_field_of_an_estimate_is_in_the_table():
-    assert named_in("The fields of an estimate") == sorted(field.name for field in fields(Estimate))
+    computed = [name for name, value in vars(Estimate).items() if isinstance(value, property) and name != "accepted"]
+    assert named_in("The fields of an estimate") == sorted(computed + [field.name for field in fields(Estimate)])
 
 
 def test_every_field_of_the_uncertainty_is_in_the_table():
@@ -73,11 +74,11 @@ def test_the_example_turns_the_video_of_a_phone(tmp_path, monkeypatch):
 
 def test_the_example_runs(tmp_path):
     pytest.importorskip("mediapipe", reason="the example is for MediaPipe")
-    video = beginning_of(ROOT / "examples" / "balancing.mp4", tmp_path / "sample.mp4", 30)
+    video = beginning_of(ROOT / "examples" / "balancing.mp4", tmp_path / "sample.mp4", 12)
     command = [sys.executable, EXAMPLE, video, "1.72"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=300)
     lines = [line for line in done.stdout.splitlines() if re.match(r"\d\.\d\d s \[", line)]
-    assert done.returncode == 0 and len(lines) > 25, done.stderr[-300:]
+    assert done.returncode == 0 and len(lines) > 10, done.stderr[-300:]
 
 
 def test_the_session_of_the_page_tells_people_apart(capsys):

@@ -29,12 +29,12 @@ from sensor_msgs.msg import PointCloud2  # noqa: E402
 
 from lassokin_ros import joints as indices  # noqa: E402
 from msg_adapters.backends import RclpyBackend  # noqa: E402
-from msg_adapters.output_messages.people import PersonReport, people_builder  # noqa: E402
-from msg_adapters.output_messages.skeleton_cloud import (  # noqa: E402
+from msg_adapters.output_messages.clouds import (  # noqa: E402
     JointsReport,
     LimbCloudBuilder,  # noqa: E402
     SkeletonCloudBuilder,
 )
+from msg_adapters.output_messages.people import PersonReport, people_builder  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 DEADLINE_S = 60.0

@@ -15,7 +15,7 @@ from lassokin_ros.gestures import (
     hand_points,
     on_floor,
 )
-from msg_adapters.output_messages.hand_cloud import POINT
+from msg_adapters.output_messages.clouds import HAND_POINT
 from training.hands import DIRECTIONS, HIGH, LOW, VARIATION, points_of, somebody
 from training.hands import GESTURES as POSTURES
 
@@ -125,7 +125,7 @@ def test_a_gesture_is_said_after_a_while_and_forgotten_after_a_gap():
 
 def cloud_of(ray, deviation=0.1):
     """A hand of ~/hands whose axes are turned by 90 degrees about z, with its wrist at (1, 2, 1)."""
-    hand = np.zeros(21, POINT)
+    hand = np.zeros(21, HAND_POINT)
     hand["x"][8], hand["wrist_x"], hand["wrist_y"], hand["wrist_z"] = 0.2, 1.0, 2.0, 1.0
     hand["qz"] = hand["qw"] = np.sqrt(0.5)
     hand["ray_x"], hand["ray_y"], hand["ray_z"] = ray

@@ -18,7 +18,7 @@ from lassokin_ros.core.body.rotations import to_quaternion  # noqa: E402
 from lassokin_ros.core.output.hand_points import hand_axes  # noqa: E402
 from lassokin_ros.gestures import GESTURES  # noqa: E402
 from msg_adapters.backends import RclpyBackend  # noqa: E402
-from msg_adapters.output_messages.hand_cloud import HandCloudBuilder, HandReport  # noqa: E402
+from msg_adapters.output_messages.clouds import HandCloudBuilder, HandReport  # noqa: E402
 
 CLOUD = HandCloudBuilder(RclpyBackend(), 2)
 TO_MANO = np.array([[0, 0, -1], [-1, 0, 0], [0, 1, 0]])

@@ -20,8 +20,8 @@ from std_msgs.msg import String  # noqa: E402
 
 from lassokin_ros.watch import PeopleWatch, Stillness, covariance, points, position  # noqa: E402
 from msg_adapters.backends import RclpyBackend  # noqa: E402
+from msg_adapters.output_messages.clouds import JointsReport, SkeletonCloudBuilder  # noqa: E402
 from msg_adapters.output_messages.people import PersonReport, people_builder  # noqa: E402
-from msg_adapters.output_messages.skeleton_cloud import JointsReport, SkeletonCloudBuilder  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 NOW_S = 1000.0

@@ -73,9 +73,9 @@ def test_an_arm_of_one_chain_goes_to_its_target_within_its_limits():
 def seen_person(turn):
     """Points of ~/skeleton of a person who stands, in a frame that `turn` has turned."""
     from lassokin_ros.robot.check import people
-    from msg_adapters.output_messages.skeleton_cloud import POINT
+    from msg_adapters.output_messages.clouds import SKELETON_POINT
 
-    person, points = people()["arms down"], np.zeros(24, POINT)
+    person, points = people()["arms down"], np.zeros(24, SKELETON_POINT)
     for index, name in enumerate("xyz"):
         points[name] = (person.places @ turn.as_matrix().T)[:, index]
         points[f"up_{name}"] = turn.apply(person.up)[index]

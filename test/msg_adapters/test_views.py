@@ -21,7 +21,7 @@ from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.inputs import camera_info, point_cloud
-from msg_adapters.output_messages.image_markers import DETECTED, REPROJECTED, ImageMarkerBuilder
+from msg_adapters.output_messages.markers import DETECTED, REPROJECTED, ImageMarkerBuilder
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is the independent projection")
 

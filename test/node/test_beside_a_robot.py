@@ -41,7 +41,7 @@ def test_the_robots_topics_are_not_changed():
         with NodeProcess("/one", "-r", asked[0], "-r", asked[1]) as first, NodeProcess("/two"):
             described = {}
             for peer in (one, two):
-                peer.listen(topics.DESCRIPTION_OUTPUT)
+                peer.listen(topics.ROBOT_DESCRIPTION)
                 peer.start(pixels)
                 texts = peer.got[topics.ROBOT_DESCRIPTION]
                 peer.spin_until(lambda: texts and FRAME in texts[-1].data, what="its description")  # noqa: B023

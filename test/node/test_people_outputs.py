@@ -121,7 +121,7 @@ def test_the_locked_person_has_the_topics_of_one_person_too():
     with NodeProcess(namespace, *" ".join(settings).split()) as node:
         with Peer(namespace, outputs=False) as peer:
             them = PeerOfTwo(peer)
-            for topic in (topics.FRAME_OUTPUTS[2], topics.DESCRIPTION_OUTPUT):
+            for topic in (topics.FRAME_OUTPUTS[2], topics.ROBOT_DESCRIPTION):
                 them.listen(topic.name, topic)
             refused = peer.call(SetBool, "lock", SetBool.Request(data=True))
             assert not refused.success and "no usable keypoints" in refused.message
@@ -133,7 +133,7 @@ def test_the_locked_person_has_the_topics_of_one_person_too():
             them.send_until(lambda: len(one) > 3 and them.got["tracker/robot_description"], "the locked person")
             by_stamp = {stamp_of(message): message.poses for message in of_p9}
             assert all(by_stamp[stamp_of(message)] == message.poses for message in one if stamp_of(message) in by_stamp)
-            peer.listen(topics.STATE_OUTPUT)
+            peer.listen(topics.STATE)
             states = peer.got[topics.STATE]
             them.send_until(lambda: [m.data for m in states[-1:]] == ["lost"], "lost, beside p4", (4,), step=6)
             assert peer.call(SetBool, "lock", SetBool.Request(data=False)).success

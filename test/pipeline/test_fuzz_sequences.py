@@ -96,7 +96,7 @@ def send(diagnostics, number, message):
     frames = PIPELINE.frames(message, arrival_ns)
     diagnostics.count_message(frames, arrival_ns, number * STEP_NS * 1e-9, 0.001)
     for frame in frames:
-        assert frame.rejection or frame.estimate.solution.certified
+        assert frame.rejection or frame.estimate.increment.solution.certified
         assert not frame.accepted or (np.abs(frame.velocities) < 1e4).all()
     if number % 15 == 14:
         assert diagnostics.line(number * STEP_NS * 1e-9).message.isprintable()

@@ -78,7 +78,7 @@ def after(name, course, frames):
         count(name, frames[0].rejection)
         return
     for frame in frames:
-        assert not frame.accepted or frame.estimate.solution.certified
+        assert not frame.accepted or frame.estimate.increment.solution.certified
     if index >= 4:
         answers = [course.send_good() for _ in range(2)]
         assert course.tracked(answers[-1], index + 1), [f.detail for frames in answers for f in frames]

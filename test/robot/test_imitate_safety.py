@@ -19,6 +19,7 @@ from std_srvs.srv import SetBool  # noqa: E402
 
 from lassokin_ros import joints  # noqa: E402
 from lassokin_ros.robot.node import ImitateNode  # noqa: E402
+from lassokin_ros.robot.robot_file import RobotError  # noqa: E402
 
 FPS, RATE, STOP_S = 25, 50, 0.5
 OTHER_SIDE = [
@@ -71,14 +72,19 @@ class Scene:
         return float(np.ptp(chosen, axis=0).max())
 
 
-@pytest.fixture
-def scene(tmp_path):
+@pytest.fixture(scope="module")
+def context():
     context = rclpy.Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    yield context
+    context.try_shutdown()
+
+
+@pytest.fixture
+def scene(tmp_path, context):
     scene = Scene(tmp_path, context)
     yield scene
     scene.node.destroy_node()
-    context.try_shutdown()
 
 
 def swinging(seconds):
@@ -171,3 +177,18 @@ def turned(view, seconds):
     """Turned by up to 180 degrees about the vertical, in 2 s."""
     angle = np.pi * min(seconds / 2, 1.0)
     return replace(view, places=view.places @ Rotation.from_rotvec([0, angle, 0]).as_matrix().T)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"robot": "g7"}, "expected g1, h1"),
+        ({"robot": "g1", "rate": 1.0}, "rate is 1 Hz; expected 20 to 1000"),
+        ({"robot": "g1", "commands": "torque"}, "expected joint_state or trajectory"),
+    ],
+)
+def test_a_parameter_that_is_wrong_is_said(given, words, context):
+    with pytest.raises(RobotError, match=words):
+        ImitateNode(
+            context=context, parameter_overrides=[Parameter(name, value=value) for name, value in given.items()]
+        )

@@ -17,7 +17,6 @@ import toy_robot
 pytest.importorskip("pink", reason="needs the extra robot: pip install lassokin_ros[robot]")
 rclpy = pytest.importorskip("rclpy")
 
-from forked import Forked  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
@@ -93,7 +92,7 @@ def live(tmp_path, request):
     namespace = f"/imitate_{request.node.name.removeprefix('test_')[:20]}"
     robot = tmp_path / "toy.yaml"
     robot.write_text(toy_robot.as_yaml(toy_robot.robot()))
-    command = [sys.executable, "-m", "lassokin_ros.robot.command", "--ros-args", "-r", f"__ns:={namespace}"]
+    command = [sys.executable, "-m", "lassokin_ros.cli.lassokin", "imitate", "--ros-args", "-r", f"__ns:={namespace}"]
     process = subprocess.Popen(
         [*command, "-p", f"robot:={robot}"], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )
@@ -140,17 +139,3 @@ def test_a_robot_follows_a_person_and_stops_in_half_a_second_if_the_tracker_is_k
     process.send_signal(signal.SIGINT)
     tracker.spin_until(lambda: process.poll() is not None, "the end")
     assert process.returncode == 0, process.stderr.read()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("-p", "robot:=g7"), "expected g1, h1"),
-        (("-p", "robot:=g1", "-p", "rate:=1.0"), "rate is 1 Hz; expected 20 to 1000"),
-        (("-p", "robot:=g1", "-p", "commands:=torque"), "expected joint_state or trajectory"),
-    ],
-)
-def test_a_parameter_that_is_wrong_ends_the_node_in_one_line(arguments, words):
-    done = Forked([sys.executable, "-m", "lassokin_ros.robot.command", "--ros-args", *arguments])
-    said = done.communicate(timeout=120)[1]
-    assert done.returncode == 2 and words in said.splitlines()[-1]

@@ -3,7 +3,7 @@
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from lassokin_ros.replay.bags import register_detector_types
+from lassokin_ros.replay.bags import register_types
 from msg_adapters.backends import RosbagsBackend
 from msg_adapters.output_messages.builders import set_header
 
@@ -13,7 +13,7 @@ HRI, YOLO, ZED = "hri_msgs/msg/Skeleton2D", "yolo_msgs/msg/DetectionArray", "zed
 def detector_types():
     """A typestore of Jazzy with the definitions of these packages."""
     types = get_typestore(Stores.ROS2_JAZZY)
-    register_detector_types(types)
+    register_types(types)
     return types
 
 

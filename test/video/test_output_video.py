@@ -9,8 +9,7 @@ import pytest
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.doubt.doubt import Doubt
 from lassokin_ros.video.body_view import BACKGROUND, COLOURS, BodyView
-from lassokin_ros.video.encoder import VideoError, open_encoder
-from lassokin_ros.video.output_video import OutputVideo
+from lassokin_ros.video.output_video import OutputVideo, VideoError, open_encoder
 from lassokin_ros.video.sources import open_source
 
 cv2 = pytest.importorskip("cv2")

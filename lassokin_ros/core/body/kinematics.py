@@ -10,6 +10,7 @@ Functions take leading batch axes (several states) where shapes are written with
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -18,10 +19,9 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, hat, logarithm
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.kernel import kernel
-from lassokin_ros.core.record import record
 
 
-@record
+@dataclass(eq=False)
 class BodyState:
     """The moving state: local rotations (..., n, 3, 3), root position (..., 3) m, in the frame of the skeleton."""
 
@@ -51,7 +51,7 @@ class BodyState:
         return self.retract(share * omega, share * (other.translation - self.translation))
 
 
-@record
+@dataclass(eq=False)
 class BodyPose:
     """The result of forward kinematics, in the frame of the skeleton.
 

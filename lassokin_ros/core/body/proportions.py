@@ -5,16 +5,16 @@ names, and the symmetry of given lengths. If these are not symmetric, they were 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.body.roles import LENGTHS, without_side
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.record import record
 
 
-@record
+@dataclass(eq=False)
 class LengthMotion:
     """Derivatives with respect to the log-lengths: of the landmarks (l, 3, p) and of the joints (n, 3, p), m."""
 

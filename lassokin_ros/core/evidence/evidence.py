@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,10 +18,9 @@ import numpy as np
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.record import record
 
 
-@record
+@dataclass(eq=False)
 class Posture:
     """theta: (..., joints, 3) rad, rotation vectors of the prior's joints. residual: (..., k), of the prior's rows."""
 
@@ -28,7 +28,7 @@ class Posture:
     residual: np.ndarray
 
 
-@record
+@dataclass(eq=False)
 class EvaluatedState:
     """One or several states with pose and posture, which both the cost and the next linearisation use."""
 
@@ -37,7 +37,7 @@ class EvaluatedState:
     posture: Posture
 
 
-@record
+@dataclass(eq=False)
 class LinearisationPoint:
     """The states about which a frame is linearised, its measurements, and the robust weights.
 

@@ -9,6 +9,7 @@ the air or on a chair, or an anchor that the image contradicts, has hardly any i
 from __future__ import annotations
 
 from abc import abstractmethod
+from typing import Any
 
 import numpy as np
 
@@ -80,17 +81,23 @@ class Floor(_Feet):
 
 
 class FootContact(_Feet):
-    """Rows (anchor - ankle) / deviation, three per foot; 0 for a foot without an anchor."""
+    """Rows stiffness (anchor - ankle), three per foot; 0 for a foot that does not stand."""
 
     name, count, scale = "foot contact", 3 * len(ANKLES), 3.0
+
+    def __init__(self, kinematics: Kinematics) -> None:
+        super().__init__(kinematics)
+        self._tables = self._ankles, kinematics.reach_of(self._ankles, 3), self.scale
+
+    def kernel_input(self, frame: FrameData, row: int) -> tuple[Any, ...]:
+        """Tables and data of a frame for the kernel, and the first of the rows."""
+        return *self._tables, frame.anchors, frame.stiffness, row
 
     def present(self, frame: FrameData) -> bool:
         """Whether a foot is in contact."""
         return frame.anchors is not None
 
     def _errors(self, states: EvaluatedState, frame: FrameData) -> tuple[np.ndarray, np.ndarray]:
-        assert frame.anchors is not None and frame.anchor_deviation is not None
-        held = np.isfinite(frame.anchors[:, :1])
-        anchors, stiffness = np.where(held, frame.anchors, 0.0), held / frame.anchor_deviation[:, None]
-        places = states.pose.positions.take(self._ankles, axis=-2)
-        return stiffness * (anchors - places), stiffness[..., None] * AXES
+        assert frame.anchors is not None and frame.stiffness is not None
+        away = frame.anchors - states.pose.positions.take(self._ankles, axis=-2)
+        return frame.stiffness[:, None] * away, frame.stiffness[:, None, None] * AXES

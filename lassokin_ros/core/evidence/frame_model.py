@@ -6,6 +6,7 @@ The compiled kernel treats regular frames: one state, Huber's weights, and rows 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,10 +26,9 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import CAP, NEAREST_DEPTH, THRESHOLD, huber_weights
 from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.network.hand_network import hand_index
-from lassokin_ros.core.record import record
 
 
-@record
+@dataclass(eq=False)
 class LinearisedFrame:
     """columns: (..., live + 3, r), J transposed; z: (..., r). rows: the slice of the r rows of each piece, by name."""
 
@@ -130,9 +130,9 @@ class FrameModel:
         rows, count = self._rows(frame)
         shape = states.pose.landmarks.shape[:-2]
         columns, z = np.empty((*shape, len(self.live) + 3, count)), np.empty((*shape, count))
-        done = self._compiled if self._linearise_compiled(about, rows, columns, z) else ()
+        compiled = self._linearise_compiled(about, rows, columns, z)
         for name, own in rows.items():
-            if name not in done:
+            if not (compiled and (name in self._compiled or name == FootContact.name)):
                 self.pieces[name].linearise(about, columns[..., own], z[..., own])
         return LinearisedFrame(columns, z, rows)
 
@@ -172,7 +172,10 @@ class FrameModel:
         if not kernel.active or about.robust is not huber_weights or about.increment_jacobian is not None:
             return False
         begin = tuple(rows[piece.name].start for piece in (self.prior, self.upright, self.balance))
-        return kernel.linearise(*self._kernel_input(about.states, about.frame, rows), begin, columns, z)
+        feet = None
+        if (contact := rows.get(FootContact.name)) is not None and self.foot_contact is not None:
+            feet = self.foot_contact.kernel_input(about.frame, contact.start)
+        return kernel.linearise(*self._kernel_input(about.states, about.frame, rows), begin, feet, columns, z)
 
     def _kernel_input(self, states: EvaluatedState, frame: FrameData, rows: Mapping[str, slice]) -> tuple[Any, ...]:
         """Tables, state, and what each camera sees with its first rows (0 without `rows`)."""

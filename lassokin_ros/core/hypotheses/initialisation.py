@@ -1,25 +1,31 @@
-"""Initialisation: the first state from a single frame and the person's height, for any orientation of the body.
+"""The first state from a single frame and the person's height, for any orientation of the body.
 
 Several start states (the mean pose, turned about the vertical) are fitted at once by damped Gauss-Newton on the
 tracker's rows, coarse to fine, without the l1 term. If none of them fits, further starts lie or are upside down. The
-fit with the lowest cost is used.
+fit with the lowest cost is used. A further start is the pose that the network of the body or of the hand sees.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyState, Kinematics
-from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.body.roles import LIMB_BONES, SIDES, of_body
+from lassokin_ros.core.body.rotations import exponential, least_turn
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.projection import capped_weights
+from lassokin_ros.core.image.projection import capped_weights, norm
 from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import WEAKEST
-from lassokin_ros.core.record import record
+from lassokin_ros.core.network.depth_network import PLACES
+from lassokin_ros.core.network.hand_network import POINTS, hand_index
 
 START_ROTATIONS = np.array([
     [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
@@ -31,22 +37,18 @@ START_ROTATIONS = np.array([
 ], dtype=float)  # fmt: skip
 """(6, 3, 3) the root's orientation in the camera frame: of a body that faces the camera upright, with its head to the
 right, to the left, and upside down; of one that looks down with its head to the camera, and up with its head away."""
-SIDES = 8
+START_TURNS = 8
 """Sides to which a body is turned, at equal angles about its up axis; every second one for the other orientations."""
 POOR_FIT = 1.5
 """Cost per visible landmark of the best fit above which other orientations are tried: 19 of 20 first frames of upright
 people cost less, and hardly any fit with a wrong orientation does."""
-FAR = (8.0,) * 8 + (2.0,) * 6 + (1.0,) * 6
-"""Factor on the noise in each iteration of a fit whose start may be far from the solution."""
-NEAR = (4.0,) * 3 + (1.0,) * 5
-"""The same for a start near the solution. With half the iterations, poses after a gap had larger errors."""
-LARGEST_ROTATION = 0.7
-"""rad: largest rotation of a degree of freedom in one step; all of a larger step are scaled."""
+FAR, NEAR = (8.0,) * 8 + (2.0,) * 6 + (1.0,) * 6, (4.0,) * 3 + (1.0,) * 5
+"""Factor on the noise in each iteration of a fit whose start may be far from the solution, and of one that is near."""
 LEAST_DEPTH = 0.3
 """m: smallest depth of a fitted state."""
 
 
-@record
+@dataclass(eq=False)
 class Fit:
     """A fitted state, and its cost on the frame."""
 
@@ -66,10 +68,10 @@ class Initialiser:
     def fit(self, frame: FrameData) -> Fit:
         """The best fit of all starts. At least two landmarks must be visible."""
         upright = int(np.argmax(START_ROTATIONS[:, :, 1].dot(frame.seeing.camera.rotation @ frame.up)))
-        fit = self._fitted(self._starts(range(SIDES), [upright], frame), frame, FAR)
+        fit = self._fitted(self._starts(range(START_TURNS), [upright], frame), frame, FAR)
         if fit.cost > POOR_FIT * frame.point_count:
             others = [number for number in range(len(START_ROTATIONS)) if number != upright]
-            other = self._fitted(self._starts(range(0, SIDES, 2), others, frame), frame, FAR)
+            other = self._fitted(self._starts(range(0, START_TURNS, 2), others, frame), frame, FAR)
             fit = min(fit, other, key=lambda one: one.cost)
         return fit
 
@@ -99,7 +101,7 @@ class Initialiser:
 
     def _starts(self, sides: Iterable[int], orientations: Sequence[int], frame: FrameData) -> BodyState:
         """The mean pose with each start orientation, turned to each side."""
-        yaw = np.array(sides) * (2 * np.pi / SIDES)
+        yaw = np.array(sides) * (2 * np.pi / START_TURNS)
         turn = exponential(np.stack([0 * yaw, yaw, 0 * yaw], axis=-1))
         roots = (START_ROTATIONS[orientations][:, None] @ turn).reshape(-1, 3, 3)
         rotations = np.repeat(self.mean_pose[None], len(roots), axis=0)
@@ -133,9 +135,7 @@ class Initialiser:
         step = _solved(H, (rows.columns @ rows.z[..., None])[..., 0])
         largest = np.abs(step[:, :-3]).max(axis=-1, keepdims=True)
         omega = np.zeros((len(step), 3 * self._kinematics.joint_count))
-        omega[:, self._kinematics.live_index] = step[:, :-3] * (
-            LARGEST_ROTATION / np.maximum(largest, LARGEST_ROTATION)
-        )
+        omega[:, self._kinematics.live_index] = step[:, :-3] * (0.7 / np.maximum(largest, 0.7))  # rad
         return omega, step[:, -3:]
 
 
@@ -147,3 +147,134 @@ def _solved(H: np.ndarray, g: np.ndarray) -> np.ndarray:
         if not failed:
             result[:] = solution
     return step
+
+
+SAME_POSE = 0.08
+"""m: mean distance of the network's joints from the tracked ones below which they are the same pose."""
+PALM = np.array([index for index, point in enumerate(POINTS) if point == "wrist" or point.endswith("1")])
+"""The wrist and the first joint of each finger. That of the thumb is near the wrist and does not move either."""
+
+
+class NetworkPose:
+    """The network's pose for the newest frame, on the present skeleton."""
+
+    def __init__(self, places: Callable[[], np.ndarray | None], kinematics: Kinematics, mean_pose: np.ndarray) -> None:
+        """places: gives `DepthEstimator.places` in the frame of the skeleton. mean_pose: (n, 3, 3) local rotations."""
+        self._places, self._kinematics, self._mean_pose = places, kinematics, mean_pose
+        names = kinematics.skeleton.joint_names
+        shared = [name for name in PLACES if name in names]
+        self._shared = np.array([PLACES.index(name) for name in shared])
+        self._joints = np.array([names.index(name) for name in shared])
+        #: Those that the network sees as the tracker does: the keypoints of a hand move the wrist, too.
+        self._alike = np.flatnonzero(of_body(names)[self._joints])
+        #: (k, k): maps positions of these joints to positions relative to the middle of the hips.
+        self._relative = np.eye(len(shared))
+        self._relative[:, [shared.index("left_hip"), shared.index("right_hip")]] -= 0.5
+
+    def state(self, frame: FrameData | None = None) -> BodyState | None:
+        """The pose for the newest frame, (n, 3, 3), with translation 0; None without an estimate. frame: not used."""
+        places = self._places()
+        if places is None:
+            return None
+        return state_at(dict(zip(PLACES, places)), self._kinematics.skeleton, self._mean_pose)
+
+    def distance(self, pose: BodyPose) -> float:
+        """Mean distance in m of a pose's joints from the network's, both relative to the middle of the hips.
+
+        Wrists of a skeleton with hands are left out. NaN without an estimate.
+        """
+        return self._mean_distance(pose, self._alike)
+
+    def _mean_distance(self, pose: BodyPose, among: np.ndarray | slice) -> float:
+        """among: the joints, as indices of those that the network and the skeleton share."""
+        places = self._places()
+        if places is None:
+            return math.nan
+        joints = self._relative.dot(pose.positions.take(self._joints, axis=0))
+        apart = norm(places.take(self._shared, axis=0) - joints)[among]
+        return float(apart.sum()) / len(apart)
+
+    def propose(self, tracked: EvaluatedState, frame: FrameData, turn: int) -> BodyState | None:
+        """The pose, as a batch of one, if it is far from the tracked one; it depends on neither frame nor turn."""
+        if self._mean_distance(tracked.pose, slice(None)) < SAME_POSE:
+            return None
+        state = self.state()
+        return None if state is None else BodyState(state.rotations[None], state.translation[None])
+
+
+def state_at(positions: Mapping[str, np.ndarray], skeleton: Skeleton, mean: np.ndarray) -> BodyState:
+    """The state, with translation 0, whose bones point along the given positions.
+
+    positions: (3,) m by joint name, relative to the middle of the hips, in the frame of the skeleton. mean: (n, 3, 3)
+    local rotations.
+    """
+    rotations, names = mean.copy(), skeleton.joint_names
+    rotations[0] = trunk_orientation(positions)
+    world = np.empty_like(rotations)
+    bone_of = dict(LIMB_BONES)
+    for joint, parent in enumerate(skeleton.parents):
+        above = np.eye(3) if parent < 0 else world[parent]
+        world[joint] = above @ rotations[joint]
+        end = bone_of.get(names[joint])
+        if end in names:
+            along = positions[end] - positions[names[joint]]
+            bone = world[joint] @ skeleton.offsets[names.index(end)]
+            if along.dot(along) > 1e-6 and bone.dot(bone) > 1e-6:
+                world[joint] = least_turn(bone, along) @ world[joint]
+                rotations[joint] = above.T @ world[joint]
+    return BodyState(rotations, np.zeros(3))
+
+
+def trunk_orientation(positions: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(3, 3): x to the person's left, y up along the trunk, z to the front."""
+    y = 0.5 * (positions["left_shoulder"] + positions["right_shoulder"])
+    shoulders = positions["left_shoulder"] - positions["right_shoulder"]
+    across = positions["left_hip"] - positions["right_hip"] + 0.5 * shoulders
+    y = y / (np.linalg.norm(y) + 1e-9)
+    x = across - across.dot(y) * y
+    x = x / (np.linalg.norm(x) + 1e-9)
+    return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
+class HandPose:
+    """The hand network's pose of the hand that is the whole skeleton.
+
+    Its depths place the keypoints in space, up to the hand's distance. The palm, wrist and knuckles, is rigid: the
+    rotation that best brings the skeleton's onto these places is the root's (W. Kabsch, Acta Cryst. A32, 1976). The
+    fingers are as in the prior's mean pose.
+    """
+
+    def __init__(self, kinematics: Kinematics, mean_pose: np.ndarray) -> None:
+        """kinematics: of a skeleton that `fits`. mean_pose: (n, 3, 3) local rotations."""
+        self._side = [f"{side}_wrist" for side in SIDES].index(kinematics.skeleton.joint_names[0])
+        index = hand_index(kinematics, SIDES[self._side])
+        assert index is not None
+        self._index, self._mean_pose = index, mean_pose
+        self._palm = kinematics.skeleton.rest_positions[kinematics.layout.joints[index[PALM]]]
+
+    @staticmethod
+    def fits(kinematics: Kinematics) -> bool:
+        """Whether the root is a wrist, and the layout has all points of its hand."""
+        side = kinematics.skeleton.joint_names[0].removesuffix("_wrist")
+        return side in SIDES and hand_index(kinematics, side) is not None
+
+    def state(self, frame: FrameData) -> BodyState | None:
+        """The pose, (n, 3, 3), with translation 0; None without an estimate, or without a point of the palm."""
+        for view in frame.views:
+            given = view.hands[self._side]
+            if given is None or not view.weights.take(self._index[PALM]).all():
+                continue
+            rays = np.append(view.points.take(self._index[PALM], axis=0), np.ones((len(PALM), 1)), axis=1)
+            rays = rays @ view.camera.rotation
+            depths = 1 + np.append(0.0, given.ratios)[PALM]
+            places = rays * (depths / (rays @ given.sight))[:, None]
+            rotations = self._mean_pose.copy()
+            rotations[0] = _rotation(self._palm, places)
+            return BodyState(rotations, np.zeros(3))
+        return None
+
+
+def _rotation(given: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(3, 3) that best rotates points (k, 3) about their mean onto others of any size."""
+    U, _, V = np.linalg.svd((places - places.mean(0)).T @ (given - given.mean(0)))
+    return np.asarray(U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ V))]) @ V)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from lassokin_ros.core.observation import HERE, CameraPose
-from lassokin_ros.core.record import record
 
 WITHOUT_DEPTH = 4.0
 """Factor on the noise from which measured depth is not used, see `FrameData.with_larger_noise`."""
@@ -24,7 +23,7 @@ NEARBY, NARROW = 0.5, np.radians(5.0)
 no better than one."""
 
 
-@record
+@dataclass(eq=False)
 class JointDepths:
     """Depths of k joints relative to the middle of the hips, as the depth network estimates them.
 
@@ -37,7 +36,7 @@ class JointDepths:
     whitening: np.ndarray
 
 
-@record
+@dataclass(eq=False)
 class HandDepths:
     """Depths of a hand's points relative to its wrist, as the hand network estimates them.
 
@@ -54,7 +53,7 @@ class HandDepths:
 NO_HANDS: tuple[HandDepths | None, HandDepths | None] = (None, None)
 
 
-@record
+@dataclass(eq=False)
 class View:
     """What one camera sees of the person.
 
@@ -105,14 +104,15 @@ class View:
         return replace(self, weights=self.weights / factor, depth_weights=depth_weights)
 
 
-@record
+@dataclass(eq=False)
 class FrameData:
     """The measurements of one frame, as arrays.
 
     views: of all cameras, at least one. up: (3,) unit vector, the vertical in the frame of the skeleton.
     extra: data for the user's own evidence, by name, as in `Observation.extra`.
-    anchors: (2, 3) m, where the left and the right ankle stand still, NaN for one that does not; None without any.
-    anchor_deviation: (2,) m, standard deviation of these ankles about their anchors, in each direction.
+    anchors: (2, 3) m, where the left and the right ankle stand still, any finite value for one that does not; None if
+    neither does. stiffness: (2,) 1/m, 1 / standard deviation of these ankles about their anchors in each direction, 0
+    for one that does not stand.
     floor: (4,) n and h: a point p (3,) m is n p + h m above a flat floor; None if it is not known.
     """
 
@@ -120,13 +120,18 @@ class FrameData:
     up: np.ndarray = field(default_factory=lambda: LEVEL_CAMERA_UP)
     extra: Mapping[str, Any] = field(default_factory=dict)
     anchors: np.ndarray | None = None
-    anchor_deviation: np.ndarray | None = None
+    stiffness: np.ndarray | None = None
     floor: np.ndarray | None = None
 
     @cached_property
     def observes_depth(self) -> bool:
         """Whether the depth of half of the landmarks is measured, or several cameras see the person."""
         return self.depth_covers or self.seen_by > 1
+
+    @property
+    def depth_measured(self) -> bool:
+        """Whether measured depths are used."""
+        return any(view.depth_weights is not None for view in self.views)
 
     @cached_property
     def depth_covers(self) -> bool:
@@ -161,6 +166,12 @@ class FrameData:
     def seeing(self) -> View:
         """The first view with any point that has weight; the first one if there is none."""
         return next((view for view in self.views if view.point_count), self.views[0])
+
+    def held(self, anchors: np.ndarray, stiffness: np.ndarray) -> FrameData:
+        """The frame with feet that stand still."""
+        held = FrameData.__new__(FrameData)  # with the cached properties, other than by `replace`
+        held.__dict__.update(self.__dict__, anchors=anchors, stiffness=stiffness)
+        return held
 
     def with_weights(self, weights: Iterable[np.ndarray]) -> FrameData:
         """The frame with other weights (l,) of each view."""

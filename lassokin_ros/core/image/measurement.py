@@ -7,6 +7,7 @@ Keypoints equal to the last ones are no new evidence. Each keypoint's track in t
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +19,6 @@ from lassokin_ros.core.image.gating import gate_depth
 from lassokin_ros.core.image.keypoint_filter import PREDICTED_WEIGHT, KeypointFilter
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import HERE, CameraPose, Observation, is_longer
-from lassokin_ros.core.record import record
 
 ACCELERATION = 3.5
 """m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""
@@ -26,7 +26,7 @@ TYPICAL_DEPTH = 3.5
 """m: assumed depth of a person before the first fit."""
 
 
-@record
+@dataclass(eq=False)
 class Measurement:
     """One frame's keypoints as the tracker uses them; all points are normalised image coordinates.
 

@@ -12,6 +12,7 @@ of +-1), so that they are well scaled for every alpha.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,6 @@ import proxsuite
 from lassokin_ros.core.errors import SolverError
 from lassokin_ros.core.kernel import kernel, lapack
 from lassokin_ros.core.lasso.problem import Reduced
-from lassokin_ros.core.record import record
 
 _proxqp = proxsuite.proxqp
 _SOLVED = _proxqp.QPSolverOutput.PROXQP_SOLVED
@@ -45,7 +45,7 @@ def available_solvers() -> list[str]:
     return ["proxqp"] + sorted(set(qpsolvers.available_solvers) - {"proxqp"})
 
 
-@record
+@dataclass(eq=False)
 class Form:
     """A dual as a QP: the smallest 1/2 v^T H v + g^T v with |C v| <= bound, entry by entry; C is None for the identity.
 
@@ -130,10 +130,13 @@ def condensed(reduced: Reduced, alpha: np.ndarray) -> Form | None:
     H, g, scaled, linear, mean = reduced.H, reduced.g, np.empty(reduced.H.shape), np.empty(len(alpha)), np.empty(1)
     largest = np.array([LARGEST_CONDITION])
     if not (kernel.active and kernel.condensed(H, g, alpha, largest, scaled, linear, mean)):
-        inverse = _inverse(H)
-        if inverse is None:
+        factor, failed = lapack.dpotrf(H, lower=1, clean=1)
+        diagonal = factor.diagonal()
+        if failed or diagonal[diagonal.argmin()] ** 2 * LARGEST_CONDITION < diagonal[diagonal.argmax()] ** 2:
             return None
-        scaled = inverse * alpha * alpha[:, None]
+        root, _ = lapack.dtrtri(factor, lower=1, overwrite_c=1)
+        root *= alpha
+        scaled = root.T.dot(root)
         mean = scaled.trace() / len(alpha)
         scaled /= mean
         linear = -scaled.dot(g / alpha)
@@ -190,19 +193,3 @@ def _by_qpsolvers(name: str, form: Form) -> np.ndarray:
     if solution.z is None or not np.all(np.isfinite(solution.z)):
         return np.zeros(count)
     return np.asarray(solution.z[:count] - solution.z[count:])
-
-
-def _inverse(H: np.ndarray) -> np.ndarray | None:
-    """H^-1 by Cholesky, or None if H is not safely positive definite."""
-    factor, failed = lapack.dpotrf(H, lower=1)
-    if failed:
-        return None
-    diagonal = factor.diagonal()
-    if diagonal[diagonal.argmin()] ** 2 * LARGEST_CONDITION < diagonal[diagonal.argmax()] ** 2:
-        return None
-    inverse, failed = lapack.dpotri(factor, lower=1, overwrite_c=1)
-    if failed:
-        return None
-    inverse += inverse.T  # only the lower triangle was computed
-    inverse.T.reshape(-1)[:: len(H) + 1] *= 0.5  # a view: LAPACK's arrays are in Fortran's order
-    return np.asarray(inverse)

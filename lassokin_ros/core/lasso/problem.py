@@ -8,19 +8,19 @@ with A = P L and B = P Gamma of (12), followed by the rows of further evidence. 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from lassokin_ros.core.errors import SolverError
 from lassokin_ros.core.kernel import kernel, lapack
-from lassokin_ros.core.record import record
 
 WEAKEST = 1e-3
 """1/rad^2: information added to every degree of freedom, so that an unobserved one has a finite variance."""
 
 
-@record
+@dataclass(eq=False)
 class Lasso:
     """The data of one problem: A (m, n), B (m, 3), z (m,), alpha (n,) > 0, all finite."""
 
@@ -57,7 +57,7 @@ class Lasso:
             raise SolverError(f"the smallest alpha is {smallest}; expected every alpha above 0")
 
 
-@record
+@dataclass(eq=False)
 class Reduced:
     """The problem with x eliminated: M = I - B (B^T B)^-1 B^T, so x = Y (z - A Omega) and KKT-3 holds by construction.
 

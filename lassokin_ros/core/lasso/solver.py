@@ -9,6 +9,7 @@ the answer (see `certificate.py`).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +19,6 @@ from lassokin_ros.core.lasso.active_set import predicted_solution, solve_active_
 from lassokin_ros.core.lasso.certificate import Certificate, certify
 from lassokin_ros.core.lasso.dual import DualSolver
 from lassokin_ros.core.lasso.problem import Lasso, Reduced
-from lassokin_ros.core.record import record
 
 KKT_TOLERANCE = 1e-6
 """Largest KKT residual of a certified solution, see `Certificate.kkt_residual`. It assumes m and rad."""
@@ -30,7 +30,7 @@ SMALLEST_ALPHA = 1e-4
 """Smallest fraction of alpha_max, at which Omega becomes 0. A smaller alpha is raised to it: solvers stall below."""
 
 
-@record
+@dataclass(eq=False)
 class LassoSolution:
     """The minimiser of a problem: omega (n,) rad, x (3,) m, and the alpha (n,) that was used, after clamping.
 

@@ -2,47 +2,143 @@
 
 The unknowns are about a dozen log-lengths, the same left and right (see `proportions`). Some tracked frames, spread
 over time, are kept. For each, the rows of all evidence are linearised in (pose, translation, log-lengths), and pose
-and translation are eliminated (Schur complement). The sum of the normal equations that are left, a prior
-(`length_prior`) and a row that fixes the stature are solved for the lengths. Kept frames are relinearised in turn: this
-is Gauss-Newton, distributed over time (Triggs et al., Bundle adjustment: a modern synthesis, 2000, sec. 6).
+and translation are eliminated (Schur complement). The sum of the normal equations that are left, a prior and a row that
+fixes the stature are solved for the lengths. Kept frames are relinearised in turn: this is Gauss-Newton, distributed
+over time (Triggs et al., Bundle adjustment: a modern synthesis, 2000, sec. 6).
+
+The prior of the log-lengths is a mixture of Gaussians, one for each origin that the given lengths may have: they are
+measured, or good guesses, or those of another person. With the built-in proportions there are four cases: the person
+has about these lengths, or other ones, or lengths that differ from them as those of people do
+(priors/people_lengths.yaml, written by training/people.py), or as those of motion capture (priors/capture_lengths.yaml,
+written by training/lengths.py), whose joints are other points of the body than those that detectors mark. The keypoints
+determine the probability of each case.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import exponential
-from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import huber_weights
 from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import WEAKEST
-from lassokin_ros.core.learned.length_prior import LengthPosterior, initial_deviation, length_models, posterior
 from lassokin_ros.core.observation import has_passed
+from lassokin_ros.core.yaml_files import shipped_mapping
+
+MEASURED, GUESSED, ANOTHER = 0.003, 0.05, 0.12
+"""Standard deviation of a log-length about the given one in these cases."""
+POPULATIONS = ("priors/people_lengths.yaml", "priors/capture_lengths.yaml")
+"""Files of people's lengths: as detectors see them, and between the joints of motion capture."""
+
+
+@dataclass(eq=False)
+class LengthModel:
+    """A Gaussian of the log-lengths, which have no unit.
+
+    mean: (p,); precision: (p, p); odds: prior probability of this case. measured: whether the given lengths are right.
+    """
+
+    mean: np.ndarray
+    precision: np.ndarray
+    odds: float
+    measured: bool = False
+
+
+@cache
+def population(file: str) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """(names, mean (k,), covariance (k, k)) of people's log-lengths about the built-in proportions."""
+    data = shipped_mapping("lassokin_ros.core.evidence", file)
+    rows = data["covariance"]
+    lower = np.array([row + [0.0] * (len(rows) - len(row)) for row in rows])
+    return tuple(data["names"]), np.array(data["mean"]), lower + np.tril(lower, -1).T
+
+
+def length_models(proportions: Proportions) -> list[LengthModel]:
+    """The cases for the skeleton of some proportions, with (p,) log-lengths in the order of `proportions.names`.
+
+    The odds of given lengths say that treating a guess as measured costs more than the opposite error.
+    """
+
+    def about_given(deviation: float, odds: float, measured: bool = False) -> LengthModel:
+        count = proportions.count
+        return LengthModel(np.zeros(count), np.eye(count) / deviation**2, odds, measured)
+
+    if not has_built_in_proportions(proportions.given):
+        return [about_given(MEASURED, 0.3, measured=True), about_given(GUESSED, 0.6), about_given(ANOTHER, 0.1)]
+    populations = (_about_population(proportions, file, odds) for file, odds in zip(POPULATIONS, (0.4, 0.2)))
+    return [about_given(GUESSED, 0.3), about_given(ANOTHER, 0.1), *populations]
+
+
+def _about_population(proportions: Proportions, file: str, odds: float) -> LengthModel:
+    """The case of a person like those of a shipped population. Other lengths are good guesses."""
+    names, mean, covariance = population(file)
+    index = [names.index(name) if name in names else -1 for name in proportions.names]
+    known = np.flatnonzero(np.array(index) >= 0)
+    chosen = [index[i] for i in known]
+    own_mean, own = np.zeros(proportions.count), np.eye(proportions.count) * GUESSED**2
+    own_mean[known], own[np.ix_(known, known)] = mean[chosen], covariance[np.ix_(chosen, chosen)]
+    return LengthModel(own_mean, np.linalg.inv(own), odds)
+
+
+@dataclass(eq=False)
+class LengthPosterior:
+    """odds: (m,) of the cases; means: (m, p) and covariances: (m, p, p) of the log-lengths in each of them."""
+
+    odds: np.ndarray
+    means: np.ndarray
+    covariances: np.ndarray
+
+    def deviation(self, about: np.ndarray) -> np.ndarray:
+        """(p,) standard deviation of the mixture about a value."""
+        within, between = np.diagonal(self.covariances, axis1=1, axis2=2), (self.means - about) ** 2
+        return np.asarray(np.sqrt(self.odds @ (within + between)))
+
+
+def initial_deviation(models: Sequence[LengthModel]) -> np.ndarray:
+    """(p,) standard deviation of the log-lengths about the given ones before any measurement."""
+    count = len(models[0].mean)
+    if any(model.measured for model in models):
+        return np.full(count, GUESSED)
+    odds, means = np.array([model.odds for model in models]), np.array([model.mean for model in models])
+    return LengthPosterior(odds, means, np.linalg.inv([model.precision for model in models])).deviation(np.zeros(count))
+
+
+def posterior(models: Sequence[LengthModel], H: np.ndarray, g: np.ndarray, common: np.ndarray) -> LengthPosterior:
+    """Cases and lengths after measurements.
+
+    H: (p, p) and g: (p,) normal equations of the measurements, about zero. common: (p, p) further information about the
+    differences from each case's mean, such as that of the stature. The odds follow from the marginal likelihoods.
+    """
+    about = np.array([model.mean for model in models])
+    prior = common + np.array([model.precision for model in models])
+    covariances = np.linalg.inv(H + prior)
+    pulls = (prior @ about[..., None])[..., 0]
+    means = (covariances @ (g + pulls)[..., None])[..., 0]
+    volume = np.linalg.slogdet(prior)[1] + np.linalg.slogdet(covariances)[1]
+    evidence = 0.5 * (((g + pulls) * means).sum(-1) - (pulls * about).sum(-1) + volume)
+    likely = np.array([model.odds for model in models]) * np.exp(evidence - evidence.max())
+    return LengthPosterior(likely / likely.sum(), means, covariances)
+
 
 STATURE_DEVIATION, OBSERVED_STATURE_DEVIATION = 0.005, 0.02
 """Standard deviation of the logarithm of the stature at rest: with one camera, which does not observe size; and with
 several, measured depth or the floor, for the difference between a stated height and that of the limbs."""
-LARGEST_STEP = 0.1
-"""Largest change of a log-length in one update, so that the poses of the kept frames can follow."""
-LARGEST_DIFFERENCE = 0.3
-"""Largest difference of a log-length from the mean of its prior."""
-INFORMATION = 0.6
-"""Factor on a kept frame's information, because the errors of the prior and of the tracks are not independent."""
 KEEP = 0.05, 0.08, 0.25
 """s between kept frames, by the duration that they cover."""
 WORK = 0.05, 0.05, 0.13
 """s between two pieces of work: keep one frame, or relinearise one."""
 UPDATE = 0.2, 0.25, 1.0
 """s between two updates of the skeleton."""
-TYPICAL_COST = 12.0
-"""Robust cost of a frame (image and prior) at which its weight is halved; the median of the kept frames if larger."""
 CERTAIN_MEAN, CERTAIN = 0.04, 0.012
 """Deviations of the log-lengths: mean below which they are input to the depth network, as given ones are; and of the
 least certain one below which the calibration ends."""
@@ -54,8 +150,8 @@ SHORTEST_S, LONGEST_S = 8.0, 20.0
 class KeptFrame:
     """A kept frame: its measurements, its pose, and its normal equations in the lengths.
 
-    share: factor on INFORMATION, for frames at shorter intervals than the last one of `KEEP`. information: (p, p), and
-    pull: (p,), the negative gradient, both about `lengths`, those of the last linearisation.
+    share: factor on its information, for frames at shorter intervals than the last one of `KEEP`. information: (p, p),
+    and pull: (p,), the negative gradient, both about `lengths`, those of the last linearisation.
     """
 
     state: BodyState
@@ -183,7 +279,8 @@ class Calibration:
         g += shares * (shares @ self.lengths - excess) / self.stature_deviation**2
         found = posterior(self._models, H, g, stature)
         best = self._best(found)
-        self.lengths = self.lengths + np.clip(best - self.lengths, -LARGEST_STEP, LARGEST_STEP)
+        # The poses of the kept frames can follow a change of 0.1.
+        self.lengths = self.lengths + np.clip(best - self.lengths, -0.1, 0.1)
         self.deviation = found.deviation(best)
         certain = self.kept_motion >= SHORTEST_S and bool(self.deviation.max() < CERTAIN)
         self.frozen = certain or self.kept_motion >= LONGEST_S
@@ -200,15 +297,17 @@ class Calibration:
             return np.zeros(self.proportions.count)
         odds = found.odds * guessed
         prior = np.array([model.mean for model in self._models])
-        return np.asarray(
-            odds / odds.sum() @ np.clip(found.means, prior - LARGEST_DIFFERENCE, prior + LARGEST_DIFFERENCE)
-        )
+        return np.asarray(odds / odds.sum() @ np.clip(found.means, prior - 0.3, prior + 0.3))
 
     def _normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
-        """(H (p, p), g (p,)) of all kept frames, about the given lengths. Frames of high cost get a lower weight."""
+        """(H (p, p), g (p,)) of all kept frames, about the given lengths.
+
+        The errors of the prior and of the tracks are not independent, hence the factor 0.6. The weight of a frame is
+        halved at a robust cost (image and prior) of 12, or of the median if that is larger.
+        """
         costs = np.array([frame.cost for frame in self._frames])
         shares = np.array([frame.share for frame in self._frames])
-        weights = INFORMATION * shares / (1 + (costs / max(TYPICAL_COST, float(np.median(costs)))) ** 2)
+        weights = 0.6 * shares / (1 + (costs / max(12.0, float(np.median(costs)))) ** 2)
         information = np.array([frame.information for frame in self._frames])
         lengths = np.array([frame.lengths for frame in self._frames])
         pulls = np.array([frame.pull for frame in self._frames]) + (information @ lengths[:, :, None])[:, :, 0]

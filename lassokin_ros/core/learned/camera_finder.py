@@ -1,19 +1,53 @@
 """The place of a camera without a given pose, from the person whom it and the placed cameras see.
 
 Each side follows the person by itself. The rigid motion that brings the joints of one to those of the other is near the
-camera's pose: within 5 degrees and 0.4 m (median) after 8 s in view of two cameras at 90 degrees. `Extrinsics.find`
-fits the epipolar lines of the same frames from there: 1.8 degrees and 0.22 m.
+camera's pose, and `Extrinsics.find` fits the epipolar lines of the same frames from there.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lassokin_ros.core.image.frame_data import View
-from lassokin_ros.core.observation import CameraPose, has_passed
+from lassokin_ros.core.observation import HERE, CameraPose, Observation, has_passed
+
+if TYPE_CHECKING:
+    from lassokin_ros.core.learned.extrinsics import Extrinsics
+    from lassokin_ros.core.tracker import Tracker
+
+
+class UnplacedCameras:
+    """Those without a pose: each follows the person with a tracker of its own until it is found."""
+
+    def __init__(self, new_tracker: Callable[[], Tracker]) -> None:
+        self._new_tracker = new_tracker
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the person."""
+        self.trackers: dict[str, Tracker] = {}
+
+    def find(self, observations: Iterable[Observation], placed: Tracker, extrinsics: Extrinsics) -> None:
+        """Compare what these cameras see, each by itself, with the person whom the placed cameras track."""
+        for one in observations:
+            name = one.camera.name
+            if name not in self.trackers:
+                self.trackers[name] = self._new_tracker()
+            own = self.trackers[name].track(replace(one, camera=HERE))
+            seen, seen_alone = placed.seen_at(one.stamp), self.trackers[name].seen_at(one.stamp)
+            if not own.accepted or own.repeated or seen is None or seen_alone is None:
+                continue
+            (view, joints), (alone, own_joints) = seen, seen_alone
+            extrinsics.find(name, one.stamp, (view, alone), (joints, own_joints))
+            if name in extrinsics.found:
+                del self.trackers[name]
+
 
 FEWEST_FRAMES, EVERY = 50, 10
 """Frames before the pose is computed, and between two trials."""

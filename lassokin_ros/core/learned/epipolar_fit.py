@@ -20,16 +20,7 @@ from lassokin_ros.core.learned.height import SizeCheck
 from lassokin_ros.core.observation import CameraPose
 
 GIVEN_DEVIATION = np.array([0.035, 0.035, 0.035, 0.03, 0.03, 0.03])
-"""rad and m: standard deviation of a given pose, for rotation and translation. Absolute error, one of two cameras 3 cm
-and 2 degrees off: 48 mm with the learned pose, 103 with the given one."""
-SIZE_DEVIATION = 0.1
-"""Standard deviation of the logarithm of the person's size, with that of the proportions."""
-FEWEST_POINTS = 6
-"""Common landmarks of a frame that is used."""
-OUTLIER = 3.0
-"""Distance r from an epipolar line, in standard deviations, from which its weight decreases, with r^-2."""
-LEAST_SHARE = 0.5
-"""Share of the limbs that must have a plausible length, so that an explanation counts."""
+"""rad and m: standard deviation of a given pose, for rotation and translation."""
 
 
 class Pairs(NamedTuple):
@@ -71,15 +62,16 @@ class EpipolarFit:
             # Errors that are larger than configured count less.
             scale = max(1.0, float(np.median(np.abs(r[seen]))) / MEDIAN_OF_NORMAL)
             J, r = J / scale, r / scale
-            robust = share * np.minimum(1.0, OUTLIER / np.maximum(np.abs(r), 1e-9))
+            robust = share * np.minimum(1.0, 3 / np.maximum(np.abs(r), 1e-9))  # beyond 3 deviations less, with r^-2
             J, r = J * robust[:, None], r * robust
             H, g = J.T @ J, J.T @ r
             H[np.arange(6), np.arange(6)] += 1 / deviation**2
             g += correction / deviation**2
             if sized:
-                row = np.array([(one[1] - base[1]) / step for one in moved]) / SIZE_DEVIATION
+                # The logarithm of the person's size, with that of the proportions, has the deviation 0.1.
+                row = np.array([(one[1] - base[1]) / step for one in moved]) / 0.1
                 H += np.outer(row, row)
-                g += row * base[1] / SIZE_DEVIATION
+                g += row * base[1] / 0.1
             correction = correction - np.linalg.solve(H, g)
         return correction
 
@@ -91,7 +83,7 @@ class EpipolarFit:
         """
         distances, size, plausible = self.residuals(pairs, np.zeros(6))
         seen = pairs.weights > 0
-        if plausible < LEAST_SHARE:
+        if plausible < 0.5:
             return math.inf
         shown = np.where(seen[..., None], pairs.b, np.nan)
         extent = np.linalg.norm(np.nanmax(shown, axis=1) - np.nanmin(shown, axis=1), axis=-1)[:, None]
@@ -132,7 +124,7 @@ def stacked(frames: Iterable[Pairs]) -> Pairs:
 def pair_of(a: View, b: View, pose: CameraPose, first: CameraPose) -> Pairs | None:
     """The landmarks that both views show; None for too few. pose, first: of their cameras."""
     both = (a.weights > 0) & (b.weights > 0)
-    if np.count_nonzero(both) < FEWEST_POINTS:
+    if np.count_nonzero(both) < 6:
         return None
     weights = np.where(both, 1 / np.hypot(1 / np.maximum(a.weights, 1e-9), 1 / np.maximum(b.weights, 1e-9)), 0.0)
     relative = pose.relative_to(first)

@@ -1,18 +1,13 @@
 """The errors of keypoints and depths, learned while a person is tracked.
 
-The model error: constant offsets between a detector's keypoints and the landmarks. The detector's definition of a hip
-differs from the skeleton's, clothes hide the body, and the lengths are not exact. With the standard deviations s_i of
-the noise that is left on landmark i's track and lambda of its constant error, a keypoint has the variance
-v_i = lambda^2 + s_i^2. The residuals r_i of the solved frame, in units of sqrt(v_i), determine lambda:
+The model error is the constant offset between a detector's keypoints and the landmarks. With the standard deviations
+s_i of the noise that is left on landmark i's track and lambda of its constant error, a keypoint has the variance
+lambda^2 + s_i^2. The residuals r_i of the solved frame, in its unit, and the free shares f_i = 1 - a_i^T H^-1 a_i of
+their rows determine lambda: E sum_i |r_i|^2 / 2 = sum_i f_i (MacKay, Bayesian interpolation, 1992, sec. 4). The l1 term
+is not in H: it acts on the frame's motion only, and the state has already followed a constant error.
 
-    E sum_i |r_i|^2 / 2 = sum_i f_i,    f_i = 1 - a_i^T H^-1 a_i,
-
-with a row a_i of [A B] and H = [A B]^T [A B] with the prior's rows (MacKay, Bayesian interpolation, 1992, sec. 4).
-The l1 term is not in H: it acts on the frame's motion only, and the state has already followed a constant error.
-
-The noise of measured depth: for successive depths d of one landmark with independent errors of standard deviation s,
-the second difference d_1 - 2 d_2 + d_3 has the standard deviation sqrt(6) s; a body's acceleration adds little at the
-rate of a camera. The median over the landmarks ignores occluders that come and go.
+The noise of measured depth: the second difference of successive depths of one landmark has the standard deviation
+sqrt(6) s; a body's acceleration adds little. The median over the landmarks ignores occluders that come and go.
 """
 
 from __future__ import annotations
@@ -34,12 +29,6 @@ LEAST_ERROR, LARGEST_ERROR = 0.002, 0.02
 """Limits of the standard deviation / height."""
 INITIAL_WEIGHT = 0.3
 """s: weight of the initial value, as a duration of frames."""
-LARGEST_WEIGHT_S = 10.0
-"""s: largest weight of the learned value, as a duration of frames."""
-SHORTEST_INTERVAL = 0.1
-"""s: shortest time between two measurements."""
-SHARE = 0.1
-"""Time between two measurements as a share of the present weight."""
 CAP = 3.0
 """Upper limit of a landmark's squared residual, in units of its expectation; larger ones are outliers."""
 
@@ -73,7 +62,8 @@ class ModelError:
         return has_passed(stamp - self._measured_at, self._interval())
 
     def _interval(self) -> float:
-        return max(SHORTEST_INTERVAL, SHARE * self._known)
+        """s between two measurements: 0.1, or a tenth of the present weight."""
+        return max(0.1, 0.1 * self._known)
 
     def update(
         self,
@@ -102,7 +92,7 @@ class ModelError:
         deviation = np.broadcast_to(depth, weights.shape)[seen] / weights[seen]
         variance = float((free * deviation**2).sum() / left)
         gain = step / (self._known + step)
-        self._known = min(self._known + step, LARGEST_WEIGHT_S)
+        self._known = min(self._known + step, 10.0)
         learned = self.deviation**2 + gain * (ratio - 1) * variance
         least, largest = LEAST_ERROR * self._height, LARGEST_ERROR * self._height
         self.deviation = math.sqrt(min(max(learned, least * least), largest * largest))
@@ -127,20 +117,12 @@ def _free_shares(problem: Lasso, image: slice | np.ndarray, count: int) -> np.nd
 
 LONGEST_STEP = 0.12
 """s between frames; after a longer step the acceleration is larger than the noise."""
-FEWEST_CHANGES = 4
-"""Least number of landmarks with three successive depths."""
-LARGEST_DEPTH_WEIGHT_S = 2.0
-"""The same of the noise of depths."""
-MOTION = 1.3
-"""Factor by which motion and occluders enlarge the median."""
-LARGEST_FACTOR = 4.0
-"""Upper limit of the factor; the lower one is 1, because the differences do not contain constant errors."""
 AGED_SPEED = 0.5
 """m/s: typical speed of a body point along the optical axis, by which an older depth becomes less certain."""
 
 
 class DepthNoise:
-    """A factor, 1 or more, on the standard deviations of one person's depths."""
+    """A factor, 1 to 4, on the standard deviations of one person's depths. Their differences show no lasting error."""
 
     def __init__(self) -> None:
         self.reset()
@@ -180,8 +162,8 @@ class DepthNoise:
         first, second, third = self._past
         change = np.abs(first - 2 * second + third) * weights
         change = change[np.isfinite(change)]
-        if len(change) >= FEWEST_CHANGES:
-            size = float(np.median(change)) / (MOTION * MEDIAN_OF_NORMAL * math.sqrt(6))
+        if len(change) >= 4:
+            size = float(np.median(change)) / (1.3 * MEDIAN_OF_NORMAL * math.sqrt(6))  # motion and occluders enlarge it
             share = step / (self._known + step)
-            self._known = min(self._known + step, LARGEST_DEPTH_WEIGHT_S)
-            self._log += share * (math.log(min(max(size, 1 / LARGEST_FACTOR), LARGEST_FACTOR)) - self._log)
+            self._known = min(self._known + step, 2.0)
+            self._log += share * (math.log(min(max(size, 0.25), 4.0)) - self._log)

@@ -1,16 +1,20 @@
 """The places of the cameras, learned from the person whom they see.
 
 The pose of each camera but one, the anchor, gets a correction (`epipolar_fit.py`) that fits the frames of the last
-seconds. A camera without a given pose gets one from the person, too.
+seconds. A camera without a given pose gets one from the person, too. Whether a camera was moved a moment ago is seen
+from the poses that the last frames suggest, compared with those that all frames before did: with a given pose, it could
+not be told from a detector's lasting errors.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 
 import numpy as np
 
+from lassokin_ros.core.config import GIVEN, LEARN
 from lassokin_ros.core.image.frame_data import FrameData, View
 from lassokin_ros.core.learned.camera_finder import CameraFinder
 from lassokin_ros.core.learned.epipolar_fit import (
@@ -24,17 +28,114 @@ from lassokin_ros.core.learned.epipolar_fit import (
     stacked,
 )
 from lassokin_ros.core.learned.height import SizeCheck
-from lassokin_ros.core.learned.moved_cameras import MovedCameras
 from lassokin_ros.core.observation import CameraPose, has_passed
+
+LATELY = 6
+"""Frames that show at once that a camera was moved."""
+CHANGED, CONTRADICTS = 0.75, 1.3
+"""Sizes, in GIVEN_DEVIATION, of what the last frames suggest beyond what all frames before did: half of it is used in
+the covariance, and from which on the cameras are said to contradict each other. A detector's errors cause 0.3 to 0.9, a
+camera that was turned by 3 degrees 1.5; see docs/experiments.md."""
+LEAST_CHANGE, UNSURE, FARTHEST_OFF = 0.4, 0.5, 2.0
+"""The same, below which nothing is added to the covariance, and by how much it may be larger; and m, limit of the
+deviation that is added."""
+FEWEST_JUDGED = 10
+"""Frames before there is a judgement."""
+
+
+class MovedCameras:
+    """Compares the last frames of each camera but the anchor with those before."""
+
+    def __init__(self, fit: EpipolarFit) -> None:
+        self._fit = fit
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the frames."""
+        self._lately: dict[str, deque[Pairs]] = {}
+        self._suggested: dict[str, np.ndarray] = {}  # (6,) correction that the last frames suggest, by camera
+        self._usual: dict[str, tuple[np.ndarray, int]] = {}  # (6,) mean of those before, and their number
+        self.moves: dict[str, np.ndarray] = {}
+        """(6,) by how much a camera was moved lately, relative to the anchor, as the last frames suggest, by name."""
+        self._anchor = ""
+
+    def add(
+        self, name: str, anchor: str, pair: Pairs, due: bool, sized: bool, correction: np.ndarray | None = None
+    ) -> None:
+        """Use a frame of a camera and of the anchor. due: whether it is time to judge; sized: see `EpipolarFit.solved`.
+
+        correction: (6,) of the pose in use, if poses are corrected.
+        """
+        frames = self._lately.setdefault(name, deque(maxlen=LATELY))
+        frames.append(pair)
+        if len(frames) < LATELY or not due:
+            return
+        start = self._suggested.get(name, np.zeros(6))
+        suggested = self._fit.solved(stacked(frames), start, 3 * GIVEN_DEVIATION, sized, steps=2)
+        self._suggested[name], self._anchor = suggested, anchor
+        if correction is not None:
+            self.moves[name] = suggested - correction
+            return
+        usual, count = self._usual.get(name, (np.zeros(6), 0))
+        plausible = relative_size(suggested) < 2.2
+        if count >= FEWEST_JUDGED or not plausible:
+            self.moves[name] = suggested - usual
+        if plausible and (count < FEWEST_JUDGED or relative_size(self.moves[name]) < CHANGED):
+            self._usual[name] = usual + (suggested - usual) / min(count + 1, 25), count + 1
+
+    @property
+    def contradicting(self) -> list[str]:
+        """Names of the cameras that contradict the anchor since a moment: they were moved, or it was."""
+        return [name for name, move in self.moves.items() if relative_size(move) > CONTRADICTS]
+
+    @property
+    def in_words(self) -> str:
+        """Which camera was moved, in words; empty if none was.
+
+        Of two cameras it cannot be told which one. If several contradict the anchor, it was the anchor.
+        """
+        names = self.contradicting
+        if not names:
+            return ""
+        largest = max((self.moves[name] for name in names), key=relative_size)
+        by = f"about {math.degrees(size_of(largest)[0]):.0f} degrees or {size_of(largest)[1]:.2f} m"
+        if len(self.moves) == 1:
+            return f"cameras '{self._anchor}' and '{names[0]}' contradict each other: one of them was moved, by {by}"
+        moved = names[0] if len(names) == 1 else self._anchor
+        return f"camera '{moved}' contradicts the others: it was moved, by {by}"
+
+    def place_covariance(
+        self, place: np.ndarray, poses: Mapping[str, CameraPose], moves: Mapping[str, np.ndarray]
+    ) -> np.ndarray | None:
+        """(3, 3) m^2: how far a place (3,) m is elsewhere with the poses that frames suggest; None if nowhere.
+
+        poses: the given ones, by name; moves: (6,) by how much they are off. It is where the line of sight of the moved
+        camera meets the anchor's. Either of both may have been moved, so that the place is off in all directions of the
+        plane of the two lines.
+        """
+        anchor, found = poses.get(self._anchor), np.zeros((3, 3))
+        for name, move in moves.items():
+            given, size = poses.get(name), relative_size(move)
+            if anchor is None or given is None or size < LEAST_CHANGE:
+                continue
+            share = size**4 / (size**4 + CHANGED**4) * (1 + UNSURE / size)
+            seen = moved_by(given, share * move)
+            a, b = place - anchor.centre, seen.rotation.T @ (given.rotation @ (place - given.centre))
+            normal = np.cross(a, b)
+            if not normal.any():
+                continue
+            s, t, _ = np.linalg.solve(np.stack([a, -b, normal], axis=1), seen.centre - anchor.centre)
+            off = 0.5 * (anchor.centre + s * a + seen.centre + t * b) - place
+            normal = normal / np.linalg.norm(normal)
+            found += min(off @ off, FARTHEST_OFF**2) * (np.eye(3) - np.outer(normal, normal))
+        return found if found.any() else None
+
 
 EXACT = 0.3
 """Size of a correction, in GIVEN_DEVIATION, of which half is used. Those of exact poses are noise, of 0.1 to 0.3; poses
-that are 3 cm and 2 degrees off give 0.7 to 1.0. Absolute error from exact poses: 19.2 mm with, 21.0 without; from
-those poses 47.7 and 48.8."""
+that are 3 cm and 2 degrees off give 0.7 to 1.0."""
 FOUND_DEVIATION = np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])
 """rad and m: the same of a pose that was found from the person: it does not count."""
-TURNED, SHIFTED = np.array(3 * [1.0] + 3 * [1e-6]), np.array(3 * [1e-6] + 3 * [3.0])
-"""rad and m: as FOUND_DEVIATION, for a camera that was only turned, and for one that was only shifted."""
 CLEARLY = 2.0
 """Ratio of the median distances from the epipolar lines from which one explanation is said to be right. A turn and a
 shift look alike if the person stays in one place: 1 m and 15 degrees at 3.6 m have ratios of up to 2, with a person who
@@ -43,26 +144,21 @@ KEPT_EVERY_S, MOST_KEPT = 0.1, 200
 """s between two frames that are kept; frames that are kept."""
 SOLVED_EVERY, CHECKED_EVERY = 5, 20
 """Kept frames between two solutions, if poses are corrected, and if they are only checked."""
-THINNED = 4
-"""Of so many kept frames, one is used for explanations. They then take about 15 ms, each CHECKED_EVERY frames."""
 FEWEST_KEPT = 10
 """Frames before there is a correction."""
-FOLLOWING = 0.1
-"""Share of the way to the solution that a correction moves in KEPT_EVERY_S, so that the body does not jump."""
 MOVED = math.radians(1.5), 0.05
 """rad, m: corrections beyond which a camera is said to have been moved. From exact poses they reach 1 degree, 3 cm."""
 FOUND = 0.015
-"""Misfit (`EpipolarFit.misfit`) below which a pose that was found from the person is used. It is at most 0.011 in
-validation and for the pairs of cameras of Shelf's recording, and 0.02 or more (42 pairs of people) if each camera sees
-another person."""
+"""Misfit (`EpipolarFit.misfit`) below which a pose that was found from the person is used."""
 
 
 class Extrinsics:
-    """Corrections of the poses of all cameras but one."""
+    """Corrections of the poses of all cameras but one; none if the given poses are neither checked nor corrected."""
 
-    def __init__(self, size: SizeCheck, size_known: bool, used: bool) -> None:
-        """size_known: whether the person's height is given. used: whether poses are corrected, or only checked."""
-        self._fit, self.size_known, self._used = EpipolarFit(size), size_known, used
+    def __init__(self, size: SizeCheck, size_known: bool, mode: str) -> None:
+        """size_known: whether the person's height is given. mode: the setting `extrinsics`, see `TrackerConfig`."""
+        self._fit, self.size_known = EpipolarFit(size), size_known
+        self._mode, self._used = mode, mode == LEARN
         self.lately = MovedCameras(self._fit)
         """Which cameras were moved a moment ago."""
         self.corrections: dict[str, np.ndarray] = {}
@@ -92,7 +188,9 @@ class Extrinsics:
         self.lately.reset()
 
     def adopt(self, other: Extrinsics) -> None:
-        """Begin with what was learned about the same cameras."""
+        """Begin with what was learned about the same cameras, if poses are corrected."""
+        if not self._used:
+            return
         self.found, self.corrections, self._solutions = {**other.found}, {**other.corrections}, {**other._solutions}
         self._frames = {name: frames.copy() for name, frames in other._frames.items()}
 
@@ -206,7 +304,7 @@ class Extrinsics:
 
     def update(self, stamp: float, frame: FrameData) -> None:
         """Use a frame with the views of all cameras. stamp: s."""
-        if not has_passed(stamp - self._newest, KEPT_EVERY_S):
+        if self._mode == GIVEN or not has_passed(stamp - self._newest, KEPT_EVERY_S):
             return
         self._newest, first = stamp, self._anchor_of(frame)
         if first is None or first.camera.name not in self._given:
@@ -230,11 +328,12 @@ class Extrinsics:
                 deviation = FOUND_DEVIATION if found else GIVEN_DEVIATION
                 self._solutions[name] = self._fit.solved(pairs, before, deviation, found or self.size_known)
                 if not self._used and self.moved(name) is not None:
-                    self._explain(stacked(list(frames)[::THINNED]), name)
+                    self._explain(stacked(list(frames)[::4]), name)  # 15 ms
         for name, solution in self._solutions.items():
             before = self.corrections.get(name, np.zeros(6))
-            wanted = solution if name in self.found else _significant(solution)
-            self.corrections[name] = before + FOLLOWING * (wanted - before)
+            size = relative_size(solution) ** 4
+            wanted = solution if name in self.found else size / (size + EXACT**4) * solution
+            self.corrections[name] = before + 0.1 * (wanted - before)  # so that the body does not jump
 
     def _anchor_of(self, frame: FrameData) -> View | None:
         """Return the view of the camera whose pose is not corrected: the chosen one, None if it has none; without a
@@ -249,7 +348,9 @@ class Extrinsics:
     def _explain(self, pairs: Pairs, name: str) -> None:
         """Fit a turn, a shift, and both, without regard to the given pose."""
         before, found = self._explanations.get(name, 3 * [(np.zeros(6), 0.0)]), []
-        for (start, _), deviation in zip(before, (TURNED, SHIFTED, FOUND_DEVIATION)):
+        fixed = np.full(3, 1e-6)
+        turned, shifted = np.append(FOUND_DEVIATION[:3], fixed), np.append(fixed, FOUND_DEVIATION[3:])
+        for (start, _), deviation in zip(before, (turned, shifted, FOUND_DEVIATION)):
             solution = self._fit.solved(pairs, start, deviation, self.size_known)
             distances, *_ = self._fit.residuals(pairs, solution)
             found.append((solution, float(np.median(np.abs(distances[pairs.weights > 0])))))
@@ -260,9 +361,3 @@ def _entries(finder: CameraFinder, pose: CameraPose) -> deque[Pairs]:
     """Frames of a camera with a found pose, as `Extrinsics` keeps them."""
     pairs = (pair_of(placed, unplaced, pose, placed.camera) for placed, unplaced in finder.views)
     return deque(filter(None, pairs), maxlen=MOST_KEPT)
-
-
-def _significant(correction: np.ndarray) -> np.ndarray:
-    """The part of a correction (6,) of a given pose that is used, see EXACT."""
-    size = relative_size(correction) ** 4
-    return size / (size + EXACT**4) * correction

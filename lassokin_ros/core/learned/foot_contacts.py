@@ -21,12 +21,6 @@ BEGUN, ENDED = 0.5, 0.2
 NEW_DEVIATION, SETTLED_DEVIATION, SETTLED_S = 0.03, 0.015, 1.0
 """m: standard deviations of an ankle about its anchor in a contact that begins, and in one of `SETTLED_S`, s, or more;
 1 / deviation grows linearly between."""
-ANCHOR_S = 0.3
-"""s: time constant of the anchor, a running mean of the ankle's place."""
-SPEED_S = 0.15
-"""s: time constant of the fitted ankle's velocity."""
-LONGEST_STEP = 0.15
-"""s between frames above which the feet are forgotten."""
 FLOOR_GATE = 0.1
 """m: an ankle that is higher than this above the lower one is not on the floor."""
 
@@ -39,16 +33,21 @@ class FootContacts:
 
     def reset(self) -> None:
         """Forget the feet: another pose, or a gap."""
-        self._stamp, self._places, self._velocity = -math.inf, np.zeros((0, 3)), np.zeros((0, 3))
-        self._begun = np.zeros(2)  # s, stamps at which the present contacts began; the last stamp without one
-        self.anchors: np.ndarray | None = None
-        """(2, 3) m: where the left and the right ankle stand, NaN without contact; None if no foot is in contact."""
+        self._stamp, self._places, self._velocity = -math.inf, np.zeros((2, 3)), np.zeros((2, 3))
+        self._begun: list[float | None] = [None, None]  # s, stamps at which the present contacts began
+        self.anchors = np.zeros((2, 3))
+        """m: where the left and the right ankle stand; any place without contact."""
 
     @property
-    def deviation(self) -> np.ndarray:
-        """(2,) m: standard deviation of each ankle about its anchor, by the age of the contact."""
-        settled = np.clip((self._stamp - self._begun) / SETTLED_S, 0.0, 1.0)
-        return np.asarray(1 / ((1 - settled) / NEW_DEVIATION + settled / SETTLED_DEVIATION))
+    def standing(self) -> list[bool]:
+        """Whether the left and the right foot stand still."""
+        return [begun is not None for begun in self._begun]
+
+    @property
+    def stiffness(self) -> np.ndarray:
+        """(2,) 1/m: 1 / standard deviation of each ankle about its anchor, by the age of the contact; 0 without one."""
+        ages = [None if begun is None else min((self._stamp - begun) / SETTLED_S, 1.0) for begun in self._begun]
+        return np.array([0.0 if s is None else (1 - s) / NEW_DEVIATION + s / SETTLED_DEVIATION for s in ages])
 
     def update(self, stamp: float, places: np.ndarray, speeds: np.ndarray) -> None:
         """Use a solved frame.
@@ -56,23 +55,22 @@ class FootContacts:
         stamp: s. places: (2, 3) m, ankles of the solved state. speeds: (2,) m/s, of their keypoints across the line of
         sight; NaN for a foot without any.
         """
-        step = stamp - self._stamp
-        if step <= 0 or is_longer(step, LONGEST_STEP):
+        step, before = stamp - self._stamp, self._places
+        if step <= 0 or is_longer(step, 0.15):  # s
             self.reset()
-            self._stamp, self._places, self._velocity = stamp, places, np.zeros(places.shape)
+            self._stamp, self._places = stamp, places
             return
-        self._velocity = self._velocity + _share(step, SPEED_S) * ((places - self._places) / step - self._velocity)
         self._stamp, self._places = stamp, places
-        fast, fast_body = speeds / STILL, squared_norm(self._velocity) / STILL_BODY**2
-        probability = ((1 + fast * fast) * (1 + fast_body)) ** -2
-        if self.anchors is None and not np.count_nonzero(probability > BEGUN):
-            return
-        before = np.full(places.shape, np.nan) if self.anchors is None else self.anchors
-        touching = np.isfinite(before[:, 0])
-        stays = probability > np.where(touching, ENDED, BEGUN)  # False for NaN
-        moved = np.where(touching[:, None], before + _share(step, ANCHOR_S) * (places - before), places)
-        self._begun = np.where(stays & touching, self._begun, stamp)
-        self.anchors = np.where(stays[:, None], moved, np.nan) if stays.any() else None
+        self._velocity += _share(step, 0.15) * ((places - before) / step - self._velocity)
+        for foot, (speed, square) in enumerate(zip(speeds.tolist(), squared_norm(self._velocity).tolist())):
+            stands = self._begun[foot] is not None
+            probability = ((1 + (speed / STILL) ** 2) * (1 + square / STILL_BODY**2)) ** -2
+            if not probability > (ENDED if stands else BEGUN):  # also for NaN
+                self._begun[foot] = None
+            elif stands:
+                self.anchors[foot] += _share(step, 0.3) * (places[foot] - self.anchors[foot])
+            else:
+                self._begun[foot], self.anchors[foot] = stamp, places[foot]
 
 
 def on_floor(ankles: np.ndarray, up: np.ndarray) -> np.ndarray:
@@ -82,5 +80,5 @@ def on_floor(ankles: np.ndarray, up: np.ndarray) -> np.ndarray:
 
 
 def _share(step: float, time_constant: float) -> float:
-    """Share of a new value in a running mean."""
+    """Share of a new value in a running mean. step, time_constant: s."""
     return 1 - math.exp(-step / time_constant)

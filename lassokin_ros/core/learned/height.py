@@ -1,25 +1,17 @@
 """The person's height, measured with depth, with several cameras, or with feet on a floor.
 
 One camera does not observe size: a body twice as tall at twice the distance gives the same keypoints. With several
-cameras, the scale is the sum of the triangulated lengths of limbs and trunk, relative to the skeleton's: people's
-proportions differ, and the sum differs less than each length. With depths, the body's scale s and translation t are
-fitted in each frame to the keypoints u_i and the depths d_i by robust least squares, with q_i the landmarks relative to
-the pelvis:
-
-    s q_xy + t_xy - u_i (s q_z + t_z) = 0,     s q_z + t_z - d_i = 0.
-
-The logarithms of the frames' scales are averaged over time, together with a prior of people's heights. Until there is
-one, the height of an adult is assumed, with a deviation that contains children.
-
-A given height is checked by the limbs between two measured or triangulated landmarks, whose lengths do not adapt as
-pose and bone lengths do, or by the size with which feet stand on the floor. The check does not change the poses, but
-their stated uncertainty.
+cameras, the scale is the sum of the triangulated lengths of limbs and trunk, relative to the skeleton's. With depths,
+scale and translation are fitted in each frame by robust least squares (docs/method.md, section 12). The logarithms of
+the frames' scales are averaged over time, with a prior of people's heights; until there is one, the height of an adult
+is assumed. A given height is checked by the same lengths; the check changes the stated uncertainty, not the poses.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,7 +23,6 @@ from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.feet import ANKLE_HEIGHT, FLOOR_DEVIATION
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.observation import CameraPose, has_passed
-from lassokin_ros.core.record import record
 
 PEOPLE_DEVIATION = 0.15
 """Standard deviation of the logarithm of people's heights about that of `TYPICAL_HEIGHT`, children included."""
@@ -41,14 +32,10 @@ FEWEST_DEPTHS = 4
 """Smallest number of measured depths in a frame."""
 FRAME_DEVIATION = 0.04
 """Standard deviation of the logarithm of one frame's scale, in addition to that of the fit, for the pose's errors."""
-LIMB_DEVIATION = 0.1
-"""Standard deviation of the logarithm of one limb's length as two cameras measure it, with people's proportions."""
 CORRELATED_S = 0.1
 """s: frames closer than this count as one, because their errors are correlated."""
 LARGEST_FLOOR_DEVIATION = 0.05
 """Standard deviation of the logarithm, by tilt and distance, above which feet on the floor do not measure the size."""
-FLOOR_AFTER = 0.5
-"""s after the first foot on the floor before the floor is used: the poses and lengths before are less exact."""
 TIME_CONSTANT_S = 5.0
 """s: time constant of the average. The first frames' poses are the least exact."""
 LEAST_DEVIATION = 0.035
@@ -57,15 +44,11 @@ CHANGE = 0.01
 """Change of the logarithm from which a new height is adopted."""
 PAUSE_S = 0.25
 """s between two adoptions."""
-ROUNDS = 4
-"""Iterations of the robust fit."""
-LOSS_SCALE = 2.5
-"""Scale of Geman and McClure's loss of the three equations of a landmark, in standard deviations."""
 RANGE = 0.5, 2.3
 """m: limits of the height. A frame outside them is ignored: its depths are those of the wall behind, for example."""
 
 
-@record
+@dataclass(eq=False)
 class FloorSize:
     """ratio: size by the floor / size in use. deviation: standard deviation of its logarithm by tilt and distance."""
 
@@ -125,7 +108,7 @@ class HeightEstimator:
         stamp = measurement.stamp
         if lengths is not None and len(lengths[0]) >= FEWEST_DEPTHS:
             measured, given = (float(one.sum()) for one in lengths)
-            self._add(stamp, measured / given * height, LIMB_DEVIATION / np.sqrt(len(lengths[0])))
+            self._add(stamp, measured / given * height, 0.1 / np.sqrt(len(lengths[0])))  # one limb's, with proportions
         elif measurement.depth is not None:
             if not measurement.repeated and measurement.depth_count >= FEWEST_DEPTHS:
                 root = camera.into_camera(solved.state.translation)
@@ -135,7 +118,7 @@ class HeightEstimator:
         elif floor is not None:
             self.floor_deviation, self._floor_since = floor.deviation, min(self._floor_since, stamp)
             usable = floor.deviation < LARGEST_FLOOR_DEVIATION and RANGE[0] < floor.ratio * height < RANGE[1]
-            if usable and has_passed(stamp - self._floor_since, FLOOR_AFTER):
+            if usable and has_passed(stamp - self._floor_since, 0.5):  # s: the poses and lengths before are less exact
                 self._add(stamp, floor.ratio * height, floor.deviation)
         changed = self.measured and abs(np.log(self.height / height)) >= CHANGE
         if not (changed and has_passed(stamp - self._adopted_at, PAUSE_S)):
@@ -174,9 +157,9 @@ def fit_scale(measurement: Measurement, body: np.ndarray, root: np.ndarray) -> t
     solution[0] = near / np.median((body[:, 2] + root[2])[measurement.depth_weights > 0])
     solution[1:] *= solution[0]
     H = np.eye(4)
-    for _ in range(ROUNDS):
+    for _ in range(4):
         size = np.abs(A @ solution - b) * given
-        weights = given / (1 + (size / LOSS_SCALE) ** 2)
+        weights = given / (1 + (size / 2.5) ** 2)  # of Geman and McClure's loss
         rows, right = (A * weights[..., None]).reshape(-1, 4), (b * weights).ravel()
         H = rows.T @ rows + 1e-9 * np.eye(4)
         solution = np.linalg.solve(H, rows.T @ right)
@@ -205,12 +188,8 @@ def floor_size(
     return FloorSize(camera_height / below, float(np.hypot(tilt_deviation * distance, FLOOR_DEVIATION)) / camera_height)
 
 
-SHORTEST = 0.08
-"""As a fraction of the height: shortest limb that is used."""
 FEWEST_FRAMES = 20
-"""Frames until there is a result, the median over the last 100."""
-LARGEST_COUNT = 100
-"""Frames of which the limbs are kept. The result is the median over all of them."""
+"""Frames until there is a result, the median over the limbs of the last 100."""
 LARGEST_RATIO = 1.6
 """Ratio of a limb from which on, or from the inverse, one of its ends is considered to be on an occluder."""
 LIMIT = 0.12
@@ -231,7 +210,7 @@ class SizeCheck:
         joints, rest = layout.joints, given.rest_positions[layout.joints] + layout.offsets
         # Pairs of landmarks: one of a joint, one of a child of that joint.
         limbs = np.argwhere(given.parents[joints] == joints[:, None])
-        limbs = limbs[np.linalg.norm(rest[limbs[:, 0]] - rest[limbs[:, 1]], axis=1) > SHORTEST * given.height]
+        limbs = limbs[np.linalg.norm(rest[limbs[:, 0]] - rest[limbs[:, 1]], axis=1) > 0.08 * given.height]
         sides = [pair for pair in zip(sided("shoulder"), sided("hip")) if set(pair) <= set(given.joint_names)]
         trunk = [np.argwhere(np.outer(*(joints == given.index(name) for name in side))) for side in sides]
         self._limbs, self._ends = limbs.T, np.concatenate([limbs, *trunk])
@@ -241,7 +220,7 @@ class SizeCheck:
     def reset(self) -> None:
         """Forget the person."""
         self._newest = -math.inf
-        self._ratios: deque[np.ndarray] = deque(maxlen=LARGEST_COUNT)
+        self._ratios: deque[np.ndarray] = deque(maxlen=100)
 
     def is_due(self, stamp: float) -> bool:
         """Return whether a frame at a stamp, s, is used."""

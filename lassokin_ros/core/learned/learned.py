@@ -10,7 +10,7 @@ import numpy as np
 
 from lassokin_ros.core.body.roles import ANKLES, PELVIS
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
-from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.image.frame_data import FrameData, triangulate
 from lassokin_ros.core.learned.adaptive_mean import AdaptiveMean
@@ -27,13 +27,10 @@ from lassokin_ros.core.learned.height import (
     floor_size,
 )
 from lassokin_ros.core.learned.vertical import Vertical
-from lassokin_ros.core.observation import CameraPose
 
 if TYPE_CHECKING:
     from lassokin_ros.core.answer import Answer
 
-WRONG_HEIGHT = "the height of {:.2f} m does not fit"
-"""Doubt about a given height."""
 MOVED_CAMERA = "a camera was moved"
 """Doubt about a place."""
 
@@ -41,8 +38,7 @@ MOVED_CAMERA = "a camera was moved"
 class Learned:
     """The learners of one tracker. The tracker calls `update` with each answer, `reset` and `resize`.
 
-    height: None if it is given. vertical: in the skeleton's frame. extrinsics: None if the cameras' given poses are not
-    checked. feet: which stand still.
+    height: None if it is given. vertical: in the skeleton's frame. feet: which stand still.
     """
 
     def __init__(self, frame_model: FrameModel, config: TrackerConfig, up: np.ndarray | None = None) -> None:
@@ -54,9 +50,7 @@ class Learned:
         self.model_error = ModelError(kinematics.skeleton.height)
         self.vertical = Vertical(config.camera_roll, config.camera_pitch, up)
         self.size_check = SizeCheck(kinematics)
-        self.extrinsics = None
-        if config.extrinsics != GIVEN:
-            self.extrinsics = Extrinsics(self.size_check, config.height > 0, config.extrinsics == LEARN)
+        self.extrinsics = Extrinsics(self.size_check, config.height > 0, config.extrinsics)
         self.height = HeightEstimator() if config.height == 0 else None
         self.feet = FootContacts()
         named = ANKLES if frame_model.foot_contact else ()
@@ -70,8 +64,7 @@ class Learned:
                 learner.reset()
         if not same_camera:
             self.vertical.reset()
-        if self.extrinsics is not None:
-            self.extrinsics.reset(same_camera)
+        self.extrinsics.reset(same_camera)
 
     def begin_take(self) -> None:
         """Forget where the camera and the feet are; what is known of the person and the detector stays."""
@@ -87,8 +80,7 @@ class Learned:
         self.model_error.resize(ratio)
         self.size_check.use(self.lengths.proportions.given)
         self.feet.reset()  # they are elsewhere
-        if self.extrinsics is not None:
-            self.extrinsics.resize(ratio, centre)
+        self.extrinsics.resize(ratio, centre)
 
     def use_body(self, given: Skeleton, measured: bool) -> None:
         """Use another given body with the same tree. measured: whether its height is to be measured."""
@@ -97,8 +89,7 @@ class Learned:
         self.size_check.use(given)
         self._built_in = has_built_in_proportions(given)
         self.height = HeightEstimator() if measured else None
-        if self.extrinsics is not None:
-            self.extrinsics.size_known = not measured
+        self.extrinsics.size_known = not measured
 
     @property
     def is_sized(self) -> bool:
@@ -117,8 +108,8 @@ class Learned:
         """Why the place or the size of the body is doubted, in words; empty if they are not."""
         found = []
         if self.height is None and self.size_check.wrong:
-            found.append(WRONG_HEIGHT.format(self.lengths.proportions.given.height))
-        if self.extrinsics is not None and self.extrinsics.lately.contradicting:
+            found.append(f"the height of {self.lengths.proportions.given.height:.2f} m does not fit")
+        if self.extrinsics.lately.contradicting:
             found.append(MOVED_CAMERA)
         return tuple(found)
 
@@ -132,29 +123,21 @@ class Learned:
     def still(self) -> np.ndarray:
         """(n,) bool: the ankles of the feet that stand still."""
         still = np.zeros(self._frame_model.kinematics.joint_count, dtype=bool)
-        if self.feet.anchors is not None:
-            still[self._ankles] = np.isfinite(self.feet.anchors[:, 0])
+        if any(self.feet.standing):
+            still[self._ankles] = self.feet.standing
         return still
 
     def contacts(self, positions: np.ndarray) -> np.ndarray:
-        """(n,) bool: the ankles of the feet that stand still on the floor. positions: (n, 3) m, of the joints."""
+        """(n,) bool: those of them that are on the floor. positions: (n, 3) m, of the joints."""
         contacts = self.still
-        if self.feet.anchors is not None and contacts.any():
+        if any(self.feet.standing):
             contacts[self._ankles] &= on_floor(positions[self._ankles], self.vertical.direction)
         return contacts
-
-    def received(self, pose: CameraPose) -> CameraPose:
-        """The pose of a camera with a new observation, as learned; see `Extrinsics.received`."""
-        return pose if self.extrinsics is None else self.extrinsics.received(pose)
-
-    def given(self, pose: CameraPose) -> CameraPose:
-        """The same without what was learned; see `Extrinsics.given`."""
-        return pose if self.extrinsics is None else self.extrinsics.given(pose)
 
     def place_covariance(self, answer: Answer) -> np.ndarray | None:
         """(3, 3) m^2: what is unsure in the place by the poses of the cameras, see `Estimate`."""
         found = answer.place_covariance
-        if self.extrinsics is not None and len(answer.cameras) > 1:
+        if len(answer.cameras) > 1:
             moved = self.extrinsics.place_covariance(answer.solved.state.translation)
             found = moved if found is None else found if moved is None else found + moved
         return found
@@ -176,30 +159,26 @@ class Learned:
 
         restarted: see `Calibration.update`.
         """
-        self._note_what_observes_size(answer)
-        changed, problem = False, answer.increment.problem
-        if config.calibrate and (answer.initialised or not answer.repeated):
-            changed = self.lengths.update(answer.stamp, answer.solved.state, answer.frame, restarted)
+        changed, problem, frame = False, answer.increment.problem, answer.frame
+        if self.height is not None and self._of_known_size(frame).seen_by > 1:
+            self.lengths.stature_deviation = PEOPLE_DEVIATION
+        elif self.height is None and (frame.observes_depth or frame.floor is not None):
+            self.lengths.stature_deviation = OBSERVED_STATURE_DEVIATION
+        if config.calibrate and (answer.start.initialised or not answer.repeated):
+            changed = self.lengths.update(answer.stamp, answer.solved.state, frame, restarted)
         if not answer.repeated:
-            if not answer.initialised and self._upright:
+            if not answer.start.initialised and self._upright:
                 root, step = answer.solved.state.rotations[0], answer.together.since_new_keypoints
                 self.vertical.update(root, step)
             if self.model_error.due(answer.stamp):
                 self._update_model_error(answer)
-            if not answer.initialised:
-                start, rows = answer.start.state, answer.increment.rows
+            if not answer.start.initialised:
+                start, rows = answer.start.state.state, answer.increment.rows
                 changed |= self.mean_pose.update(answer.stamp, start, problem, rows)
         if self.height is None:
             self._check_size(answer, config.tilt_deviation)
             return changed, 1.0
         return changed, self._new_height(answer, config.tilt_deviation)
-
-    def _note_what_observes_size(self, answer: Answer) -> None:
-        frame = answer.frame
-        if self.height is not None and self._of_known_size(frame).seen_by > 1:
-            self.lengths.stature_deviation = PEOPLE_DEVIATION
-        elif self.height is None and (frame.observes_depth or frame.floor is not None):
-            self.lengths.stature_deviation = OBSERVED_STATURE_DEVIATION
 
     def _update_model_error(self, answer: Answer) -> None:
         views, place = answer.seen().views, answer.solved.state.translation
@@ -226,11 +205,10 @@ class Learned:
         """Compare a given height with what depth, several cameras or a known floor say."""
         for one in answer.measured.values():
             self.size_check.update(one)
-        deep = any(view.depth_weights is not None for view in answer.frame.views)
-        if answer.repeated or deep or not self.size_check.is_due(answer.stamp):
+        if answer.repeated or answer.frame.depth_measured or not self.size_check.is_due(answer.stamp):
             return
         if answer.several:
-            if self.extrinsics is not None and self.extrinsics.lately.contradicting:
+            if self.extrinsics.lately.contradicting:
                 return
             places = self._triangulated(answer)
             self.size_check.add(answer.stamp, self.size_check.ratios(places, np.isfinite(places[:, 0])))
@@ -245,7 +223,7 @@ class Learned:
 
     def _of_known_size(self, frame: FrameData) -> FrameData:
         """The frame without the points of cameras that were found from the person, whose size sets their distances."""
-        found = () if self.extrinsics is None else self.extrinsics.found
+        found = self.extrinsics.found
         if not found:
             return frame
         return frame.with_weights([(view.camera.name not in found) * view.weights for view in frame.views])

@@ -11,21 +11,15 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from lassokin_ros.core.body.rotations import exponential, least_turn
+from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.observation import is_longer
 
 TIME_CONSTANT_S = 0.5, 5.0
 """s with which the vertical follows the person's: at first, and at most. It grows with the time of tracking."""
 TILT, TILT_COST = 0.45, 4.0
 """rad: pitch of the alternative verticals of `candidates`; and their cost, a negative log-likelihood."""
-LEAST_COSINE = 0.5
-"""Cosine of the lean, 60 degrees, beyond which a person is not used."""
-LEAST_TILT = 1e-4
-"""Difference of two unit vectors below which the mount is the same."""
 KNOWN_AFTER = 1.0
 """s for which the vertical must have been learned before it is input to the depth network."""
-LONGEST_STEP = 0.2
-"""s: largest weight of one frame, also after a gap."""
 
 
 class Vertical:
@@ -56,24 +50,10 @@ class Vertical:
         self.learned_for = 0.0
         """s for which the vertical has been learned."""
 
-    def move_mount(self, roll: float, pitch: float) -> None:
-        """Set the measured mount, rad, of a camera that may move, and rotate the learned vertical with it.
-
-        The first measured mount is no motion: it replaces what was learned with an assumed one.
-        """
-        mount = vertical_of(roll, pitch) if self._given is None else self._given
-        if not self.configured:
-            self.mount, self.configured = mount, True
-            self.reset()
-        elif np.abs(mount - self.mount).max() > LEAST_TILT:
-            moved = mount if self.learned_for == 0 else least_turn(self.mount, mount) @ self.direction
-            self.direction, self.mount = moved, mount
-
     def candidates(self) -> list[tuple[np.ndarray, float]]:
         """The verticals (3,) to try in a first fit without the depth network, with their costs.
 
-        They are that of a level camera and those of cameras pitched up and down, or only what is known already. MPJPE
-        with a camera that is pitched by 26 degrees: 43 mm with, 48 without the tilted ones.
+        They are that of a level camera and those of cameras pitched up and down, or only what is known already.
         """
         if self.learned_for > 0 or self.configured:
             return [(self.direction, 0.0)]
@@ -90,8 +70,8 @@ class Vertical:
         """Move the vertical towards the pelvis' y axis. root: (3, 3), the orientation during the last `step` s."""
         if self._given is not None:
             return
-        up, step = root[:, 1], min(step, LONGEST_STEP)
-        if up.dot(self.direction) > LEAST_COSINE:
+        up, step = root[:, 1], min(step, 0.2)  # s, also after a gap
+        if up.dot(self.direction) > 0.5:  # who leans by more than 60 degrees is not used
             first, longest = TIME_CONSTANT_S
             self.learned_for += step
             share = min(step / min(first + self.learned_for, longest), 1.0)

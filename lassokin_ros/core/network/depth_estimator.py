@@ -25,15 +25,6 @@ from lassokin_ros.core.network.depth_network import (
 )
 from lassokin_ros.core.observation import has_passed
 
-LEAST_HEIGHT = 0.28
-"""In heights: least difference of the standing heights of the visible points; shoulders and head alone may lean."""
-MEMORY_S = 0.5
-"""s: time constant of the body's mean direction."""
-FRAME_EVERY_S = 0.1
-"""s between two frames that are used."""
-TURNED = 0.5
-"""Cosine of the angle between the body and the upward direction of the turned image, below which it is turned again."""
-
 
 class ImageRoll:
     """Finds the quarter turn for one person's images."""
@@ -57,20 +48,20 @@ class ImageRoll:
         return bool(self.turn[0, 0] < 0.5)
 
     def update(self, stamp: float, points: np.ndarray, seen: np.ndarray) -> None:
-        """Use a frame, if the last one used is older than `FRAME_EVERY_S`.
+        """Use a frame, if the last one used is older than 0.1 s.
 
         stamp: s; points: (k, 2) normalised, any finite value if not seen; seen: (k,) bool.
         """
-        if not has_passed(stamp - self._newest, FRAME_EVERY_S):
+        if not has_passed(stamp - self._newest, 0.1):
             return
         up = self._direction(points, seen & self._used)
         if up is None:
             return
-        share = 1.0 if self._up is None else 1 - math.exp(-max(stamp - self._newest, 0.0) / MEMORY_S)
+        share = 1.0 if self._up is None else 1 - math.exp(-max(stamp - self._newest, 0.0) / 0.5)  # s
         mean = up if self._up is None else self._up + share * (up - self._up)
         self._up, self._newest = mean, stamp
         size = math.hypot(*mean)
-        if size > 0 and -(self.turn[1] @ mean) < TURNED * size:
+        if size > 0 and -(self.turn[1] @ mean) < 0.5 * size:  # more than 60 degrees from the top
             # The turn by a multiple of 90 degrees that brings the mean direction nearest to (0, -1).
             quarter = round(math.atan2(mean[0], -mean[1]) / (math.pi / 2))
             c, s = round(math.cos(quarter * math.pi / 2)), round(math.sin(quarter * math.pi / 2))
@@ -79,7 +70,7 @@ class ImageRoll:
     def _direction(self, points: np.ndarray, used: np.ndarray) -> np.ndarray | None:
         """(2,) unit vector in which the height of the visible points increases in the image; None if undefined."""
         heights = self._rows[0][used]
-        if len(heights) < 2 or heights.max() - heights.min() < LEAST_HEIGHT:
+        if len(heights) < 2 or heights.max() - heights.min() < 0.28:  # of the height: shoulders and head alone may lean
             return None
         rows = self._rows * used
         sums, (height, count) = rows @ points, rows.sum(axis=1)
@@ -99,7 +90,7 @@ class DepthEstimator:
         self.use_lengths(kinematics.skeleton, not has_built_in_proportions(kinematics.skeleton))
         self._history, self._roll = History(), ImageRoll(NAMES)
         self._mount: np.ndarray | None = None
-        self._level = np.eye(3)
+        self._level: np.ndarray | None = None
         self.reset()
 
     @staticmethod
@@ -140,7 +131,7 @@ class DepthEstimator:
             self._mount, self._level = mount, _upright_image(mount)
         level, canonical = self._level, points.take(self._index, axis=0)
         self._history.add(stamp, canonical, shown)
-        self._roll.update(stamp, canonical @ level[:2, :2].T, shown)
+        self._roll.update(stamp, canonical if level is None else canonical @ level[:2, :2].T, shown)
         self.places = self.joint_depths = None
         if np.count_nonzero(shown) < LEAST_SEEN:
             return
@@ -148,22 +139,23 @@ class DepthEstimator:
         if self._roll.turned:
             turn = np.eye(3)
             turn[:2, :2] = self._roll.turn
-            level, up = turn @ level, None
-        past = past @ level[:2, :2].T
-        vertical = np.zeros(3) if up is None else level @ up
+            level, up = turn if level is None else turn @ level, None
+        if level is not None:
+            past, up = past @ level[:2, :2].T, up if up is None else level @ up
+        vertical = np.zeros(3) if up is None else up
         scene = Scene(past, known, vertical, np.array(up is not None), self._lengths, self._lengths_known)
         places, depths, whitening, rotation = self._network.estimate(scene, self._kinematics.skeleton.height)
-        rotation = rotation @ level
+        rotation = rotation if level is None else rotation @ level
         self.places, self.joint_depths = places @ rotation, JointDepths(rotation[2], depths, whitening)
 
 
-def _upright_image(up: np.ndarray) -> np.ndarray:
+def _upright_image(up: np.ndarray) -> np.ndarray | None:
     """(3, 3) rotation about the optical axis after which the vertical (3,) points up in the image, to -y.
 
-    The identity if the camera looks straight up or down.
+    None if it does so already, or if the camera looks straight up or down.
     """
     size = float(np.hypot(up[0], up[1]))
-    if size < 0.1:
-        return np.eye(3)
+    if size < 0.1 or (up[0] == 0 and up[1] < 0):
+        return None
     s, c = up[0] / size, -up[1] / size
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])

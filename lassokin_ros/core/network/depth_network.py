@@ -16,6 +16,7 @@ scale.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -29,7 +30,6 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import carried
 from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.observation import AXES
-from lassokin_ros.core.record import record
 
 TIMES = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
 """s before the present: times of the keypoints in the input."""
@@ -60,8 +60,6 @@ CANONICAL = (
 )
 """Canonical points: name, joint to which the point is fixed, and its position in that joint's frame, in heights."""
 NAMES = tuple(name for name, _, _ in CANONICAL)
-SAME_POINT = 0.02
-"""In heights: largest distance of a layout's landmark from its canonical point."""
 
 TARGETS = ("left_hip", "left_shoulder", "right_shoulder", "head", "nose", "left_knee", "right_knee", "left_elbow",
            "right_elbow", "left_ankle", "right_ankle", "left_wrist", "right_wrist")  # fmt: skip
@@ -71,8 +69,6 @@ LENGTHS = ("hips", "thigh", "shank", "trunk", "shoulders", "upper arm", "forearm
 """Lengths that are input, see `lengths_of`."""
 TYPICAL_LENGTHS = np.array([0.105, 0.246, 0.256, 0.287, 0.225, 0.168, 0.13, 0.08])
 """In heights."""
-LENGTH_SPREAD = 0.02
-"""In heights: divisor of a length's difference from the typical one."""
 
 _GAINS = np.array([4.0, 3.0, 2.0, 1.2, 0.8])
 """Factors on the differences between the past points and the present ones, which give them a similar size."""
@@ -97,7 +93,7 @@ def canonical_index(layout: Layout, skeleton: Skeleton) -> np.ndarray:
             continue
         distance = np.linalg.norm(layout.offsets / skeleton.height - offset, axis=1)
         distance[layout.joints != skeleton.index(joint)] = np.inf
-        if distance.min() <= SAME_POINT:
+        if distance.min() <= 0.02:  # of the height
             index[point] = int(np.argmin(distance))
     return index
 
@@ -121,7 +117,7 @@ def lengths_between(place: dict[str, np.ndarray]) -> np.ndarray:
     return np.array([across[0], limbs[0], limbs[1], trunk, across[1], limbs[2], limbs[3], neck])
 
 
-@record
+@dataclass(eq=False)
 class Scene:
     """The input of the network, with any leading axes; all points are normalised image coordinates.
 
@@ -175,7 +171,7 @@ def features(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 def _length_inputs(scene: Scene) -> np.ndarray:
     """(..., LENGTHS + 1): the lengths, 0 if they are not known, and whether they are known."""
     known = np.asarray(scene.lengths_known, dtype=float)[..., None]
-    return np.concatenate(((scene.lengths - TYPICAL_LENGTHS) / LENGTH_SPREAD * known, known), axis=-1)
+    return np.concatenate(((scene.lengths - TYPICAL_LENGTHS) / 0.02 * known, known), axis=-1)
 
 
 def _virtual_camera(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -321,9 +317,8 @@ def shipped_network() -> Network:
     return load_weights()[0]
 
 
-MOST_FRAMES = 512
-LEAST_STEP = 0.004
-"""s between two frames that are kept. Half of `MOST_FRAMES` then covers all `TIMES` at any rate of the detector."""
+MOST_FRAMES, LEAST_STEP = 512, 0.004
+"""Frames that are kept, and s between two of them. Half of them cover all `TIMES` at any rate of the detector."""
 
 
 class History:

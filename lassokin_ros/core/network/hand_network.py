@@ -30,12 +30,8 @@ DEPTHS = len(POINTS) - 1
 INPUTS, OUTPUTS = 3 * len(POINTS), 2 * DEPTHS
 LEAST_SEEN = 8
 """Smallest number of points that must be visible."""
-LARGEST_OFFSET = 0.005
-"""In heights: largest distance of a landmark from the centre of its joint. A tip is further away."""
 MIRROR = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
 """Factors on the coordinates of the left and of the right hand that make left hands of both."""
-LOG_SCALES = -6.0, 1.0
-"""Limits of the logarithm of the deviation."""
 
 
 def hand_index(kinematics: Kinematics, side: str) -> np.ndarray | None:
@@ -44,7 +40,7 @@ def hand_index(kinematics: Kinematics, side: str) -> np.ndarray | None:
     The last one is chosen: the layouts have the points of the hands after those of the body, which has a wrist, too.
     """
     layout, skeleton, found = kinematics.layout, kinematics.skeleton, []
-    at_centre = np.linalg.norm(layout.offsets, axis=1) <= LARGEST_OFFSET * skeleton.height
+    at_centre = np.linalg.norm(layout.offsets, axis=1) <= 0.005 * skeleton.height  # a tip is further away
     for point in POINTS:
         tip = point.endswith("_tip")
         joint = f"{side}_{point.removesuffix('_tip')}3" if tip else f"{side}_{point}"
@@ -76,7 +72,7 @@ def features(points: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 def interpreted(outputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(depths, deviations), each (..., DEPTHS), in units of the size in the image, from outputs (..., OUTPUTS)."""
-    return outputs[..., :DEPTHS], np.exp(np.clip(outputs[..., DEPTHS:], *LOG_SCALES))
+    return outputs[..., :DEPTHS], np.exp(np.clip(outputs[..., DEPTHS:], -6.0, 1.0))
 
 
 class HandNetwork:

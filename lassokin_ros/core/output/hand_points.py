@@ -9,23 +9,21 @@ wrist's joint, so that a hand in its own axes depends on the fingers' joints alo
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, twists
 from lassokin_ros.core.body.landmarks import Layout
-from lassokin_ros.core.body.roles import SIDES
+from lassokin_ros.core.body.roles import SIDES, sided
 from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.kernel import lapack
-from lassokin_ros.core.output.uncertainty import HAND_FACTOR, JointUncertainty, Posterior
-from lassokin_ros.core.record import record
+from lassokin_ros.core.output.uncertainty import JointUncertainty, Posterior
 
 Levers = Callable[[np.ndarray, np.ndarray], np.ndarray]
-COUNT = 21
-"""Points of a hand: the wrist, then thumb, index, middle, ring and pinky finger, each from the root to the tip."""
 WRIST, INDEX_KNUCKLE, INDEX_TIP, MIDDLE_KNUCKLE = 0, 5, 8, 9
-EYES = ("left_eye", "right_eye")
+"""Of the 21 points: the wrist, then thumb, index, middle, ring and pinky finger, each from the root to the tip."""
 SIZE_DEVIATION = 0.04
 """Standard deviation of a hand's length, as a share of it, for a given height: adults' hands have 5 % in all (Gordon et
 al., 2012 anthropometric survey of U.S. Army personnel), of which the height explains about a third."""
@@ -33,7 +31,7 @@ PLACE_DEVIATION = 0.003
 """m, per axis: standard deviation of the place at which a detector sees a point of the hand."""
 
 
-@record
+@dataclass(eq=False)
 class HandReading:
     """One hand of a pose.
 
@@ -70,9 +68,9 @@ class HandPoints:
     def __init__(self, skeleton: Skeleton, layout: Layout) -> None:
         places = {name: place for place, name in enumerate(layout.names)}
         self.sides = tuple(side for side in SIDES if f"{side}_hand_wrist" in places)
-        self.rows = np.array([places[f"{side}_hand_wrist"] + np.arange(COUNT) for side in self.sides], dtype=int)
+        self.rows = np.array([places[f"{side}_hand_wrist"] + np.arange(21) for side in self.sides], dtype=int)
         """(hands, 21) index of each hand's points among the landmarks."""
-        self._eyes = [places[eye] for eye in EYES if eye in places]
+        self._eyes = [places[eye] for eye in sided("eye") if eye in places]
         self._tips = [layout.joints[rows[INDEX_TIP]] for rows in self.rows]
         self._moved = skeleton.ancestors[layout.joints]  # (l, n), joint j moves landmark l
         below = skeleton.ancestors & ~np.eye(skeleton.joint_count, dtype=bool)
@@ -99,7 +97,7 @@ class HandPoints:
         axes, wrist = hand_axes(places), places[WRIST]
         points = (places - wrist) @ axes
         lever = levers(rows, self._moved[rows] & self._fingers[hand])
-        covariance = HAND_FACTOR**2 * axes.T @ _covariance(posterior, lever) @ axes
+        covariance = axes.T @ _covariance(posterior, lever) @ axes
         covariance += SIZE_DEVIATION**2 * points[:, :, None] * points[:, None, :]
         covariance += PLACE_DEVIATION**2 * np.eye(3)
         covariance[WRIST] = 0.0

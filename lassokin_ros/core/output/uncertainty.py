@@ -19,6 +19,7 @@ The marginal of a joint's own part of the increment is the uncertainty of its ro
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -38,26 +39,13 @@ from lassokin_ros.core.image.projection import squared_norm
 from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.learned.errors import LEAST_ERROR
-from lassokin_ros.core.record import record
 
 FACTOR = 1.6
 """Factor on the posterior's standard deviation s, at the usual disagreement of the pose with the depth network."""
-FACTOR_WITH_DEPTH = 0.8
-"""The same, if half of the landmarks or more have a measured depth. Fitted in validation."""
-FACTOR_OF_SEVERAL = 1.0
-"""The same, for several cameras, which observe the lengths: their deviation does not count."""
-HAND_FACTOR = 1.0
-"""The same, for a hand alone and for fingers relative to their wrist."""
 FACTOR_BELOW_LAST_KEYPOINT = 1.5
 """Further factor for positions and rotations of joints beyond the last visible keypoint of a limb."""
-USUAL_DISAGREEMENT = 0.06
-"""Usual disagreement of a pose with the network, see `LearnedDepth.disagreement`."""
-RANGE = 0.05, 5.0
-"""Limits of the disagreement, in units of the usual one."""
-POWER = 0.25
-"""Power of the disagreement in the factor."""
-LENGTHS_FACTOR, HAND_LENGTH_FACTOR = 3.0, 1.0
-"""Factors on the standard deviation of the log-lengths: of a body, and of a hand's one length."""
+LENGTHS_FACTOR = 3.0
+"""Factor on the standard deviation of a body's log-lengths; a hand's one length has none."""
 SMALLEST_BIAS = 0.01
 """Smallest constant error of a keypoint in each direction, as a fraction of the height. The pose follows such an error,
 so the residuals do not contain it."""
@@ -66,23 +54,21 @@ LARGEST_DEVIATION = 0.6
 HIDDEN_LEG = 0.25
 """Least deviation of a leg without visible points from the knee down, as a fraction of the height: the prior knows few
 people who sit."""
-SCALE_DEVIATION = 0.045
-"""Deviation of the size of a body of given height, as a fraction; it moves the body along its line of sight."""
-WRONG_SCALE = 0.25
-"""The same, at least, times the probability of a wrong pose: limbs that a detector guesses make another size."""
+SCALE_DEVIATION, WRONG_SCALE = 0.045, 0.25
+"""Deviation of the size of a body of given height, as a fraction; it moves the body along its line of sight. And that
+of a wrong pose, times its probability: limbs that a detector guesses make another size."""
 PLACE_DEVIATION = 0.02
 """m, per axis: standard deviation of the landmarks' places in the body, and of a detector's lasting errors."""
 ROTATION_FACTOR = 2.0
 """Factor on the deviation of a joint's rotation: a person's rest pose is not the skeleton's."""
 LARGEST_ROTATION = math.sqrt(math.pi**2 / 3 + 2)
 """rad: root mean square angle of a random rotation, the limit of a rotation's deviation, as `LARGEST_DEVIATION`."""
-STILL = ("wrist", "hand", "foot")
-"""Joints that never move in the motion capture of the prior, so that it is not known how far they turn."""
 STILL_DEVIATION = 0.5
-"""rad about each axis: least deviation of these, that of joints without a prior (`PoseDistribution`)."""
+"""rad about each axis: least deviation of wrists, hands and feet, which never move in the motion capture of the prior;
+that of joints without a prior (`PoseDistribution`)."""
 
 
-@record
+@dataclass(eq=False)
 class AbsoluteUncertainty:
     """Covariances of positions, in the frame of the skeleton.
 
@@ -94,7 +80,7 @@ class AbsoluteUncertainty:
     pelvis: np.ndarray
 
 
-@record
+@dataclass(eq=False)
 class JointUncertainty:
     """Uncertainty of an estimate.
 
@@ -132,7 +118,8 @@ class JointUncertainty:
         It adds that of the pelvis: x = Y (z - A Omega) by (15), and (B^T B)^-1 = Y Y^T for a given Omega.
         """
         own, estimate, Y = self.posterior, self.posterior.estimate, self.posterior.problem.reduced.Y
-        assert estimate.pose is not None
+        assert estimate.pose is not None and estimate.frame is not None
+        frame = estimate.frame
         pose, count, turns = estimate.pose, len(own.lower), own.model.live_root
         columns = np.zeros((count, 6))
         # The root's degrees of freedom come first, and every landmark moves with it.
@@ -146,9 +133,9 @@ class JointUncertainty:
         pelvis *= sizes[:, None] * sizes
         place = own.factor[0] ** 2 * Y.dot(Y.T)
         place.reshape(-1)[::4] += PLACE_DEVIATION**2
-        if not (estimate.depth_measured or estimate.cameras > 1):
+        if not (frame.depth_measured or frame.seen_by > 1):
             scale = max(SCALE_DEVIATION, estimate.size_deviation, WRONG_SCALE * self.failure_probability)
-            sight = scale * (pose.positions[0] - estimate.centre)
+            sight = scale * (pose.positions[0] - frame.seeing.camera.centre)
             place += sight[:, None] * sight
         if estimate.place_covariance is not None:
             place += estimate.place_covariance
@@ -160,10 +147,7 @@ class JointUncertainty:
 class UncertaintyModel:
     """Computes `JointUncertainty` for one kinematics, prior and set of lengths."""
 
-    def __init__(
-        self, frame_model: FrameModel, prior: PoseDistribution, proportions: Proportions, observed: ObservedJoints
-    ) -> None:
-        """observed: of this skeleton and layout."""
+    def __init__(self, frame_model: FrameModel, prior: PoseDistribution, proportions: Proportions) -> None:
         kinematics = self._kinematics = frame_model.kinematics
         live, dead = kinematics.live_index, np.flatnonzero(~kinematics.live)
         self.live, self.live_count, self.live_root = live, len(live), kinematics.live_root
@@ -174,21 +158,22 @@ class UncertaintyModel:
         #: (n, live), 1 for the live degrees of freedom of each joint; (n,) rad^2, the prior's variance of the others.
         self.own = (live // 3 == np.arange(kinematics.joint_count)[:, None]).astype(float)
         self.prior_variances = np.bincount(dead // 3, np.diagonal(prior.covariance)[dead], kinematics.joint_count)
-        self._proportions, self.observed, self._learned_depth = proportions, observed, frame_model.learned_depth
-        self._pieces = frame_model.pieces
+        self._proportions, self._frame_model = proportions, frame_model
+        self.observed = ObservedJoints(kinematics.skeleton, kinematics.layout.joints)
         names = kinematics.skeleton.joint_names
         self._body = body_joints(names)[1:]
         self._hand_alone = names[0] in sided("wrist")
-        still = np.isin(names, [name for part in STILL for name in sided(part)])
+        still = np.isin(names, sided("wrist", "hand", "foot"))
         self.least_rotation = np.sqrt(3) * STILL_DEVIATION * still
         self._knees = [names.index(name) for name in sided("knee") if name in names]
 
     def evaluate(self, estimate: Estimate) -> JointUncertainty:
         """The uncertainty of an accepted estimate."""
+        assert estimate.frame is not None
         posterior = self._posterior(estimate)
         covariance = posterior.scaled(posterior.relative)
         deviation = np.sqrt(covariance.trace(axis1=1, axis2=2))
-        mean, cost = float(deviation[self._body].mean()), estimate.cost / max(estimate.measurements, 1)
+        mean, cost = float(deviation[self._body].mean()), estimate.cost / max(estimate.frame.count, 1)
         probability = failure_probability(mean, estimate.keypoint_error_ratio, cost)
         return JointUncertainty(covariance, deviation, probability, posterior)
 
@@ -211,38 +196,39 @@ class UncertaintyModel:
 
     def _problem(self, estimate: Estimate) -> Lasso:
         """The frame's problem, with smaller rows of evidence whose errors are not independent from frame to frame."""
-        problem = estimate.problem
-        assert problem is not None
-        alone = estimate.cameras == 1 and not estimate.depth_covers
+        assert estimate.increment is not None and estimate.frame is not None
+        problem = estimate.increment.problem
         shares = {
             ImagePoints: min(estimate.keypoint_error_ratio * LEAST_ERROR / SMALLEST_BIAS, 1.0),
-            LearnedDepth: 1 / WEIGHT if alone else 1.0,  # the errors that the network states
+            LearnedDepth: 1.0 if estimate.frame.observes_depth else 1 / WEIGHT,  # the errors that the network states
             FootContact: 0.0,  # an anchor has the errors of the poses before
         }
         scale = np.ones(len(problem.z))
-        for name, own in estimate.rows.items():
-            scale[own] = shares.get(type(self._pieces[name]), 1.0)
+        for name, own in estimate.increment.rows.items():
+            scale[own] = shares.get(type(self._frame_model.pieces[name]), 1.0)
         if scale.min() == 1:
             return problem
         return Lasso((problem.A.T * scale).T, (problem.B.T * scale).T, problem.z, problem.alpha)
 
     def _factor(self, estimate: Estimate, pose: BodyPose) -> float:
-        """Factor on the posterior's standard deviations."""
+        """Factor on the posterior's standard deviations, fitted in validation."""
+        frame = estimate.frame
+        assert frame is not None
         if self._hand_alone:
-            return HAND_FACTOR
-        if estimate.depth_covers:
-            return FACTOR_WITH_DEPTH
-        if estimate.cameras > 1:
-            return FACTOR_OF_SEVERAL
-        if self._learned_depth is None or estimate.joint_depths is None:
+            return 1.0
+        if frame.observes_depth:
+            return 0.8 if frame.depth_covers else 1.0
+        depths = frame.seeing.joint_depths
+        learned_depth = self._frame_model.learned_depth
+        if learned_depth is None or depths is None:
             return FACTOR
-        disagreement = self._learned_depth.disagreement(pose, estimate.joint_depths) / USUAL_DISAGREEMENT
-        return float(FACTOR * min(max(disagreement, RANGE[0]), RANGE[1]) ** POWER)
+        disagreement = learned_depth.disagreement(pose, depths) / 0.06  # the usual one
+        return float(FACTOR * min(max(disagreement, 0.05), 5.0) ** 0.25)
 
     def _by_lengths(self, estimate: Estimate, pose: BodyPose) -> np.ndarray:
         """(n,) m^2: variance of each joint by that of the lengths. Several cameras observe the lengths."""
         by_length = self._proportions.motion(pose, np.zeros(self._proportions.count)).joints
-        factor = HAND_LENGTH_FACTOR if self._hand_alone else LENGTHS_FACTOR
+        factor = 1.0 if self._hand_alone else LENGTHS_FACTOR
         by_length *= factor * (estimate.length_deviation if estimate.cameras == 1 else 0.0)
         return squared_norm(by_length.reshape(len(by_length), -1))
 
@@ -255,7 +241,7 @@ class UncertaintyModel:
         return least
 
 
-@record
+@dataclass(eq=False)
 class Posterior:
     """The Gaussian posterior of an estimate, and what turns it into the uncertainty of the joints.
 
@@ -340,15 +326,13 @@ class ObservedJoints:
 
 WRONG = 0.1
 """m: mean joint error, relative to the pelvis, from which a pose is called wrong."""
-OFFSET, SLOPES = -5.6, (4.4, 2.0, 1.7)
-"""Coefficients of the curve, in the order of the arguments; with other factors of `uncertainty` the offset changes."""
 
 
 def failure_probability(deviation: float, keypoint_error_ratio: float, cost: float) -> float:
     """Probability from 0 to 1 that a pose is wrong; NaN for NaN.
 
     deviation: m, mean over the joints. keypoint_error_ratio: the keypoints' model error as a multiple of its lower
-    limit. cost: per measurement.
+    limit. cost: per measurement. The curve's coefficients are fitted; with other factors the offset changes.
     """
-    figures = zip(SLOPES, (deviation / WRONG, keypoint_error_ratio, cost))
-    return 1 / (1 + math.exp(-OFFSET - sum(slope * math.log(max(value, 1e-6)) for slope, value in figures)))
+    figures = zip((4.4, 2.0, 1.7), (deviation / WRONG, keypoint_error_ratio, cost))
+    return 1 / (1 + math.exp(5.6 - sum(slope * math.log(max(value, 1e-6)) for slope, value in figures)))

@@ -17,16 +17,6 @@ from lassokin_ros.core.observation import AXES, ORIGIN
 
 ACROSS_M, ALONG_M = 0.03, 0.2
 """m: deviations of a frame's place across and along the line of sight; the error along it lasts for some frames."""
-ACCELERATION = 1.0
-"""m^2/s^3: spectral density of the white acceleration."""
-FIRST_SPEED = 1.0
-"""m/s: standard deviation of the velocity in each axis before it is known."""
-STEADY = 0.4
-"""Factor of the covariance in the output: people walk more steadily than by white acceleration."""
-FACING_S = 0.2
-"""s: averaging time of the direction in which the pelvis faces, which turns with each step."""
-WALKING, SIDEWAYS = 0.5, 0.15
-"""m/s forward, from which on a person walks; standard deviation of the velocity to the side, as a share of it."""
 
 Covariance = tuple[float, float, float]
 """Variance of the place, m^2, its covariance with the velocity, and variance of the velocity, in one direction."""
@@ -41,11 +31,11 @@ class WalkingVelocity:
     def start(self, place: np.ndarray) -> None:
         """Begin at a place (3,) m with an unknown velocity."""
         self._place, self._speed = place, ORIGIN  # (3,) of the state
-        self._across = self._along = (ALONG_M**2, 0.0, FIRST_SPEED**2)
+        self._across = self._along = (ALONG_M**2, 0.0, 1.0)
         self._facing: np.ndarray | None = None
         self.velocity = ORIGIN
         """(3,) m/s."""
-        self.velocity_covariance = FIRST_SPEED**2 * AXES
+        self.velocity_covariance = AXES
         """(3, 3) m^2/s^2."""
 
     def displace(self, place: np.ndarray) -> None:
@@ -80,18 +70,21 @@ class WalkingVelocity:
             self._place = self._place + (gain_along - gain) * along
             self._speed = self._speed + (faster_along - faster) * along
             covariance = covariance + (self._along[2] - self._across[2]) * sight[:, None] * sight
-        share = 1.0 if self._facing is None else 1 - math.exp(-seconds / FACING_S)
+        share = 1.0 if self._facing is None else 1 - math.exp(-seconds / 0.2)  # the pelvis turns with each step
         self._facing = facing if self._facing is None else self._facing + share * (facing - self._facing)
         self.velocity, covariance = _walking(self._speed, covariance, self._facing, up)
-        self.velocity_covariance = STEADY * covariance
+        self.velocity_covariance = 0.4 * covariance  # people walk more steadily than by white acceleration
 
 
 def _corrected(covariance: Covariance, seconds: float, noise: float) -> tuple[float, float, Covariance]:
-    """The gains of place and velocity in one direction, and the covariance after. noise: m^2, of the measured place."""
+    """The gains of place and velocity in one direction, and the covariance after. noise: m^2, of the measured place.
+
+    The white acceleration has the spectral density 1 m^2/s^3.
+    """
     value, both, speed = covariance
-    value += seconds * (2 * both + seconds * speed) + ACCELERATION * seconds**3 / 3
-    both += seconds * speed + ACCELERATION * seconds**2 / 2
-    speed += ACCELERATION * seconds
+    value += seconds * (2 * both + seconds * speed) + seconds**3 / 3
+    both += seconds * speed + seconds**2 / 2
+    speed += seconds
     gain, faster = value / (value + noise), both / (value + noise)
     return gain, faster, (value - gain * value, both - gain * both, speed - faster * both)
 
@@ -99,16 +92,16 @@ def _corrected(covariance: Covariance, seconds: float, noise: float) -> tuple[fl
 def _walking(
     velocity: np.ndarray, covariance: np.ndarray, facing: np.ndarray, up: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity and covariance on the condition that a walking person hardly moves to the side."""
+    """Velocity and covariance on the condition that a person who walks (0.5 m/s) hardly moves to the side."""
     side = _cross(up, facing)
     length = math.sqrt(side.dot(side))
     if length < 0.1:  # lies, or bends down
         return velocity, covariance
     side /= length
     forward, sideways = float(velocity.dot(_cross(side, up))), float(velocity.dot(side))
-    if forward > WALKING and abs(sideways) < forward:
+    if forward > 0.5 and abs(sideways) < forward:
         along = covariance.dot(side)
-        gain = along / (side.dot(along) + (SIDEWAYS * forward) ** 2)
+        gain = along / (side.dot(along) + (0.15 * forward) ** 2)
         velocity, covariance = velocity - gain * sideways, covariance - gain[:, None] * along
     return velocity, covariance
 

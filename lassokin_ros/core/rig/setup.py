@@ -9,7 +9,7 @@ that it tells the unit of the given places.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, permutations
 
@@ -27,26 +27,12 @@ LIMBS = [
 ]  # fmt: skip
 TRUNK = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
 FEWEST_FRAMES = 10
-"""Frames with FEWEST_POINTS common landmarks of a pair of cameras that are needed."""
-FEWEST_POINTS, FEWEST_LIMBS = 6, 4
-PARALLEL = math.cos(math.radians(18))
-"""Cosine of the angle between the lines of sight below which a pair of cameras shows no depth."""
-SCATTER, PROPORTIONS, BEHIND, MIRRORED, SPREAD = 0.3, 0.15, 0.5, 0.1, 0.3
-"""Weights of the terms of the cost beside that of the epipolar lines, which is the median distance over the person's
-size in the images."""
+"""Frames with six common landmarks of a pair of cameras that are needed."""
 WRONG, RIGHT, MAYBE = 0.22, 0.18, 0.14
 """Cost above which the given set-up is wrong; below which another explanation is right; and above which the given one
 is wrong if another one has less than half of its cost."""
-CLEARLY, GOOD = 0.4, 0.06
-"""Also, the given set-up is wrong if an explanation has less than this share of its cost, and less than this cost."""
-UPRIGHT = 0.7
-"""Cosine of the largest angle between the trunk and the images' vertical of a person who is upright."""
 UNITS = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 """Units of the places, per m. Of other scales nothing is said."""
-FLAT = 0.03
-"""The cost from which this holds, too, if the given lines of sight are parallel, so that it has no term of the body."""
-MOST_PERMUTED = 4
-"""Cameras up to which all exchanges are tried; beyond, those of two."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +143,7 @@ class SetUpCheck:
         scale = math.exp(float(np.median(deep))) if deep and (found or wrong is not None) else 0.0
         up = np.mean([fit.up for fit in fits], axis=0) if fits else np.zeros(3)
         above = -np.mean([np.reshape(rotation, (-1, 3, 3))[:, 1].mean(axis=0) for rotation, _ in self._poses], axis=0)
-        upright = float(up @ above) > UPRIGHT * float(np.linalg.norm(up) * np.linalg.norm(above))
+        upright = float(up @ above) > 0.7 * float(np.linalg.norm(up) * np.linalg.norm(above))  # within 46 degrees
         return SetUp(costs, found, wrong, scale, up if upright else np.zeros(3))
 
     def _judged(self, costs: Mapping[Explanation, float], given: Explanation) -> tuple[Explanation | None, int | None]:
@@ -169,7 +155,8 @@ class SetUpCheck:
         best, best_one = others[0][0], list(costs)[others[0][1]]
         second = others[1][0] if len(others) > 1 else math.inf
         flat = not any(fit.depth_known for fit in self._pairs(given) if fit is not None)
-        clearly = best < GOOD and (best < CLEARLY * cost or (flat and cost > FLAT))
+        # Without depth the cost has no term of the body, and is smaller.
+        clearly = best < 0.06 and (best < 0.4 * cost or (flat and cost > 0.03))
         if not (cost > WRONG or (cost > MAYBE and best < 0.5 * cost) or clearly):
             wrong = self._one_wrong(given) if cost > MAYBE else None
             return (given, None) if wrong is None or (self._cost(given, wrong) or 0.0) > 0.5 * cost else (None, wrong)
@@ -193,11 +180,10 @@ class SetUpCheck:
         yield Explanation(everything, frozenset(everything))
         for camera in everything:
             yield Explanation(everything, frozenset([camera]))
-        if count <= MOST_PERMUTED:
-            orders = set(permutations(everything)) - {everything}
-        else:
-            orders = {_swapped(everything, i, j) for i, j in combinations(everything, 2)}
-        yield from map(Explanation, sorted(orders))
+        orders: Iterable[tuple[int, ...]] = permutations(everything)
+        if count > 4:  # all of them would take too long
+            orders = (_swapped(everything, i, j) for i, j in combinations(everything, 2))
+        yield from map(Explanation, sorted(set(orders) - {everything}))
 
     def _pairs(self, one: Explanation, without: int | None = None) -> list[PairFit | None]:
         cameras = [c for c in range(len(self._poses)) if c != without]
@@ -212,7 +198,7 @@ class SetUpCheck:
             return None
         if not deep:
             return math.inf if not one.is_given else float(np.mean([fit.distance for fit in fits]))
-        return float(np.mean([fit.distance + fit.body for fit in fits])) + SPREAD * float(np.ptp(deep))
+        return float(np.mean([fit.distance + fit.body for fit in fits])) + 0.3 * float(np.ptp(deep))
 
     def _normalised(self, file: int, camera: int) -> np.ndarray:
         """Return the points (f, l, 2) of a file as that camera's lens sees them."""
@@ -230,7 +216,7 @@ class SetUpCheck:
     def _fitted(self, first: tuple[int, int, bool], second: tuple[int, int, bool]) -> PairFit | None:
         x, y = (self._normalised(file, camera) for file, camera, _ in (first, second))
         known = self._known[first[0]] & self._known[second[0]] & np.isfinite(x[..., 0]) & np.isfinite(y[..., 0])
-        frames = known.sum(axis=1) >= FEWEST_POINTS
+        frames = known.sum(axis=1) >= 6
         if np.count_nonzero(frames) < FEWEST_FRAMES:
             return None
         x, y = (np.where(known[..., None], points, 0.0)[frames] for points in (x, y))
@@ -246,7 +232,9 @@ class SetUpCheck:
         distance = _sampson(u, v, rotation, translation / np.maximum(base, 1e-12)[..., None])[known]
         u, v = u @ Ra, v @ Rb
         cosine = (u * v).sum(-1) / np.linalg.norm(u, axis=-1) / np.linalg.norm(v, axis=-1)
-        fit = PairFit(float(np.median(distance)) / extent, abs(float(np.median(cosine[known]))) < PARALLEL)
+        # Lines of sight within 18 degrees show no depth.
+        deep = abs(float(np.median(cosine[known]))) < math.cos(math.radians(18))
+        fit = PairFit(float(np.median(distance)) / extent, deep)
         if not fit.depth_known:
             return fit
         places, before = _midpoints(u, v, -_times(Ra.swapaxes(-1, -2), ta), -_times(Rb.swapaxes(-1, -2), tb))
@@ -256,7 +244,7 @@ class SetUpCheck:
         scatter, proportions, log_scale = limbs
         up, mirrored = self._trunk(places, known)
         behind = 1 - float(before[known].mean())
-        body = SCATTER * scatter + PROPORTIONS * proportions + BEHIND * behind + MIRRORED * mirrored
+        body = 0.3 * scatter + 0.15 * proportions + 0.5 * behind + 0.1 * mirrored
         return PairFit(fit.distance, True, body, log_scale, up)
 
     def _limbs(self, places: np.ndarray, known: np.ndarray) -> tuple[float, float, float] | None:
@@ -265,7 +253,7 @@ class SetUpCheck:
         both = known[:, a] & known[:, b]
         lengths = np.linalg.norm(places[:, a] - places[:, b], axis=-1)
         seen = both.sum(axis=0) >= FEWEST_FRAMES // 2
-        if np.count_nonzero(seen) < FEWEST_LIMBS:
+        if np.count_nonzero(seen) < 4:
             return None
         logs = [np.log(np.maximum(lengths[both[:, limb], limb], 1e-9)) for limb in np.flatnonzero(seen)]
         medians = np.array([np.median(values) for values in logs])

@@ -26,7 +26,7 @@ class TransformInput:
     def __init__(self, node: Node, places: CameraPlaces) -> None:
         """Raises ConfigurationError if tf2_msgs is not installed."""
         self._node, self._places = node, places
-        kind = message_class(topics.TF_OUTPUT.message_type)
+        kind = message_class(topics.TF.message_type)
         latched = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._subscriptions = [
             node.create_subscription(kind, name, partial(places.transforms.add, static=static), qos)

@@ -222,34 +222,21 @@ def split_camera(path: Path) -> tuple[Path, str]:
 
 def _cameras(data: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """Return {name: values} of the cameras in a file."""
-    kalibr = {name: data[name] for name in data if re.fullmatch(r"cam\d+", str(name)) and isinstance(data[name], dict)}
-    if kalibr:
-        return _by_name(kalibr)
-    tables = data["cameras"] if isinstance(data.get("cameras"), dict) else data
-    anipose: dict[str, Mapping[str, Any]] = {
-        str(name): table for name, table in tables.items() if isinstance(table, dict) and "matrix" in table
-    }
-    if anipose:  # and Pose2Sim and caliscope
-        return _by_name(anipose)
+    tables = {name: data[name] for name in data if re.fullmatch(r"cam\d+", str(name)) and isinstance(data[name], dict)}
+    if not tables:  # not Kalibr, but Anipose, Pose2Sim or caliscope
+        all_tables = data["cameras"] if isinstance(data.get("cameras"), dict) else data
+        tables = {str(key): one for key, one in all_tables.items() if isinstance(one, dict) and "matrix" in one}
+    if tables:  # by their `name`; Anipose counts the keys: `[cam_0]` with `name = "left"`
+        names = [str(table.get("name", "")) for table in tables.values()]
+        return dict(zip(names, tables.values())) if all(names) and len(set(names)) == len(names) else tables
     if others := panoptic(data) or easymocap(data):
         return dict(others)
     stereo = [number for number in "12" if f"M{number}" in data]
     if stereo:  # OpenCV's stereo_calib
-        return {f"M{n}": {"k": data[f"M{n}"], "d": data.get(f"D{n}"), **_sizes(data)} for n in stereo}
+        sides = {*WIDTH, *HEIGHT, *SIZE}
+        sizes = {key: value for key, value in data.items() if re.sub("_", "", str(key)).lower() in sides}
+        return {f"M{n}": {"k": data[f"M{n}"], "d": data.get(f"D{n}"), **sizes} for n in stereo}
     return {"camera": data}
-
-
-def _by_name(tables: dict[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
-    """Return the tables by their `name`, which is the camera's; by their keys if one has none, or names repeat.
-
-    Anipose counts the keys: `[cam_0]` with `name = "left"`.
-    """
-    names = [str(table.get("name", "")) for table in tables.values()]
-    return dict(zip(names, tables.values())) if all(names) and len(set(names)) == len(names) else tables
-
-
-def _sizes(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in data.items() if re.sub("_", "", str(key)).lower() in (*WIDTH, *HEIGHT, *SIZE)}
 
 
 def _from_kalibr(values: Mapping[str, Any], file: Path) -> Calibration:
@@ -280,7 +267,8 @@ def _from_opencv(values: Mapping[str, Any]) -> Calibration:
     D = _numbers(_one_of(values, COEFFICIENTS, "distortion_coefficients"))
     model = _one_of(values, MODEL, "", "")
     if not model:
-        model = "equidistant" if _one_of(values, FISHEYE, "", 0) else _opencv_model(len(D))
+        model = "plumb_bob" if len(D) <= 5 else "rational_polynomial"
+        model = "equidistant" if _one_of(values, FISHEYE, "", 0) else model
     if (size := _one_of(values, SIZE, "", None)) is None:
         size = [_one_of(values, WIDTH, "", 0), _one_of(values, HEIGHT, "", 0)]
     width, height = _numbers(size, 2)
@@ -288,10 +276,6 @@ def _from_opencv(values: Mapping[str, Any]) -> Calibration:
     return Calibration(
         K, D, str(model), (int(width), int(height)), None if P is None else _numbers(P, 12).reshape(3, 4)
     )
-
-
-def _opencv_model(count: int) -> str:
-    return "plumb_bob" if count <= 5 else "rational_polynomial"
 
 
 _REQUIRED = object()

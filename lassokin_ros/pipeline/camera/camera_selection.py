@@ -79,14 +79,11 @@ class View:
 
 @dataclass
 class _Stay:
-    """Messages with the same camera, one after another, and the images that came meanwhile.
-
-    stamp_ns: ns, of the first message, 0 if it has none.
-    """
+    """A camera_info message, those with the same camera after it, and the images that came meanwhile."""
 
     frame: str
     content: tuple[Any, ...]
-    stamp_ns: int
+    message: Any
     messages: int = 1
     images: int = 0
 
@@ -94,20 +91,9 @@ class _Stay:
         """Whether it has lasted for at most that many messages and images."""
         return self.messages <= count and self.images <= count
 
-    def is_interrupted_by(self, other: _Stay) -> bool:
-        """Whether it was published once, and the other one soon after it."""
-        soon = 0 < self.stamp_ns < other.stamp_ns <= self.stamp_ns + SHORT_NS
-        return self.messages <= SHORT and soon
-
-
-@dataclass
-class _Ignored:
-    """A camera_info that is not used, and the number of images since it came."""
-
-    frame: str
-    content: tuple[Any, ...]
-    message: Any
-    images: int = 0
+    def is_same(self, other: _Stay) -> bool:
+        """Whether both have the same camera."""
+        return self.frame == other.frame and self.content == other.content
 
 
 class Camera:
@@ -123,7 +109,7 @@ class Camera:
         self._by_frame: dict[str, tuple[View, View | None]] = {}
         self._keys: dict[str, tuple[Any, ...]] = {}
         self._recent: deque[_Stay] = deque(maxlen=RECENT)
-        self._ignored: _Ignored | None = None  # the newest camera_info, if it is that of another camera on the topic
+        self._ignored: _Stay | None = None  # the newest camera_info, if it is that of another camera on the topic
         self.publishers = 0
         """Number of publishers of the topic, 0 if it is not known."""
         self._frame = ""  # of the last keypoints
@@ -148,20 +134,16 @@ class Camera:
             )
         frame = view.intrinsics.frame_id
         if self._alternates(frame):
-            used = f"fx = {view.intrinsics.K[0, 0]:g} px and {view.size[0]} x {view.size[1]} px"
+            used, other = f"fx = {view.intrinsics.K[0, 0]:g} px and {view.size[0]} x {view.size[1]} px", ""
+            if self._ignored is not None and self._ignored.frame == frame:
+                info = self._ignored.message
+                other = f", the other one has fx = {info.k[0]:g} px and {info.width} x {info.height} px"
             return (
-                f"camera_info of two cameras with the frame_id '{frame[:40]}' on one topic; used is the one "
-                f"with {used}{self._other_of(frame)}; expected one publisher: remap camera_info to that of the "
-                "detector's image, or give the drivers different frame_ids"
+                f"camera_info of two cameras with the frame_id '{frame[:40]}' on one topic; used is the one with {used}"
+                f"{other}; expected one publisher: remap camera_info to that of the detector's image, or give the "
+                "drivers different frame_ids"
             )
         return view.lens.warning
-
-    def _other_of(self, frame: str) -> str:
-        """Return what the camera_info of this frame_id says that is not used, in words; empty if it is not known."""
-        if self._ignored is None or self._ignored.frame != frame:
-            return ""
-        other = self._ignored.message
-        return f", the other one has fx = {other.k[0]:g} px and {other.width} x {other.height} px"
 
     @property
     def is_shared(self) -> bool:
@@ -177,23 +159,24 @@ class Camera:
     def _alternates(self, frame: str) -> bool:
         """Return True if camera_info of this frame_id returns again and again, soon, to an earlier one."""
         stays = self._stays_of(frame)
-        short = SHORT if self.publishers < 2 else LASTING
-        returns = (
-            (stays[i - 1].is_within(short) or stays[i - 1].is_interrupted_by(stay))
-            and any(stay.content == earlier.content for earlier in stays[: i - 1])
-            for i, stay in enumerate(stays)
-            if i >= 2
-        )
-        return sum(returns) >= ALTERNATIONS
+        returns = 0
+        for i in range(2, len(stays)):
+            before, stay = stays[i - 1 : i + 1]
+            since_ns = _stamp_ns(before.message)
+            soon = 0 < since_ns < _stamp_ns(stay.message) <= since_ns + SHORT_NS and before.messages <= SHORT
+            if soon or before.is_within(SHORT if self.publishers < 2 else LASTING):
+                returns += any(map(stay.is_same, stays[: i - 1]))
+        return returns >= ALTERNATIONS
 
     def _stays_of(self, frame: str) -> list[_Stay]:
         """Return the cameras that this frame_id had, in order, whatever other frame_ids were between."""
         stays: list[_Stay] = []
         for stay in self._recent:
-            if stay.frame == frame and stays and stays[-1].content == stay.content:
-                joined = stays.pop()
-                stay = replace(stay, messages=joined.messages + stay.messages, images=joined.images + stay.images)
             if stay.frame == frame:
+                if stays and stays[-1].is_same(stay):
+                    joined = stays.pop()
+                    both = joined.messages + stay.messages, joined.images + stay.images
+                    stay = replace(stay, messages=both[0], images=both[1])
                 stays.append(stay)
         return stays
 
@@ -207,39 +190,43 @@ class Camera:
             arrays = message if isinstance(message, Intrinsics) else message.intrinsics
             self._newest = self._viewed(arrays, 0), self._newest[0]
             return before is not None and before.intrinsics.frame_id != arrays.frame_id
-        frame, key = message.header.frame_id.lstrip("/"), _key(message)
+        stay = _Stay(message.header.frame_id.lstrip("/"), _key(message), message)
+        frame = stay.frame
         shared = frame in self._by_frame and self._alternates(frame)
-        self._note_message(frame, key, _stamp_ns(message))
-        if shared and key != self._keys[frame] and self._stays_of(frame)[-1].is_within(LASTING):
-            self._ignore(frame, key, message)
+        if self._recent and self._recent[-1].is_same(stay):
+            self._recent[-1].messages += 1
+            self._forget_changes(self._recent[-1].messages)
         else:
-            self._use(frame, key, message)
+            self._recent.append(stay)
+        if not shared or stay.content == self._keys[frame] or not self._stays_of(frame)[-1].is_within(LASTING):
+            self._use(stay)
+        elif self._ignored is None or not self._ignored.is_same(stay):
+            self._ignored = replace(stay)
         now = self.view
         return before is not None and now is not None and before.intrinsics.frame_id != now.intrinsics.frame_id
 
-    def _ignore(self, frame: str, content: tuple[Any, ...], message: Any) -> None:
-        before = self._ignored
-        if before is None or (before.frame, before.content) != (frame, content):
-            self._ignored = _Ignored(frame, content, message)
-
-    def _use(self, frame: str, content: tuple[Any, ...], message: Any) -> None:
+    def _use(self, stay: _Stay) -> None:
         """Use the camera of a message for its frame_id, and as the newest one. Raises AdapterError."""
+        frame, content = stay.frame, stay.content
         if self._ignored is not None and self._ignored.frame == frame:
             self._ignored = None
         if content == self._keys.get(frame):
             self.fault = ""
         else:
-            self._remember(frame, content, self._decode(message))
+            try:
+                intrinsics = decode_camera_info(stay.message, self._rectified)
+            except AdapterError as error:
+                self.fault = str(error)
+                raise
+            view = self._viewed(intrinsics, _stamp_ns(stay.message))
+            previous = self._by_frame.pop(frame, (None, None))[0]
+            if len(self._by_frame) >= MOST_CAMERAS:
+                oldest = next(iter(self._by_frame))
+                del self._by_frame[oldest], self._keys[oldest]
+            self._by_frame[frame], self._keys[frame] = (view, previous), content
         view, newest = self._by_frame[frame][0], self._newest[0]
         if newest is None or newest.intrinsics is not view.intrinsics:
-            self._newest = replace(view, stamp_ns=_stamp_ns(message)), newest
-
-    def _note_message(self, frame: str, content: tuple[Any, ...], stamp_ns: int) -> None:
-        if self._recent and (self._recent[-1].frame, self._recent[-1].content) == (frame, content):
-            self._recent[-1].messages += 1
-            self._forget_changes(self._recent[-1].messages)
-        else:
-            self._recent.append(_Stay(frame, content, stamp_ns))
+            self._newest = replace(view, stamp_ns=_stamp_ns(stay.message)), newest
 
     def _note_image(self) -> None:
         """Count an image. An ignored camera is used if no other one comes, also if it was published only once."""
@@ -247,25 +234,16 @@ class Camera:
             return
         self._recent[-1].images += 1
         self._forget_changes(self._recent[-1].images)
-        ignored = self._ignored
-        if ignored is not None:
-            ignored.images += 1
-            if ignored.images > LASTING:
+        if self._ignored is not None:
+            self._ignored.images += 1
+            if self._ignored.images > LASTING:
                 with suppress(AdapterError):  # see `fault`
-                    self._use(ignored.frame, ignored.content, ignored.message)
+                    self._use(self._ignored)
 
     def _forget_changes(self, count: int) -> None:
         """Forget the changes before the present camera if it has lasted for this number of messages or images."""
         if count == STEADY:
             self._recent = deque([self._recent[-1]], maxlen=RECENT)
-
-    def _decode(self, message: Any) -> View:
-        try:
-            intrinsics = decode_camera_info(message, self._rectified)
-        except AdapterError as error:
-            self.fault = str(error)
-            raise
-        return self._viewed(intrinsics, _stamp_ns(message))
 
     def _viewed(self, intrinsics: Intrinsics, stamp_ns: int) -> View:
         try:
@@ -275,13 +253,6 @@ class Camera:
             raise AdapterError("camera_unusable", self.fault) from None
         self.fault = ""
         return View(lens, intrinsics, stamp_ns)
-
-    def _remember(self, frame: str, key: tuple[Any, ...], view: View) -> None:
-        previous = self._by_frame.pop(frame, (None, None))[0]
-        if len(self._by_frame) >= MOST_CAMERAS:
-            oldest = next(iter(self._by_frame))
-            del self._by_frame[oldest], self._keys[oldest]
-        self._by_frame[frame], self._keys[frame] = (view, previous), key
 
     def _views(self, frame: str) -> tuple[View | None, View | None]:
         """Return the present and the previous camera for keypoints of this frame."""

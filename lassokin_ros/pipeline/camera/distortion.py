@@ -6,7 +6,6 @@ A point x, y is the complex number x + iy.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
@@ -27,33 +26,13 @@ LEAST_RADIUS = 1e-300
 MISSING = complex(np.nan, np.nan)
 
 
-class Distortion(Protocol):
-    """A lens model. Points are (k,) complex, normalised, NaN = outside the range of the model."""
-
-    turns_back: float
-    """Distance from the principal point, distorted, at which the image of the model turns back; infinite if it does
-    not."""
-
-    def distort(self, straight: np.ndarray) -> np.ndarray:
-        """Return the distorted points."""
-        ...
-
-    def undistort(self, distorted: np.ndarray) -> np.ndarray:
-        """Return the points that `distort` moves to the given ones."""
-        ...
-
-
-def make_distortion(model: str, D: np.ndarray) -> Distortion:
-    """Return the lens model of a name; see Lens for the arguments."""
-    return Equidistant(D) if model == "equidistant" else Polynomial(D)
-
-
 class Polynomial:
     """plumb_bob and rational_polynomial: with r^2 = |z|^2 and the radial factor R,
 
     w = z (R(r^2) + 2 Re(z conj(p))) + p r^2 + s1 r^2 + s2 r^4, R = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + ...)
 
-    and then, for a tilted sensor, a homography.
+    and then, for a tilted sensor, a homography. turns_back: distance from the principal point, distorted, at which the
+    image of the model turns back; infinite if it does not. Points are (k,) complex, normalised.
     """
 
     def __init__(self, D: np.ndarray) -> None:
@@ -69,14 +48,17 @@ class Polynomial:
         self.turns_back = float(bent[turn[0]]) if len(turn) else np.inf
 
     def distort(self, straight: np.ndarray) -> np.ndarray:
-        """See Distortion.distort."""
+        """Return the distorted points of straight ones."""
         with np.errstate(invalid="ignore", over="ignore"):
             r2 = straight.real**2 + straight.imag**2
             bent = self._bend(straight, r2, self._factor(straight, self._radial(r2)[0]))
         return bent if self._tilt is None else _mapped(self._tilt, bent)
 
     def undistort(self, distorted: np.ndarray) -> np.ndarray:
-        """See Distortion.undistort. Newton's method; the radial part alone gives the starting points."""
+        """Return the points that `distort` moves to the given ones, NaN outside the range of the model.
+
+        Newton's method; the radial part alone gives the starting points.
+        """
         with np.errstate(all="ignore"):
             target = distorted if self._tilt is None else _mapped(np.linalg.inv(self._tilt), distorted)
             radius = np.abs(target)
@@ -145,14 +127,14 @@ class Equidistant:
         self.turns_back = float(bent[turn[0]]) if len(turn) else np.inf
 
     def distort(self, straight: np.ndarray) -> np.ndarray:
-        """See Distortion.distort."""
+        """See Polynomial.distort."""
         radius = np.abs(straight)
         theta = np.arctan(radius)
         bent = self._bent(theta)[0]
         return straight * (bent / np.maximum(radius, LEAST_RADIUS))
 
     def undistort(self, distorted: np.ndarray) -> np.ndarray:
-        """See Distortion.undistort. Newton's method in theta."""
+        """See Polynomial.undistort. Newton's method in theta."""
         radius = np.abs(distorted)
         theta = np.minimum(radius, np.pi / 2)
         with np.errstate(all="ignore"):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
 
 from lassokin_ros.core.errors import CameraError
-from lassokin_ros.pipeline.camera.distortion import Distortion, make_distortion
+from lassokin_ros.pipeline.camera.distortion import Equidistant, Polynomial
 from msg_adapters.camera_info import Intrinsics, checked_camera
 from msg_adapters.errors import AdapterError
 
@@ -54,9 +53,18 @@ class Lens:
         self._centre = self.K[:2, 2]
         self.size = int(size[0]), int(size[1])
         """(width, height) px of the image, 0 if unknown."""
-        self._distortion = make_distortion(model, self.D) if model else None
-        distorted = "" if self._distortion is None else self._check_image(self._distortion)
-        self.warning = warning or distorted
+        self._distortion: Polynomial | Equidistant | None = None
+        if model:
+            self._distortion = Equidistant(self.D) if model == "equidistant" else Polynomial(self.D)
+        impossible, unusual = ("", "") if self._distortion is None else self._faults(self._distortion)
+        words = f"D = {self.D.tolist()} ({self.model})"
+        if impossible:
+            raise CameraError(
+                f"{words} is not the distortion of a lens: {impossible}; expected coefficients of a calibration, in "
+                "OpenCV's order"
+            )
+        unusual = unusual and f"{words} is unusual for a lens: {unusual}; check the calibration"
+        self.warning = warning or unusual
         """What is unusual about K or the distortion, in words; empty if nothing is."""
 
     @classmethod
@@ -85,21 +93,27 @@ class Lens:
         lens._set(K, self.D, self.model, self.warning, size)
         return lens
 
-    def _check_image(self, distortion: Distortion) -> str:
-        """Return what is unusual about the distortion, see `faults_of`. Raises CameraError if no lens has it."""
-        impossible, unusual = faults_of(
-            lambda points: _pairs(distortion.undistort(_complex(points))),
-            border_points(self.K, self.size),
-            distortion.turns_back,
-            self.model == "equidistant",
-        )
-        words = f"D = {self.D.tolist()} ({self.model})"
-        if impossible:
-            raise CameraError(
-                f"{words} is not the distortion of a lens: {impossible}; expected coefficients of a calibration, in "
-                "OpenCV's order"
-            )
-        return unusual and f"{words} is unusual for a lens: {unusual}; check the calibration"
+    def _faults(self, distortion: Polynomial | Equidistant) -> tuple[str, str]:
+        """Return why no lens has this distortion, and what is unusual about it, in words; empty if nothing is."""
+        fisheye = self.model == "equidistant"
+        far = np.where(np.array(self.size) > 0, self.size, 2 * self._centre) - self._centre
+        (left, above), (right, below) = self._centre / self._focal_lengths, far / self._focal_lengths
+        border = np.array([-left, -1j * above, right, 1j * below])  # beside, above and below the principal point
+        points = np.concatenate([INNER * border, border])
+        distances, straight = np.abs(points), np.abs(distortion.undistort(points))
+        # A fisheye's image may end within the borders.
+        beyond = distances > distortion.turns_back if fisheye else np.isnan(straight)
+        if beyond[: len(border)].any():
+            return "its image turns back near the principal point", ""
+        straight = np.where(straight > 0, np.arctan(straight) if fisheye else straight, np.inf)  # NaN, too
+        stretch = float((distances / straight).max())
+        if stretch > LARGEST_STRETCH:
+            return f"it moves points away from the principal point by a factor of {stretch:.3g}", ""
+        if (USUAL * distances[len(border) :] > distortion.turns_back).any():
+            return "", "its image turns back within the borders, so that points near these are lost"
+        if stretch > UNUSUAL_STRETCH:
+            return "", f"it moves points away from the principal point by a factor of {stretch:.2f}"
+        return "", ""
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -148,38 +162,3 @@ def _complex(points: np.ndarray) -> np.ndarray:
 def _pairs(points: np.ndarray) -> np.ndarray:
     """Return complex numbers (k,) as points (k, 2)."""
     return points.view(float).reshape(-1, 2)
-
-
-def border_points(K: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """(4, 2) normalised: of the borders' points left, above, right and below of the principal point.
-
-    K: (3, 3) px. size: (width, height) px; 0 = unknown, then the principal point is in the middle.
-    """
-    centre, focal = K[:2, 2], K[[0, 1], [0, 1]]
-    far = np.where(np.array(size) > 0, size, 2 * centre) - centre
-    (left, above), (right, below) = centre / focal, far / focal
-    return np.array([[-left, 0.0], [0.0, -above], [right, 0.0], [0.0, below]])
-
-
-def faults_of(
-    undistort: Callable[[np.ndarray], np.ndarray], border: np.ndarray, turns_back: float, fisheye: bool
-) -> tuple[str, str]:
-    """Return why no lens has this distortion, and what is unusual about it, in words; empty if nothing is.
-
-    undistort: of normalised points (k, 2), NaN where the model has none. border: see `border_points`. turns_back:
-    normalised distance from the principal point beyond which the model's image turns back.
-    """
-    points = np.concatenate([INNER * border, border])
-    distances, straight = np.linalg.norm(points, axis=1), np.linalg.norm(undistort(points), axis=1)
-    beyond = distances > turns_back if fisheye else np.isnan(straight)  # a fisheye's image may end within the borders
-    if beyond[: len(border)].any():
-        return "its image turns back near the principal point", ""
-    straight = np.where(straight > 0, np.arctan(straight) if fisheye else straight, np.inf)  # NaN, too
-    stretch = float((distances / straight).max())
-    if stretch > LARGEST_STRETCH:
-        return f"it moves points away from the principal point by a factor of {stretch:.3g}", ""
-    if (USUAL * distances[len(border) :] > turns_back).any():
-        return "", "its image turns back within the borders, so that points near these are lost"
-    if stretch > UNUSUAL_STRETCH:
-        return "", f"it moves points away from the principal point by a factor of {stretch:.2f}"
-    return "", ""

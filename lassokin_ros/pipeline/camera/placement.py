@@ -141,22 +141,18 @@ class Placement:
         """
         assert self.places is not None
         finds = self._several and self._people[0].tracker.config.extrinsics == LEARN and bool(self.places.newest)
-        found, order = list(placed), self._names
-        for image, error in missing:
+        learned = [one for tracked in self._people if (one := tracked.tracker.learned.extrinsics) is not None]
+        used, order = list(placed), self._names
+        for image, _ in missing:
             name = image.camera.name
             if finds:
-                found.append(replace(image, camera=self.places.adopt(name, self._found_pose(name))))
+                found = next((one.found[name] for one in learned if name in one.found), CameraPose(name, known=False))
+                used.append(replace(image, camera=self.places.adopt(name, found)))
             else:
                 self.counts[f"no transform of {name}" if name else "no transform"] += 1
-        if not found:
+        if not used:
             raise missing[0][1]
-        return sorted(found, key=lambda image: (not image.camera.known, order.index(image.camera.name)))
-
-    def _found_pose(self, name: str) -> CameraPose:
-        """Return the pose of a camera that was found from a person; one that is not known if there is none yet."""
-        learned = (tracked.tracker.learned.extrinsics for tracked in self._people)
-        found = [one.found[name] for one in learned if one is not None and name in one.found]
-        return found[0] if found else CameraPose(name, known=False)
+        return sorted(used, key=lambda image: (not image.camera.known, order.index(image.camera.name)))
 
     def agreeing(self, images: Sequence[Image]) -> Sequence[Image]:
         """Return the images without those of a camera that contradicts the others. These are counted."""

@@ -8,13 +8,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from lassokin_ros.core.rig.offset import Offset, offset_between
+from lassokin_ros.core.rig.clocks import Offset, offset_between, track_of
 from lassokin_ros.core.rig.setup import SetUp, SetUpCheck
-from lassokin_ros.core.rig.tracks import track_of
 from lassokin_ros.pipeline.seen import Sight
 
 OF_FILE = "expected x_camera = R x + t, with the camera's optical frame (z forward, x right, y down)"
@@ -64,24 +62,6 @@ def set_up_words(found: SetUp | None, names: Sequence[str], pose: str, frame: st
     return words
 
 
-def clock_words(offset: Offset, name: str, first: str) -> str:
-    """Return that the stamps of a camera differ from those of the first one."""
-    way = "late" if offset.seconds > 0 else "early"
-    return (
-        f"the keypoints of '{name}' and '{first}' fit best if the stamps of '{name}' are "
-        f"{1000 * abs(offset.seconds):.0f} ms (+- {1000 * offset.deviation:.0f}) too {way}; nothing is changed: let "
-        "the driver stamp the exposure, by one clock"
-    )
-
-
-@dataclass
-class _Clock:
-    """The last comparison of a camera's stamps with those of the first camera, and whether the one before agreed."""
-
-    offset: Offset
-    confirmed: bool = False
-
-
 class RigCheck:
     """Follows the person in the images of running cameras."""
 
@@ -96,7 +76,7 @@ class RigCheck:
         self._instants: deque[dict[str, Sight]] = deque(maxlen=KEPT)
         self._kept_ns = self._count = self._searched = 0
         self._sights: dict[str, deque[Sight]] = {name: deque(maxlen=600) for name in self._names}
-        self._clocks: dict[str, _Clock] = {}
+        self._clocks: dict[str, tuple[Offset, bool]] = {}  # the last comparison, and whether the one before agreed
         self._compared_ns = 0
         self.set_up: list[str] = []
         """What is wrong with the set-up, in words."""
@@ -104,7 +84,16 @@ class RigCheck:
     @property
     def clocks(self) -> list[str]:
         """Which cameras' stamps are off, in words."""
-        return [clock_words(one.offset, name, self._names[0]) for name, one in self._clocks.items() if one.confirmed]
+        words = []
+        for name, (offset, confirmed) in self._clocks.items():
+            if confirmed:
+                way, ms = "late" if offset.seconds > 0 else "early", f"{1000 * abs(offset.seconds):.0f} ms"
+                words.append(
+                    f"the keypoints of '{name}' and '{self._names[0]}' fit best if the stamps of '{name}' are {ms} (+- "
+                    f"{1000 * offset.deviation:.0f}) too {way}; nothing is changed: let the driver stamp the exposure, "
+                    "by one clock"
+                )
+        return words
 
     def add(self, sights: Sequence[Sight]) -> None:
         """Use the sights of one person in the images of one instant."""
@@ -134,14 +123,17 @@ class RigCheck:
     def _judge(self) -> None:
         """Judge the set-up. Explanations take time: they are looked for if the given one is bad, and not each time."""
         names = [name for name in self._names if any(name in instant for instant in self._instants)]
-        missing = np.full((len(self._landmarks), 2), np.nan)
+        count = len(self._landmarks)
         pixels, known, poses, lenses = [], [], [], []
         for name in names:
             sights = [instant.get(name) for instant in self._instants]
             last = next(sight for sight in reversed(sights) if sight is not None)
-            points = np.array([missing if one is None else _pixels_of(one) for one in sights])
+            points = np.full((len(sights), count, 2), np.nan)
+            for row, one in zip(points, sights):
+                if one is not None:
+                    row[:] = one.lens.distort(one.seen.points) if one.seen.pixels is None else one.seen.pixels
             pixels.append(points)
-            sure = [np.zeros(len(missing), bool) if one is None else one.seen.confidence > 0 for one in sights]
+            sure = [np.zeros(count, bool) if one is None else one.seen.confidence > 0 for one in sights]
             known.append(np.array(sure) & np.isfinite(points[..., 0]))
             cameras = [(last if one is None else one).camera for one in sights]
             poses.append((np.array([c.rotation for c in cameras]), np.array([c.translation for c in cameras])))
@@ -176,13 +168,8 @@ class RigCheck:
             offset = offset_between(one, other, CLOCKS_SEARCHED_S)
             if not offset.is_sure:
                 continue
-            before = self._clocks.get(name)
+            before, _ = self._clocks.get(name, (None, False))
             clear = offset.deviation < CLOCKS_DEVIATION_S
             off = clear and abs(offset.seconds) > max(CLOCKS_APART_S, CLOCKS_CLEARLY * offset.deviation)
-            agrees = before is not None and abs(before.offset.seconds - offset.seconds) < SAME_S
-            self._clocks[name] = _Clock(offset, off and agrees)
-
-
-def _pixels_of(sight: Sight) -> np.ndarray:
-    """Return the keypoints (l, 2) px."""
-    return sight.lens.distort(sight.seen.points) if sight.seen.pixels is None else sight.seen.pixels
+            agrees = before is not None and abs(before.seconds - offset.seconds) < SAME_S
+            self._clocks[name] = offset, off and agrees

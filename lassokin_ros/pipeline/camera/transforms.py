@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -64,28 +63,19 @@ class Transforms:
             child, parent = transform.child_frame_id.lstrip("/"), transform.header.frame_id.lstrip("/")
             turn, shift, stamp = transform.transform.rotation, transform.transform.translation, transform.header.stamp
             quaternion, place = (turn.x, turn.y, turn.z, turn.w), (shift.x, shift.y, shift.z)
-            if not (child and parent and child != parent and 0.9 < math.fsum(x * x for x in quaternion) < 1.1):
+            square = math.fsum(x * x for x in quaternion)
+            names = child and parent and child != parent and max(len(child), len(parent)) <= LONGEST_NAME
+            if not (names and 0.9 < square < 1.1 and all(abs(x) <= FARTHEST_M for x in place)):
                 continue  # NaN compares false
-            if not all(abs(x) <= FARTHEST_M for x in place):
-                continue
-            if len(child) > LONGEST_NAME or len(parent) > LONGEST_NAME:
-                continue
             frame = self._frames.pop(child, None)
-            if frame is None:
-                self._make_room()
+            if frame is None and len(self._frames) >= MOST_FRAMES:  # the moving one of the oldest update is forgotten
+                moving = (name for name, known in self._frames.items() if not known.static)
+                del self._frames[next(moving, next(iter(self._frames)))]
             if frame is None or frame.parent != parent or frame.static is not static:
                 frame = _Frame(parent, static)
             self._frames[child] = frame  # at the end: the last to be forgotten
-            size = math.sqrt(math.fsum(x * x for x in quaternion))
-            x, y, z, w = (part / size for part in quaternion)
-            quaternion = x, y, z, w
-            frame.add(stamp.sec * 1_000_000_000 + stamp.nanosec, quaternion, place)
-
-    def _make_room(self) -> None:
-        """Forget one frame if there are too many: the moving one that was updated the longest time ago."""
-        if len(self._frames) >= MOST_FRAMES:
-            moving = (name for name, frame in self._frames.items() if not frame.static)
-            del self._frames[next(moving, next(iter(self._frames)))]
+            x, y, z, w = (part / math.sqrt(square) for part in quaternion)
+            frame.add(stamp.sec * 1_000_000_000 + stamp.nanosec, (x, y, z, w), place)
 
     def clear(self) -> None:
         """Forget the moving frames, after a jump of the clock."""
@@ -97,14 +87,12 @@ class Transforms:
         Transforms that have not arrived up to the time are continued for up to EXTRAPOLATED_NS. Raises TransformError
         if the frames are not connected, or if a transform is not of this time.
         """
-        of_frame, of_base = list(self._chain(frame)), list(self._chain(base))
-        common = next((name for name in of_frame if name in of_base), None)
-        if common is None:
-            raise TransformError(self._difference_of_trees(frame, of_frame, base, of_base))
-        up, at = self._product(of_frame[: of_frame.index(common)], stamp_ns)
-        down, of = self._product(of_base[: of_base.index(common)], stamp_ns)
-        back = from_quaternion(np.array(down)).T
-        return back @ from_quaternion(np.array(up)), back @ (np.array(at) - np.array(of))
+        up, down = self._between(frame, base)
+        if up is None or down is None:
+            raise TransformError(self._difference_of_trees(frame, base))
+        (turn, at), (back, of) = self._product(up, stamp_ns), self._product(down, stamp_ns)
+        inverse = from_quaternion(np.array(back)).T
+        return inverse @ from_quaternion(np.array(turn)), inverse @ (np.array(at) - np.array(of))
 
     def deviation(self, frame: str, base: str, stamp_ns: int) -> tuple[float, float]:
         """Return the standard deviations, rad and m, of a pose that continues the motion up to a time; 0 if none is.
@@ -130,20 +118,22 @@ class Transforms:
 
     def _moving_between(self, frame: str, base: str) -> list[str]:
         """Return the names of the frames between two that have moving transforms; none if they are not connected."""
-        of_frame, of_base = list(self._chain(frame)), list(self._chain(base))
+        return [name for chain in self._between(frame, base) for name in chain or () if not self._frames[name].static]
+
+    def _between(self, frame: str, base: str) -> tuple[list[str] | None, list[str] | None]:
+        """Return the frames from each of two to below the first common one; None for both if they have none."""
+        of_frame, of_base = self._chain(frame), self._chain(base)
         common = next((name for name in of_frame if name in of_base), None)
         if common is None:
-            return []
-        between = of_frame[: of_frame.index(common)] + of_base[: of_base.index(common)]
-        return [name for name in between if not self._frames[name].static]
+            return None, None
+        return of_frame[: of_frame.index(common)], of_base[: of_base.index(common)]
 
-    def _chain(self, name: str) -> Iterator[str]:
-        """Yield the frame, its parent, and so on."""
-        for _ in range(DEEPEST):
-            yield name
-            if (frame := self._frames.get(name)) is None:
-                return
-            name = frame.parent
+    def _chain(self, name: str) -> list[str]:
+        """Return the frame, its parent, and so on."""
+        chain = [name]
+        while len(chain) < DEEPEST and (frame := self._frames.get(chain[-1])) is not None:
+            chain.append(frame.parent)
+        return chain
 
     def _product(self, chain: list[str], stamp_ns: int) -> tuple[Quaternion, Vector]:
         """Return the orientation and the position of the first frame of a chain in the parent of the last one."""
@@ -154,15 +144,12 @@ class Transforms:
             total, place = _product(turn, total), (x + shift[0], y + shift[1], z + shift[2])
         return total, place
 
-    def _difference_of_trees(self, frame: str, of_frame: list[str], base: str, of_base: list[str]) -> str:
+    def _difference_of_trees(self, frame: str, base: str) -> str:
         known = {item for name, one in self._frames.items() for item in (name, one.parent)}
-        unknown = [f"'{name}'" for name in (frame, base) if name not in known]
-        if unknown:
+        if unknown := [f"'{name}'" for name in (frame, base) if name not in known]:
             return f"no transform of {' or '.join(unknown)} was received on /tf or /tf_static"
-        return (
-            f"'{frame}' and '{base}' are not connected: the one belongs to '{of_frame[-1]}', the other to "
-            f"'{of_base[-1]}'"
-        )
+        roots = (self._chain(name)[-1] for name in (frame, base))
+        return "'{}' and '{}' are not connected: the one belongs to '{}', the other to '{}'".format(frame, base, *roots)
 
 
 class _Frame:
@@ -220,8 +207,11 @@ class _Frame:
                 f"the transform of '{name}' is more than {EXTRAPOLATED_NS * 1e-9:g} s {side} than the image: do the "
                 "camera and TF have the same clock?"
             )
-        if distance_ns > 0 and (since := self._moves_since()) is not None:
-            return self._between(since, nearest, stamp_ns)
+        if distance_ns > 0 and nearest == len(self._stamps) - 1:  # the newest motion goes on
+            since = max(bisect(self._stamps, self._stamps[-1] - SHORTEST_STEP_NS) - 1, 0)
+            short = self._stamps[-1] - self._stamps[since] <= LONGEST_STEP_NS
+            if since < nearest and short and not self._jumps(since, nearest):
+                return self._between(since, nearest, stamp_ns)
         return self._poses[nearest]
 
     def _between(self, before: int, after: int, stamp_ns: int) -> tuple[Quaternion, Vector]:
@@ -230,14 +220,6 @@ class _Frame:
         (a, p), (b, q) = self._poses[before], self._poses[after]
         x, y, z = (u + share * (v - u) for u, v in zip(p, q))
         return _interpolated(a, b, share), (x, y, z)
-
-    def _moves_since(self) -> int | None:
-        """Return the pose from which on the newest motion can be continued; None if it cannot."""
-        newest = len(self._stamps) - 1
-        since = max(bisect(self._stamps, self._stamps[-1] - SHORTEST_STEP_NS) - 1, 0)
-        if newest == since or self._stamps[-1] - self._stamps[since] > LONGEST_STEP_NS:
-            return None
-        return None if self._jumps(since, newest) else since
 
     def _jumps(self, before: int, after: int) -> bool:
         """Return True if no robot moves from one stored pose to a later one in their time."""

@@ -18,20 +18,18 @@ are no warnings."""
 
 
 class Seen(Flag):
-    """Who sees a concern. The summary and the page are those of a replay."""
+    """Who sees a concern. A replay has it in its summary and on its page."""
 
     LOG = auto()
     DIAGNOSTICS = auto()
-    SUMMARY = auto()
-    PAGE = auto()
+    REPLAY = auto()
 
 
 NOW = Seen.DIAGNOSTICS
 """What holds at this moment; a whole recording is judged by other figures."""
-LIVE = Seen.DIAGNOSTICS | Seen.SUMMARY | Seen.PAGE
+PAGE = Seen.REPLAY
+LIVE = NOW | PAGE
 LOGGED = LIVE | Seen.LOG
-ONCE = Seen.LOG
-PAGE = Seen.SUMMARY | Seen.PAGE
 
 
 class Concern(NamedTuple):
@@ -67,6 +65,10 @@ FROZEN_ADVICE = "check that the camera's image changes and reaches the detector"
 PIXELS_ADVICE = "pixels of the raw image at full resolution, and that camera_info is of their camera"
 UPRIGHT_ADVICE = "check that the image is not upside down, and that y is counted from the top"
 TURNED_ADVICE = "the person lies, or the image is turned, or the camera's pose in TF is not that of its optical frame"
+SIZE_ADVICE = (
+    "give camera_info of the detector's image, in its size (ZED: pub_resolution: NATIVE; a resized or binned image: "
+    "its own camera_info)"
+)
 UNIT_ADVICE = "check that they are in mm (16UC1) or m (32FC1)"
 
 CONCERNS: dict[str, Concern] = {
@@ -167,7 +169,7 @@ CONCERNS: dict[str, Concern] = {
     "unstamped": Concern(
         "keypoints without a stamp: outputs carry the time of their arrival{count}",
         "let the detector copy the stamp of the image",
-        seen=ONCE | PAGE,
+        seen=Seen.LOG | PAGE,
     ),
     "stamps_jump": Concern(
         "The stamps are not monotonic: at {time:.1f} s they jump {way} by "
@@ -184,7 +186,12 @@ CONCERNS: dict[str, Concern] = {
     "camera_without_info": Concern("no camera_info of camera '{camera}'", "remap {camera}/camera_info to its topic"),
     "camera_unplaced": Concern("{fault}"),
     "cameras_share_frame": Concern("{fault}"),
-    "image_size": Concern("{fault}", seen=LOGGED),
+    "image_size": Concern(
+        "camera_info is of an image of {size[0]} x {size[1]} px, the keypoints are pixels of one of {own[0]} x "
+        "{own[1]} px, as the detector's 3D points show: used is camera_info times {factor:.3g}",
+        SIZE_ADVICE,
+        seen=LOGGED,
+    ),
     "camera_wrong": Concern("{fault}"),
     "camera_clock": Concern("{fault}"),
     "tf_clock": Concern(
@@ -284,7 +291,7 @@ CONCERNS: dict[str, Concern] = {
         "the followed person was re-identified by position only, and may be somebody else",
         "check that it is the same person, and call ~/lock",
     ),
-    "likely_wrong": Concern("the pose{whose} is likely wrong {when}: {reasons}", level=DOUBT),
+    "likely_wrong": Concern("the pose is likely wrong {when}: {reasons}", level=DOUBT),
     "unseen": Concern("not seen: {limbs}; without keypoints their pose is a guess", level=NOTE, seen=NOW | PAGE),
     "tracked": Concern(
         "{share:.1%} of the frames were tracked, and {where}nothing suggests a wrong pose{unjudged}",

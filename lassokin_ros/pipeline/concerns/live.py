@@ -10,21 +10,27 @@ from lassokin_ros.core.learned.height import LARGEST_FLOOR_DEVIATION
 from lassokin_ros.core.observation import Rejection
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.camera.placement import JUMPS
-from lassokin_ros.pipeline.camera_images import DEPTH_IN_MESSAGE, NOBODY, UNSCORED, CameraImages
-from lassokin_ros.pipeline.concerns.catalogue import CONCERNS, Raised, say
+from lassokin_ros.pipeline.camera_images import DEPTH_IN_MESSAGE, NOBODY, UNSCORED
+from lassokin_ros.pipeline.concerns.catalogue import Raised, say
 from lassokin_ros.pipeline.concerns.period import INTERVALS, Period
 from lassokin_ros.pipeline.concerns.rejections import advice_for
-from lassokin_ros.pipeline.depth.depth_images import MATCHED, UNMATCHED
+from lassokin_ros.pipeline.depth.depth_images import MATCHED, RECEIVED, UNMATCHED
+from lassokin_ros.pipeline.frame_result import repeated_s
 from lassokin_ros.pipeline.input_checks.hands import EXCHANGED, FAR, ORDER, SAME
 from lassokin_ros.pipeline.input_checks.messages import FROZEN_S
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.people.roster import GONE
+from lassokin_ros.pipeline.people.tracked_person import FROZEN
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import MESSAGE
 
+SILENCE_S = 2.0
+"""s: a longer period without keypoints is a warning."""
 FUTURE_S, LATE_S, LATEST_S, PAST_S = 1.0, 0.5, 60.0, 3600.0
 """s: stamps that lie further in the future are of another clock. Keypoints that are older than the second when they
 arrive are late; older than the third, they are probably of a recording, and older than the last of another clock."""
+APART_S = 0.06
+"""s: difference of the delays of two cameras that is a warning. Prediction over it costs a quarter of the accuracy."""
 UNUSED_SHARE = 0.02
 """Share of the messages that may be overtaken or lost without a warning."""
 TURNOVER = 2
@@ -45,31 +51,56 @@ HANDS = {"hands_exchanged": EXCHANGED, "hands_alike": SAME, "hands_far": FAR, "h
 Rule = Callable[[Period], Iterator[Raised]]
 
 
-def of_each_camera(session: Session, rule: Callable[[CameraImages], Iterator[Raised]]) -> Iterator[Raised]:
-    """Yield what a rule finds about each camera, with the name of each one of several."""
+def blocked(period: Period, now: float, tracking: bool) -> Iterator[Raised]:
+    """Yield why nothing can be tracked, the most important reason first. now: s, steady clock."""
+    session, places = period.session, period.session.placement.places
+    if not session.enabled:
+        yield say("disabled")
+    refused = []
     for name, camera in session.cameras.items():
-        for raised in rule(camera):
-            yield raised._replace(text=f"camera '{name}': {raised.text}") if name else raised
-
-
-def passed_on(key: str, text: str) -> Iterator[Raised]:
-    """Yield a concern whose text is made where it is found; nothing for an empty text."""
-    if text:
-        yield Raised(key, CONCERNS[key].level, text)
-
-
-def camera_refused(session: Session) -> Iterator[Raised]:
-    """Yield why the last camera_info of a camera was refused."""
-
-    def refused(camera: CameraImages) -> Iterator[Raised]:
         if fault := camera.camera.fault:
             kept = "" if camera.camera.view is None else "; the last good one is used"
-            yield say("camera_refused", fault=fault, kept=kept)
+            refused.append(say("camera_refused", of=_named(name), fault=fault, kept=kept))
+    if refused:
+        yield refused[0]._replace(text="; ".join(raised.text for raised in refused))
+    if places is not None and period.sending and places.faults.keys() >= set(period.sending):
+        yield say("no_usable_image", fault=places.fault)
+    if not session.inputs.has_camera:
+        yield say("no_camera_info")
+    elif not (session.config.silent_when_empty and session.scene.detector_connected):
+        if period.keypoints_at is None:
+            yield say("no_keypoints")
+        elif now - period.keypoints_at > SILENCE_S:
+            yield say("silent", limit=SILENCE_S)
+    refusals = period.recent[f"rejected: {FROZEN}"] + period.recent[f"rejected: {FROZEN} (a person)"]
+    if repeated_s(period.last) > FROZEN_S or (refusals and not tracking):
+        yield say("frozen", limit=FROZEN_S)
 
-    return of_each_camera(session, refused)
+
+def found(period: Period, now: float, tracking: bool, direction: Raised | None) -> Iterator[Raised]:
+    """Yield the concerns in the order in which they are said. direction: that of the bodies. now: s, steady clock."""
+    unused = list(_rejections(period))
+    yield from unused
+    for rule in OF_INPUTS:
+        yield from rule(period)
+    yield from _identity(period, tracking)
+    if direction is not None:
+        yield direction
+    if not tracking and not unused:
+        yield from _untrackable(period)
+    yield from of_cameras(period, now)
+    yield from _likely_wrong(period)
+    if tracking:
+        for frame in period.newest:
+            if limbs := frame.doubt.unseen:
+                yield say("unseen", of=frame.person, limbs=", ".join(limbs))
 
 
-def rejections(period: Period) -> Iterator[Raised]:
+def _named(camera: str) -> str:
+    return f"camera '{camera}'" if camera else ""
+
+
+def _rejections(period: Period) -> Iterator[Raised]:
     """Yield why messages were not used. The figures of the diagnostics contain the numbers."""
     recent = period.recent
     refused = {key.partition(": ")[2]: n for key, n in recent.items() if key.startswith("rejected: ")}
@@ -84,28 +115,22 @@ def rejections(period: Period) -> Iterator[Raised]:
 
 
 def _cameras_fit(period: Period) -> Iterator[Raised]:
-    def unlikely(camera: CameraImages) -> Iterator[Raised]:
-        return passed_on("camera_unlikely", "" if camera.camera.view is None else camera.camera.warning)
-
-    def outside(camera: CameraImages) -> Iterator[Raised]:
-        count, received = period.recent[camera.key(OUTSIDE_IMAGE)], period.recent[camera.key("received")]
-        if camera.camera.view is not None and 2 * count > received:
-            width, height = camera.camera.view.size
-            yield say("outside", width=width, height=height, when="")
-
-    yield from of_each_camera(period.session, unlikely)
-    yield from of_each_camera(period.session, outside)
+    recent = period.recent
+    for name, camera in period.session.cameras.items():
+        if warning := camera.camera.warning:
+            yield say("camera_unlikely", of=_named(name), fault=warning)
+        view = camera.camera.view
+        if view is not None and 2 * recent[camera.key(OUTSIDE_IMAGE)] > recent[camera.key("received")]:
+            yield say("outside", of=_named(name), width=view.size[0], height=view.size[1], when="")
 
 
 def _fit(period: Period) -> Iterator[Raised]:
-    """Yield that the keypoints do not fit a body."""
     if period.misfits and float(np.median(period.misfits)) >= NO_BODY:
         tracker = period.session.tracker
         yield say("no_body", distance=NO_BODY * tracker.skeleton.height, landmarks=tracker.config.landmarks)
 
 
 def _turnover(period: Period) -> Iterator[Raised]:
-    """Yield that more people came and left than is plausible."""
     config, recent = period.session.config, period.recent
     numbered = not config.topic_per_body and config.person_ids == MESSAGE
     if numbered and min(recent["people come"], recent["people left"]) > TURNOVER and not recent["resets"]:
@@ -118,27 +143,25 @@ def _depth(period: Period) -> Iterator[Raised]:
     unused = period.with_depth < LEAST_DEPTH_USED * period.tracked
     if recent[DEPTH_IN_MESSAGE] and unused:
         yield say("own_depth_not_near")
-    elif session.first.depth is not None:
-        found = list(of_each_camera(session, lambda camera: _depth_fault(period, camera)))
-        frozen = any(camera.depth is not None and camera.depth.frozen for camera in session.cameras.values())
-        if not found and not frozen:  # `_inputs` names frozen ones
-            found = list(of_each_camera(session, lambda camera: _unmatched_depth(period, camera)))
-            if not found and recent[MATCHED] and unused:
-                found = [say("depth_not_near")]
-        yield from found
-
-
-def _depth_fault(period: Period, camera: CameraImages) -> Iterator[Raised]:
-    if camera.depth is None:
-        return iter(())
-    if period.depth_images(camera.name) == 0:
-        return iter([say("no_depth_images", topic=period.session.config.depth_topic(camera.name))])
-    return passed_on("depth_unused", camera.depth.fault or camera.depth_check.fault)
-
-
-def _unmatched_depth(period: Period, camera: CameraImages) -> Iterator[Raised]:
-    if period.recent[camera.key(UNMATCHED)] > period.recent[camera.key(MATCHED)]:
-        yield say("depth_unmatched")
+    if recent[DEPTH_IN_MESSAGE] and unused or session.first.depth is None:
+        return
+    faults, unmatched, frozen = [], [], False
+    for name, camera in session.cameras.items():
+        if camera.depth is None:
+            continue
+        frozen = frozen or camera.depth.frozen  # `_inputs` says it
+        if recent[camera.key(RECEIVED)] == 0:
+            faults.append(say("no_depth_images", of=_named(name), topic=session.config.depth_topic(name)))
+        elif fault := camera.depth.fault or camera.depth_check.fault:
+            faults.append(say("depth_unused", of=_named(name), fault=fault))
+        if recent[camera.key(UNMATCHED)] > recent[camera.key(MATCHED)]:
+            unmatched.append(say("depth_unmatched", of=_named(name)))
+    if faults or frozen:
+        yield from faults
+    elif unmatched:
+        yield from unmatched
+    elif recent[MATCHED] and unused:
+        yield say("depth_not_near")
 
 
 def _height(period: Period) -> Iterator[Raised]:
@@ -147,7 +170,11 @@ def _height(period: Period) -> Iterator[Raised]:
     if config.height > 0:
         checks = [tracker.learned.size_check for tracker in session.roster.trackers.values()]
         if (wrong := next((check for check in checks if check.wrong), None)) is not None:
-            source, check = _size_source(session)
+            source, check = "measured depth does", "that camera_info is of their camera"
+            if session.config.several_cameras:
+                source, check = "limbs before several cameras do", "the places of the cameras"
+            elif session.counts[session.first.key(MATCHED)] == 0 and session.tracker.floor is not None:
+                source, check = "feet on the floor do", "the height and the tilt of the camera"
             measured = wrong.ratio * config.height
             yield say("height_wrong", height=config.height, source=source, measured=measured, check=check)
         return
@@ -161,15 +188,6 @@ def _height(period: Period) -> Iterator[Raised]:
         percent, limit = 100 * floor, 100 * LARGEST_FLOOR_DEVIATION
         tilt = config.tilt_deviation
         yield say("height_by_floor", height=config.assumed_height, tilt=tilt, percent=percent, limit=limit)
-
-
-def _size_source(session: Session) -> tuple[str, str]:
-    """Return what has measured the size of a person, and what else may be wrong with it, in words."""
-    if session.config.several_cameras:
-        return "limbs before several cameras do", "the places of the cameras"
-    if session.counts[session.first.key(MATCHED)] == 0 and session.tracker.floor is not None:
-        return "feet on the floor do", "the height and the tilt of the camera"
-    return "measured depth does", "that camera_info is of their camera"
 
 
 def _clock(period: Period) -> Iterator[Raised]:
@@ -186,34 +204,27 @@ def _clock(period: Period) -> Iterator[Raised]:
 def _inputs(period: Period) -> Iterator[Raised]:
     """Yield that inputs are not what they seem, see `pipeline/input_checks`."""
     session, recent = period.session, period.recent
-    yield from of_each_camera(session, lambda camera: passed_on("stamp_rate", camera.stamp_rate.warning))
-    yield from _other_camera(session)
+    for name, camera in session.cameras.items():
+        for check in (camera.stamp_rate, camera.image_size, camera.own_depth, camera.landmark_ids):
+            if (raised := check.concern) is not None:
+                yield raised._replace(text=f"{_named(name)}: {raised.text}") if name else raised
+        if camera.depth is not None and camera.depth.frozen:
+            yield say("depth_frozen", topic=session.config.depth_topic(name), limit=FROZEN_S)
+    for name, camera in session.cameras.items():
+        of_keypoints, view = camera.frame_id, camera.camera.view
+        own = view.intrinsics.frame_id if view is not None and session.scene.image is not None else ""
+        if of_keypoints and own and of_keypoints != own:
+            topic = f"{name}/camera_info" if name else "camera_info"
+            yield say("other_camera", topic=topic, camera=own[:40], keypoints=of_keypoints[:40])
+            break
     for key, count in HANDS.items():
         if recent[count] > UNUSUAL_HANDS * recent["received"]:
             yield say(key)
     if recent[UNSCORED] and recent[UNSCORED] >= recent["received"]:
         yield say("unscored")
-    for name, camera in session.cameras.items():
-        if camera.depth is not None and camera.depth.frozen:
-            yield say("depth_frozen", topic=session.config.depth_topic(name), limit=FROZEN_S)
     if recent[JUMPS]:
         cameras, frame = "cameras have" if len(session.cameras) > 1 else "camera has", session.config.fixed_frame
         yield say("frame_jumped", cameras=cameras, frame=frame, step=session.placement.jumps.words)
-    yield from of_each_camera(session, lambda camera: passed_on("image_size", camera.image_size.warning))
-    yield from of_each_camera(session, lambda camera: passed_on("own_depth_unused", camera.own_depth.warning))
-    yield from of_each_camera(session, lambda camera: passed_on("ids_from_1", camera.landmark_ids.warning))
-
-
-def _other_camera(session: Session) -> Iterator[Raised]:
-    """Yield that camera_info and keypoints of a camera have different frame_ids."""
-    for name, one in session.cameras.items():
-        if session.scene.image is None or (view := one.camera.view) is None:
-            continue
-        frame, camera = one.frame_id, view.intrinsics.frame_id
-        if frame and camera and frame != camera:
-            topic = f"{name}/camera_info" if name else "camera_info"
-            yield say("other_camera", topic=topic, camera=camera[:40], keypoints=frame[:40])
-            return
 
 
 def _interval(period: Period) -> Iterator[Raised]:
@@ -228,39 +239,27 @@ def _interval(period: Period) -> Iterator[Raised]:
         yield say("slow_for_stale_after", period=interval, limits=" and ".join(short), which=which)
 
 
-def _identity(period: Period) -> Iterator[Raised]:
-    """Yield that the followed or locked person may be somebody else."""
-    if _is_guess(period):
-        yield say("somebody_else")
-
-
-def _is_guess(period: Period) -> bool:
-    one, locked = period.session.roster.ids is None, period.session.roster.locked
+def _identity(period: Period, tracking: bool) -> Iterator[Raised]:
+    """Yield that somebody else may be followed or locked, or nobody is because of the lock; and unused numbers."""
+    session, people = period.session, period.session.people
+    one, locked = session.roster.ids is None, session.roster.locked
     here = period.newest if period.tracked else ()
-    return any(frame.guessed and (one or frame.person == locked) for frame in here)
-
-
-def _numbers(period: Period) -> Iterator[Raised]:
-    """Yield why the detector's person numbers are not used."""
-    people = period.session.people
+    if any(frame.guessed and (one or frame.person == locked) for frame in here):
+        yield say("somebody_else")
+    elif locked is not None and not tracking:
+        yield say("locked_forgotten") if locked == GONE else say("locked_absent", person=locked)
     if people.jumped_number is not None:
         yield say("numbers_jump", number=people.jumped_number)
     elif people.numbers_may_be_indices:
         yield say("numbers_index")
-
-
-def _lock(period: Period) -> Iterator[Raised]:
-    """Yield that nobody is followed because somebody is locked."""
-    if (locked := period.session.roster.locked) is not None and not _is_guess(period):
-        yield say("locked_forgotten") if locked == GONE else say("locked_absent", person=locked)
-
-
-def _unused_lock(period: Period) -> Iterator[Raised]:
-    if period.session.config.lock and period.session.config.topic_per_body:
+    if session.config.lock and session.config.topic_per_body:
         yield say("unused_lock")
 
 
-def untrackable(period: Period) -> Iterator[Raised]:
+OF_INPUTS: tuple[Rule, ...] = (_cameras_fit, _fit, _turnover, _depth, _height, _clock, _inputs, _interval)
+
+
+def _untrackable(period: Period) -> Iterator[Raised]:
     """Yield why nobody of several people whom the images show is tracked. Of a single person the rejections tell it."""
     session, recent = period.session, period.recent
     several = session.config.several_people and not session.config.topic_per_body
@@ -269,7 +268,7 @@ def untrackable(period: Period) -> Iterator[Raised]:
         yield say("untrackable", landmarks=config.min_landmarks, confidence=config.min_confidence)
 
 
-def likely_wrong(period: Period) -> Iterator[Raised]:
+def _likely_wrong(period: Period) -> Iterator[Raised]:
     """Yield that poses of the period are likely wrong: by a sign, or most of them by their figures."""
     judged = [(person, pending.read()) for person, pending in period.judged]
     marked = [one for one in judged if one[1].doubt.likely_wrong]
@@ -277,23 +276,49 @@ def likely_wrong(period: Period) -> Iterator[Raised]:
     if signs or len(marked) > MOST_MARKED * period.tracked:
         person, judgement = (signs or marked)[-1]
         when = f"for the last {judgement.seconds:.1f} s"
-        yield say("likely_wrong", whose=of_person(person), when=when, reasons=", ".join(judgement.reasons))
+        yield say("likely_wrong", of=person, when=when, reasons=", ".join(judgement.reasons))
 
 
-def of_person(person: str) -> str:
-    """Return ' of p1'; empty if one person is followed."""
-    return f" of {person}" if person else ""
+def of_cameras(period: Period, now: float) -> Iterator[Raised]:
+    """Yield what is wrong with several cameras, or with one in a fixed frame. now: s, steady clock."""
+    session, placement = period.session, period.session.placement
+    if placement.places is None:
+        return
+    for fault in placement.places.faults.values():
+        yield say("camera_unplaced", fault=fault)
+    for name in session.cameras:
+        if placement.tf_offset is not None and (offset := placement.tf_offset.clear(name)):
+            seconds, deviation = offset
+            which, way = f" '{name}'" if name else "", "late" if seconds > 0 else "early"
+            yield say("tf_clock", camera=which, ms=1e3 * abs(seconds), deviation=1e3 * deviation, way=way)
+    if len(session.cameras) == 1:
+        return
+    if shared := placement.places.shared_frame:
+        yield say("cameras_share_frame", fault=shared)
+    empty = session.config.silent_when_empty and session.scene.detector_connected
+    for name, camera in session.cameras.items():
+        if camera.camera.view is None:
+            yield say("camera_without_info", camera=name)
+        elif not empty and period.silent_s(name, now) > SILENCE_S:
+            yield say("camera_silent", camera=name, limit=SILENCE_S)
+    delays = {n: delay_s for n in period.sending if (delay_s := session.cameras[n].delay_s) is not None}
+    first, last = min(delays, key=delays.__getitem__, default=""), max(delays, key=delays.__getitem__, default="")
+    if delays and (apart := delays[last] - delays[first]) > APART_S:
+        yield say("camera_late", last=last, first=first, apart=apart)
+    for fault in placement.rig.clocks:
+        yield say("camera_clock", fault=fault)
+    yield from wrong_cameras(session)
 
 
-def unseen(period: Period) -> Iterator[Raised]:
-    """Yield for each person which limbs are guessed."""
-    for frame in period.newest:
-        if limbs := frame.doubt.unseen:
-            yield say("unseen", of=frame.person, limbs=", ".join(limbs))
+def wrong_cameras(session: Session, learned: bool = True) -> Iterator[Raised]:
+    """Yield which cameras are wrong, as the person shows: they contradict the others, or their poses are off.
 
-
-OF_INPUTS: tuple[Rule, ...] = (_cameras_fit, _fit, _turnover, _depth, _height, _clock, _inputs, _interval)
-WHILE_TRACKING: tuple[Rule, ...] = (_identity, _numbers, _unused_lock)
-WHILE_NOT_TRACKING: tuple[Rule, ...] = (_identity, _lock, _numbers, _unused_lock)
-WAITING = "no_camera_info", "no_keypoints", "silent"
-"""Keys of concerns beside which the node's own concern is said."""
+    learned: also yield poses whose error is small enough to be learned, unless the set-up is wrong.
+    """
+    agreement, extrinsics = session.placement.agreement, session.roster.extrinsics
+    same = list(agreement.same_keypoints())
+    words = [*agreement.left_out.values(), *(same or session.placement.rig.set_up)]
+    if learned and not words and extrinsics is not None:
+        lately = extrinsics.lately.in_words
+        words = [lately] if lately else list(filter(None, map(extrinsics.in_words, session.cameras)))
+    return (say("camera_wrong", fault=fault) for fault in words)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Sequence
-from functools import cached_property
 
 from lassokin_ros.doubt.monitor import Pending
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -15,44 +14,59 @@ INTERVALS = 5
 
 
 class Period:
-    """Figures of one period. Times are s of a steady clock.
+    """Figures of the present period. Times are s of a steady clock.
 
-    Lists have one entry per message: times_ms, ms, of the callbacks; delays, s, from stamp to arrival, without the wait
-    of `smoothing_lag`; misfits, see `misfit`, the largest one. judged: the person of each accepted result, and what
-    gives the doubt about it. unused_confidence: the largest one in messages without a confident keypoint. tracked,
-    with_depth: messages with a tracked person, and those of them with measured depth. newest: accepted results of the
-    last message that has some; last: all results of the last message.
+    times_ms: of the callbacks; delays: s from stamp to arrival, without the wait of `smoothing_lag`; misfits: one per
+    message with a tracked person, see `misfit`, the largest one; with_depth: number of those with measured depth.
+    judged: the person of each accepted result, and what gives the doubt about it. unused_confidence: the largest one in
+    messages without a confident keypoint.
+
+    Of earlier periods, too: newest, the accepted results of the last message that has some; last, all results of the
+    last message; keypoints_at, when it came; frame_id of its results; intervals between the newest messages.
     """
 
-    def __init__(self, session: Session, now: float, before: Period | None = None) -> None:
-        """before: the last period, whose newest messages are still the newest ones."""
-        self.session, self.since = session, now
+    def __init__(self, session: Session, now: float) -> None:
+        self.session = session
+        self.newest: Sequence[FrameResult] = ()
+        self.last: Sequence[FrameResult] = ()
+        self.keypoints_at: float | None = None
+        self.frame_id = ""
+        self.intervals: deque[float] = deque(maxlen=INTERVALS)
+        self._heard = dict.fromkeys(session.cameras, now)  # end of the last period with messages, by camera
         self._counts = Counter(session.counts)
-        depths = ((name, camera.depth) for name, camera in session.cameras.items())
-        self._depth_images = Counter({name: depth.received for name, depth in depths if depth is not None})
+        self.begin(now)
+
+    def begin(self, now: float) -> None:
+        """Begin the next period."""
+        self._heard |= dict.fromkeys(self.sending, now)
+        self.since, self._counts = now, Counter(self.session.counts)
         self.times_ms: list[float] = []
         self.delays: list[float] = []
         self.misfits: list[float] = []
         self.judged: list[tuple[str, Pending]] = []
-        self.unused_confidence = 0.0
-        self.tracked = self.with_depth = 0
-        self.newest: Sequence[FrameResult] = () if before is None else before.newest
-        self.last: Sequence[FrameResult] = () if before is None else before.last
-        self.keypoints_at: float | None = None if before is None else before.keypoints_at
-        self.frame_id: str = "" if before is None else before.frame_id
-        self.intervals: deque[float] = deque(maxlen=INTERVALS) if before is None else before.intervals
+        self.with_depth, self.unused_confidence = 0, 0.0
 
-    @cached_property
+    @property
     def recent(self) -> Counter[str]:
-        """The counts of this period, at the first access."""
+        """The counts of this period."""
         recent = Counter(self.session.counts)
         recent.subtract(self._counts)
         return recent
 
-    def depth_images(self, camera: str) -> int:
-        """Return the number of depth images that a camera with depth has sent."""
-        depth = self.session.cameras[camera].depth
-        return 0 if depth is None else int(depth.received - self._depth_images[camera])
+    @property
+    def tracked(self) -> int:
+        """Number of messages with a tracked person."""
+        return len(self.misfits)
+
+    @property
+    def sending(self) -> list[str]:
+        """The cameras with messages."""
+        recent = self.recent
+        return [name for name, camera in self.session.cameras.items() if recent[camera.key("received")]]
+
+    def silent_s(self, camera: str, now: float) -> float:
+        """Return s since the last period with messages of a camera, or since the begin."""
+        return 0.0 if camera in self.sending else now - self._heard[camera]
 
     def add(self, frames: Sequence[FrameResult], arrival_ns: int, now: float, callback_s: float) -> None:
         """Add a message, see `Diagnostics.count_message`."""
@@ -71,14 +85,11 @@ class Period:
             self.newest = accepted
             self.misfits.append(max(map(misfit, accepted)))
             self.judged += [(frame.person, frame.pending) for frame in accepted if frame.pending is not None]
-            self.tracked += 1
-            self.with_depth += any(f.estimate.depth_measured for f in accepted if f.estimate is not None)
+            self.with_depth += any(f.estimate.frame.depth_measured for f in accepted if f.estimate and f.estimate.frame)
 
 
 def misfit(frame: FrameResult) -> float:
-    """As a fraction of the height: distance of the keypoints of an accepted frame from its body's landmarks, at its
-    distance.
-    """
+    """Return the distance of an accepted frame's keypoints from its body, at its distance, over the body's height."""
     estimate = frame.estimate
     assert estimate is not None and estimate.state is not None and frame.lens is not None and frame.skeleton is not None
     depth = float(frame.camera.into_camera(estimate.state.translation)[2])

@@ -32,9 +32,10 @@ class BodyDirection:
 
         roll: rad, of the camera's mount; None for frames with z up, whose camera poses give it.
         """
-        self._fixed = roll is None
-        frames = list(frames)
-        if not (self._fixed and frames and all(map(_stands_before_a_vertical_camera, frames))):
+        self._fixed, frames = roll is None, list(frames)
+        upright = [(angle := _angle(frame, 0.0)) is not None and angle < SIDE for frame in frames]
+        vertical = [abs(frame.camera.rotation[2, 2]) > math.cos(NO_OPTICAL) for frame in frames if self._fixed]
+        if not (vertical and all(vertical) and all(upright)):
             self._level_at = math.inf
         self._level_at = min(self._level_at, now)
         angles = [angle for frame in frames if (angle := _angle(frame, roll)) is not None]
@@ -52,12 +53,6 @@ class BodyDirection:
         if self._fixed:
             return say("turned_down_in_frame" if is_down else "turned_in_frame", when=when)
         return say("upside_down" if is_down else "turned", when=when)
-
-
-def _stands_before_a_vertical_camera(frame: FrameResult) -> bool:
-    """Return True if the camera looks along z of the fixed frame, and the body is upright in its image."""
-    angle = _angle(frame, 0.0)
-    return abs(frame.camera.rotation[2, 2]) > math.cos(NO_OPTICAL) and angle is not None and angle < SIDE
 
 
 def _angle(frame: FrameResult, roll: float | None) -> float | None:

@@ -81,29 +81,35 @@ class HandCheck:
 
     def _of_person(self, seen: Seen, found: set[str]) -> Seen:
         points = np.where(seen.confidence[:, None] > 0, seen.points, np.nan)
-        hands = [None if rows is None or not _is_hand(points[rows]) else points[rows] for rows in self._hands]
+        hands: list[np.ndarray | None] = [None, None]
+        for side, rows in enumerate(self._hands):
+            if rows is not None:
+                there = np.asarray(np.isfinite(points[rows]).all(axis=1))
+                if there[WRIST] and np.count_nonzero(there) >= FEWEST_POINTS:
+                    hands[side] = points[rows]
         if all(hand is None for hand in hands):
             return seen
-        apart = self._distances(points, hands)
         given = [side if hands[side] is not None else None for side in (0, 1)]
-        taken = self._assigned(hands, apart, found)
+        taken = self._assigned(hands, self._distances(points, hands), found)
         orders: list[np.ndarray | None] = [IN_ORDER, IN_ORDER]
-        if self._is_other_order([_order_ratio(hand) for hand in hands if hand is not None]):
+        if self._is_other_order([hand for hand in hands if hand is not None]):
             found.add(ORDER)
-            orders = [None if hand is None else _order_with_thumb_last(hand) for hand in hands]
+            for side, hand in enumerate(hands):  # the knuckles are in order if the thumb comes last
+                fits = hand is not None and (np.diff(np.linalg.norm(hand[[5, 9, 13]] - hand[1], axis=1)) > 0).all()
+                orders[side] = THUMB_LAST if fits else None
         elif taken == given:
             return seen
         return self._moved(seen, taken, orders)
 
-    def _is_other_order(self, ratios: Sequence[float]) -> bool:
-        """Return True if the thumb is not the first finger: by all hands so far, or by both of this image.
-
-        ratios: of the hands of this image, see USUAL_RATIO; NaN = not known.
-        """
-        known = [min(max(ratio, -1.0), 1.0) for ratio in ratios if math.isfinite(ratio)]
-        for ratio in known:
-            self._seen = min(self._seen + 1, REMEMBERED)
-            self._ratio += (ratio - self._ratio) / self._seen
+    def _is_other_order(self, hands: Sequence[np.ndarray]) -> bool:
+        """Return True if the thumb is not the first finger: by all hands so far, or by both of this image."""
+        known = []
+        for hand in hands:
+            thumb, last = np.linalg.norm(hand[[THUMB, PINKY]] - hand[WRIST], axis=1).tolist()
+            if thumb > 0 and last > 0:  # False for NaN
+                known.append(min(max(math.log(last / thumb), -1.0), 1.0))
+                self._seen = min(self._seen + 1, REMEMBERED)
+                self._ratio += (known[-1] - self._ratio) / self._seen
         return self._ratio < USUAL_RATIO or len(known) == len(SIDES) and max(known) < USUAL_RATIO
 
     def _distances(self, points: np.ndarray, hands: Sequence[np.ndarray | None]) -> np.ndarray:
@@ -141,10 +147,7 @@ class HandCheck:
         return taken
 
     def _moved(self, seen: Seen, taken: Sequence[int | None], orders: Sequence[np.ndarray | None]) -> Seen:
-        """Return a person whose hand of each side has the points of the hand `taken`, or none.
-
-        orders: (21,) for each hand, the place of each point in it; None for a hand without a known order.
-        """
+        """Return a person whose hand of each side has the points of the hand `taken`, or none, in their orders."""
         rows, missing = np.arange(len(seen.points)), np.zeros(len(seen.points), dtype=bool)
         for own, hand in zip(self._hands, taken):
             if own is None:
@@ -160,24 +163,6 @@ class HandCheck:
             if (array := getattr(seen, name)) is not None
         }
         return replace(seen, confidence=np.where(missing, 0.0, seen.confidence[rows]), **arrays)
-
-
-def _is_hand(points: np.ndarray) -> bool:
-    """Return True if a hand's points (21, 2), NaN = missing, have the wrist and some others."""
-    there = np.isfinite(points).all(axis=1)
-    return bool(there[WRIST]) and int(np.count_nonzero(there)) >= FEWEST_POINTS
-
-
-def _order_ratio(hand: np.ndarray) -> float:
-    """Return the ratio of USUAL_RATIO of a hand (21, 2); NaN if it is not known."""
-    thumb, last = np.linalg.norm(hand[[THUMB, PINKY]] - hand[WRIST], axis=1).tolist()
-    return math.log(last / thumb) if thumb > 0 and last > 0 else math.nan  # False for NaN
-
-
-def _order_with_thumb_last(hand: np.ndarray) -> np.ndarray | None:
-    """Return the order (21,) of a hand whose thumb comes after the little finger; None if that does not fit either."""
-    knuckles = np.linalg.norm(hand[[5, 9, 13]] - hand[1], axis=1)
-    return THUMB_LAST if (np.diff(knuckles) > 0).all() else None
 
 
 def _are_alike(hands: Sequence[np.ndarray | None]) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 
 from lassokin_ros.pipeline.camera.camera_selection import MARGIN, View
 from lassokin_ros.pipeline.camera.lens import Lens
+from lassokin_ros.pipeline.concerns.catalogue import SIZE_ADVICE, Raised, say
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
@@ -37,10 +38,6 @@ UNKNOWN_MARGIN = 0.5
 """Margin about an image of which only the principal point is known, as a fraction of its size."""
 UNCERTAIN = 0.0
 """Stands for a factor that is not 1, and not near one of FACTORS."""
-REMEDY = (
-    "give camera_info of the detector's image, in its size (ZED: pub_resolution: NATIVE; a resized or binned image: "
-    "its own camera_info)"
-)
 
 
 class ImageSize:
@@ -59,15 +56,11 @@ class ImageSize:
         self._agreeing = self._others = self._outside = 0  # messages with this factor, another one; with people outside
 
     @property
-    def warning(self) -> str:
-        """That another size than that of camera_info is used, in words; empty if it is not."""
+    def concern(self) -> Raised | None:
+        """That another size than that of camera_info is used."""
         if self._info is None or self._scaled is None or self._scaled is self._info:
-            return ""
-        (width, height), (own_width, own_height) = self._info.size, self._scaled.size
-        return (
-            f"camera_info is of an image of {width} x {height} px, the keypoints are pixels of one of {own_width} x "
-            f"{own_height} px, as the detector's 3D points show: used is camera_info times {self._factor:.3g}; {REMEDY}"
-        )
+            return None
+        return say("image_size", size=self._info.size, own=self._scaled.size, factor=self._factor)
 
     def view(self, keypoints: Keypoints, view: View) -> View:
         """Return the camera of the keypoints' image: that of camera_info, in another size if that is certain.
@@ -84,7 +77,7 @@ class ImageSize:
             raise AdapterError(
                 "other_size",
                 f"the keypoints are not the projections of the detector's 3D points by camera_info of {view.size[0]} x "
-                f"{view.size[1]} px, which is of an image of another size: {REMEDY}",
+                f"{view.size[1]} px, which is of an image of another size: {SIZE_ADVICE}",
             )
         assert self._scaled is not None
         return self._scaled
@@ -127,7 +120,7 @@ def _other_image(farthest: np.ndarray | None, size: tuple[float, float]) -> Adap
     return AdapterError(
         "other_size",
         f"most keypoints of a person{reach} are outside of camera_info's image of {size[0]:g} x {size[1]:g} px: the "
-        f"keypoints are of an image of another size, or from another origin than its upper left corner; {REMEDY}",
+        f"keypoints are of an image of another size, or from another origin than its upper left corner; {SIZE_ADVICE}",
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.learned.height import FEWEST_DEPTHS
-from lassokin_ros.pipeline.concerns.catalogue import say
+from lassokin_ros.pipeline.concerns.catalogue import Raised, say
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
@@ -83,11 +83,11 @@ class LandmarkIds:
             self._counts[present] += 1
 
     @property
-    def warning(self) -> str:
-        """That the ids seem to begin at 1, in words; else empty."""
+    def concern(self) -> Raised | None:
+        """That the ids seem to begin at 1."""
         if self._messages < FEWEST_MESSAGES or self._counts[0] or (self._counts[1:] < USUAL * self._messages).any():
-            return ""
-        return say("ids_from_1", landmark=self._names[0]).text
+            return None
+        return say("ids_from_1", landmark=self._names[0])
 
 
 FROZEN_S = 1.0
@@ -160,8 +160,8 @@ class OwnDepth:
         return replace(keypoints, depth=None) if self._frozen_s > 0 else keypoints
 
     @property
-    def warning(self) -> str:
-        """Why the depths of the last message are not used, in words; empty if they are, or if there are none."""
+    def concern(self) -> Raised | None:
+        """Why the depths of the last message are not used; None if they are, or if there are none."""
         if self._frozen_s > FROZEN_S:
-            return say("own_depth_frozen", limit=FROZEN_S).text
-        return self._note
+            return say("own_depth_frozen", limit=FROZEN_S)
+        return say("own_depth_unused", fault=self._note) if self._note else None

@@ -48,6 +48,11 @@ SMALLEST_IN_PERCENT = 200
 """px: percentages are recognised in images with longer sides."""
 SMALLEST_PX = 50.0
 """px: in a person smaller than this, eyes and nose can have the same rounded position."""
+FEWEST_ALIKE = 3
+"""Keypoints that share a coordinate from which on they are placeholders, if the detector does not round, or outside of
+the image."""
+FEWEST_ROUNDED, MOST_OF = 5, 0.5
+"""For rounded positions inside the image: the same number, and the share of the person's keypoints."""
 
 
 def checked_positions(keypoints: Keypoints, lens: Lens) -> Keypoints:
@@ -110,8 +115,7 @@ def without_placeholders(keypoints: Keypoints, size: tuple[int, int]) -> Keypoin
     """
     present = keypoints.present
     with np.errstate(invalid="ignore"):
-        wrong = _sentinel(keypoints.xy, size) | _at_fixed_place(keypoints.xy, size) | _alike(keypoints, present, size)
-        wrong &= present
+        wrong = present & (_is_fixed(keypoints.xy, size) | _alike(keypoints, present, size))
     if np.count_nonzero(wrong) == 0:
         return keypoints
     xy = keypoints.xy.copy()
@@ -126,23 +130,20 @@ def people_shown(keypoints: Keypoints, kept: Keypoints, min_confidence: float) -
     of the image who is very near, counts if they are far apart: detectors write nobody as one position.
     """
     confident = keypoints.present & (keypoints.confidence >= min_confidence)
-    found, numbers = [confident], keypoints.persons
+    people, numbers = [confident], keypoints.persons
     if numbers is not None:
-        found = [confident & (numbers == number) for number in np.unique(numbers[confident])]
-    return keypoints.unplaced + sum(_is_somebody(keypoints, kept, own) for own in found)
-
-
-def _is_somebody(keypoints: Keypoints, kept: Keypoints, own: np.ndarray) -> bool:
-    """Return True if the keypoints `own` (k,) bool are those of a person, see `people_shown`."""
-    if np.count_nonzero(own) == 0:
-        return False
-    return bool(np.count_nonzero(own & kept.present)) or float(np.ptp(keypoints.xy[own], axis=0).max()) >= SMALLEST_PX
+        people = [confident & (numbers == number) for number in np.unique(numbers[confident])]
+    count = keypoints.unplaced
+    for own in people:
+        if np.count_nonzero(own):
+            count += bool(np.count_nonzero(own & kept.present)) or bool(
+                np.ptp(keypoints.xy[own], 0).max() >= SMALLEST_PX
+            )
+    return count
 
 
 def _is_usual(keypoints: Keypoints, size: tuple[int, int]) -> bool:
-    """Return True if the keypoints surely hold neither placeholders nor fractions. This takes a fifth of the time of
-    the full tests.
-    """
+    """Return True if the keypoints surely hold neither placeholders nor fractions, in a fifth of the tests' time."""
     x, y = keypoints.xy.compress(keypoints.present, axis=0).T.tolist()  # sets and minima take half of numpy's time
     if not x:
         return True
@@ -154,23 +155,6 @@ def _is_usual(keypoints: Keypoints, size: tuple[int, int]) -> bool:
     if not inside or len(x) - len(different) >= REPEATED - 1 or len(y) - len(set(y)) >= REPEATED - 1:
         return False
     return different.isdisjoint(centres_x) and centres_y.isdisjoint(y)
-
-
-@lru_cache(maxsize=16)
-def _inside(size: tuple[int, int]) -> tuple[list[float], list[float], frozenset[float], frozenset[float]]:
-    """Return the inner ends (x, y) of the bands of `_fixed_places`, and x and y of its centres, px."""
-    bands, centres = _fixed_places(size)
-    x, y = centres[:, 0].T.tolist()
-    return bands[0, 1].tolist(), bands[1, 0].tolist(), frozenset(x), frozenset(y)
-
-
-def _sentinel(xy: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """(k,) bool: -1 in a coordinate, or the same negative number in both, in px or as fractions of the image size."""
-    x, y = xy[:, 0], xy[:, 1]
-    result: np.ndarray = (x == -1.0) | (y == -1.0) | ((x < 0) & (x == y))
-    if min(size) > 0:
-        result |= (x < 0) & (x * size[1] == y * size[0])
-    return result
 
 
 @lru_cache(maxsize=16)
@@ -187,12 +171,23 @@ def _fixed_places(size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     return np.array(bands), np.stack([0.5 * (far - 1), 0.5 * far, np.floor(0.5 * far)])[:, None]
 
 
-def _at_fixed_place(xy: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """(k,) bool: at the border, see BORDER, or exactly in the centre of the image."""
+@lru_cache(maxsize=16)
+def _inside(size: tuple[int, int]) -> tuple[list[float], list[float], frozenset[float], frozenset[float]]:
+    """Return the inner ends (x, y) of the bands of `_fixed_places`, and x and y of its centres, px."""
     bands, centres = _fixed_places(size)
-    on_border = ((xy >= bands[:, :1]) & (xy <= bands[:, 1:])).any(axis=(0, 2))
-    result: np.ndarray = on_border | (xy == centres).all(axis=2).any(axis=0)
-    return result
+    x, y = centres[:, 0].T.tolist()
+    return bands[0, 1].tolist(), bands[1, 0].tolist(), frozenset(x), frozenset(y)
+
+
+def _is_fixed(xy: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """(k,) bool: -1, the same negative number in both coordinates (px, or of the sides), the border, or the centre."""
+    x, y = xy[:, 0], xy[:, 1]
+    bands, centres = _fixed_places(size)
+    fixed: np.ndarray = (x == -1.0) | (y == -1.0) | ((x < 0) & (x == y))
+    if min(size) > 0:
+        fixed |= (x < 0) & (x * size[1] == y * size[0])
+    fixed |= ((xy >= bands[:, :1]) & (xy <= bands[:, 1:])).any(axis=(0, 2))
+    return fixed | (xy == centres).all(axis=2).any(axis=0)
 
 
 def _alike(keypoints: Keypoints, present: np.ndarray, size: tuple[int, int]) -> np.ndarray:
@@ -204,53 +199,24 @@ def _alike(keypoints: Keypoints, present: np.ndarray, size: tuple[int, int]) -> 
         own = rows[people[rows] == person]
         xy = keypoints.xy[own]
         if np.ptp(xy, axis=0).max() >= SMALLEST_PX:
-            result[own] = _repeated(xy) | is_shared(xy, size)
+            _, index, counts = np.unique(xy, axis=0, return_inverse=True, return_counts=True)
+            result[own] = (counts[index.reshape(-1)] >= REPEATED) | is_shared(xy, size)
     return result
 
 
-def _repeated(xy: np.ndarray) -> np.ndarray:
-    """(k,) bool: at least REPEATED of the points (k, 2) have this position."""
-    _, index, counts = np.unique(xy, axis=0, return_inverse=True, return_counts=True)
-    repeated: np.ndarray = counts[index.reshape(-1)] >= REPEATED
-    return repeated
-
-
-FEWEST_ALIKE = 3
-"""Keypoints that share a coordinate from which on they are placeholders, if the detector does not round, or outside of
-the image."""
-FEWEST_ROUNDED, MOST_OF = 5, 0.5
-"""For rounded positions inside the image: the same number, and the share of the person's keypoints."""
-
-
 def is_shared(xy: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """(k,) bool: points of one person, (k, 2) px, with a coordinate that is a placeholder.
+    """(k,) bool: points of one person, (k, 2) px, with an x or y that several have, which rounding does not explain.
 
-    size: (width, height) px of the image; 0 = unknown.
+    A detector that rounds has whole numbers, or others that agree. size: (width, height) px of the image; 0 = unknown.
     """
     shared = np.zeros(len(xy), dtype=bool)
     for values, length in zip(xy.T, size):
-        shared |= _shared(values, length)
+        different, counts = np.unique(values, return_counts=True)
+        for value in different[counts >= FEWEST_ALIKE]:
+            same, others = values == value, values[values != value]
+            count, outside = np.count_nonzero(same), value < 0 or 0 < length < value
+            are_most = count == len(same) or count >= max(FEWEST_ROUNDED, MOST_OF * len(same))
+            rounded = len(np.unique(others)) < len(others) or np.array_equal(others, np.round(others))
+            if outside or are_most or not rounded:
+                shared |= same
     return shared
-
-
-def _shared(values: np.ndarray, length: int) -> np.ndarray:
-    """(k,) bool: the coordinates (k,) that are placeholders. length: px of the image's side; 0 = unknown."""
-    shared = np.zeros(len(values), dtype=bool)
-    different, counts = np.unique(values, return_counts=True)
-    for value in different[counts >= FEWEST_ALIKE]:
-        same = values == value
-        outside = value < 0 or 0 < length < value
-        if outside or _are_most(same) or not _rounded(values[~same]):
-            shared |= same
-    return shared
-
-
-def _are_most(same: np.ndarray) -> bool:
-    """Return True if so many of the points (k,) share a coordinate that rounding does not explain it."""
-    count = np.count_nonzero(same)
-    return bool(count == len(same) or count >= max(FEWEST_ROUNDED, MOST_OF * len(same)))
-
-
-def _rounded(values: np.ndarray) -> bool:
-    """Return True if a detector may have rounded the coordinates: some agree, or all are whole numbers."""
-    return len(np.unique(values)) < len(values) or bool(np.array_equal(values, np.round(values)))

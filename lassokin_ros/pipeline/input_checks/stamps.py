@@ -15,7 +15,7 @@ from collections import deque
 
 import numpy as np
 
-from lassokin_ros.pipeline.concerns.catalogue import say
+from lassokin_ros.pipeline.concerns.catalogue import Raised, say
 from msg_adapters.errors import AdapterError
 
 ALWAYS_AHEAD_S = 2.0
@@ -65,10 +65,8 @@ class StampWatch:
         """Record the stamp of an accepted message as reference for `estimate`; stamped: the message had it itself."""
         if self._reference is None and not stamped:
             return
-        if self._reference is not None and stamped:
-            step = stamp_ns - self._reference[0]
-            if step > 0:
-                self._period_ns = step if self._period_ns is None else min(step, 2 * self._period_ns)
+        if self._reference is not None and stamped and (step := stamp_ns - self._reference[0]) > 0:
+            self._period_ns = step if self._period_ns is None else min(step, 2 * self._period_ns)
         self._reference = stamp_ns, arrival_ns
 
     def is_first_stamp(self, stamped: bool) -> bool:
@@ -98,7 +96,8 @@ class StampWatch:
             raise AdapterError(
                 "old_stamp", f"the stamp is {abs(ahead):.3f} s older than the newest one, which was ahead of its time"
             )
-        if ahead > 0 and self._is_continuous(stamp_ns, arrival_ns):
+        step, waited = (now - last for now, last in zip((stamp_ns, arrival_ns), self._last))
+        if ahead > 0 and step * 1e-9 <= ALWAYS_AHEAD_S + FASTEST * max(waited, 0) * 1e-9:
             self._jump = None
             return False
         if self._oldest is not None and self._oldest <= stamp_ns < newest:
@@ -110,11 +109,6 @@ class StampWatch:
                 "stamp_jump", f"the stamp is {abs(ahead):.3f} s {way} the newest one; the next message must confirm it"
             )
         return ahead < 0
-
-    def _is_continuous(self, stamp_ns: int, arrival_ns: int) -> bool:
-        """Return True if the stamp advances no more than the arrival clock allows."""
-        last_stamp, last_arrival = self._last
-        return (stamp_ns - last_stamp) * 1e-9 <= ALWAYS_AHEAD_S + FASTEST * max(arrival_ns - last_arrival, 0) * 1e-9
 
     def seen(self, stamp_ns: int, tracked: bool) -> None:
         """Record the stamp of a processed message; tracked: True if the message updated a track."""
@@ -145,32 +139,29 @@ class StampRate:
 
     def add(self, stamp_ns: int, arrival_ns: int) -> None:
         """Add a message. A jump of a clock starts the comparison anew; arrival_ns: ns of the clock of arrivals."""
-        if self._pairs and _is_jump(stamp_ns - self._pairs[-1][0], arrival_ns - self._pairs[-1][1]):
-            self._pairs.clear()
+        if self._pairs:
+            step, waited = stamp_ns - self._pairs[-1][0], arrival_ns - self._pairs[-1][1]
+            if min(step, waited) < 0 or step > JUMP_NS + LONG_STEP * waited:
+                self._pairs.clear()
         self._pairs.append((stamp_ns, arrival_ns))
         while arrival_ns - self._pairs[0][1] > KEPT_NS:
             self._pairs.popleft()
 
     @property
-    def warning(self) -> str:
-        """Both rates, in words, if they differ by more than FARTHEST; else empty."""
+    def concern(self) -> Raised | None:
+        """That both rates differ by more than FARTHEST."""
         if len(self._pairs) < FEWEST_MESSAGES:
-            return ""
+            return None
         stamps, arrivals = 1e-9 * np.diff(np.array(self._pairs), axis=0).T
         usual = arrivals <= LONG_STEP * np.median(arrivals)
         regular = bool(np.mean(usual) >= REGULAR)
         if regular:
             stamps, arrivals = stamps[usual], arrivals[usual]
         if arrivals.sum() < SHORTEST_S:
-            return ""
+            return None
         for mean in (np.mean, np.median) if regular else (np.mean,):
             step, period = float(mean(stamps)), float(mean(arrivals))
             if period > 0 and not 1 / FARTHEST <= step / period <= FARTHEST:
                 rate = f"{1 / step:.3g} Hz" if step > 0 else "no time between them"
-                return say("stamp_rate", rate=rate, arrivals=1 / period).text
-        return ""
-
-
-def _is_jump(stamp_ns: int, arrival_ns: int) -> bool:
-    """Return True for steps of the stamps or arrivals, ns, that are none of a clock that advances."""
-    return stamp_ns < 0 or arrival_ns < 0 or stamp_ns > JUMP_NS + LONG_STEP * arrival_ns
+                return say("stamp_rate", rate=rate, arrivals=1 / period)
+        return None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
@@ -23,7 +22,6 @@ from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT
 from lassokin_ros.pipeline.people.roster import Presence
-from lassokin_ros.pipeline.session import Session
 
 ALWAYS = "received", "accepted", "duplicated", "unstamped", "ignored while disabled", OVERTAKEN, LOST
 """Counts that are always shown."""
@@ -32,13 +30,11 @@ IF_COUNTED = LATE, MISFIT, OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, UNUSED, UNSCORED
 
 
 def figures(
-    period: Period, seconds: float, ages: tuple[float, float | None], presence: Presence, state: str, as_of_ns: int
+    period: Period, now: float, camera_at: float | None, presence: Presence, state: str, as_of_ns: int
 ) -> dict[str, str]:
-    """Return the figures. seconds: length of the period. ages: now and the arrival of camera_info, s; see also
-    `Diagnostics.line`.
-    """
+    """Return the figures. camera_at: s, arrival of the last camera_info; see also `Diagnostics.line`."""
     session, counts, recent = period.session, period.session.counts, period.recent
-    now, camera_at = ages
+    seconds = max(now - period.since, 1e-3)
     values = {
         "state": state,
         "input rate [Hz]": f"{recent['received'] / seconds:.2f}",
@@ -70,7 +66,7 @@ def figures(
         values[f"{key} [messages]"] = str(counts[key])
     if period.unused_confidence:
         values["largest unused confidence"] = f"{period.unused_confidence:.2f}"
-    return {**values, **_of_bodies(period, presence)}
+    return {**values, **_of_bodies(period, presence), **dict(_of_cameras(period, now, seconds))}
 
 
 def _of_pose(period: Period, presence: Presence) -> dict[str, str]:
@@ -85,24 +81,30 @@ def _of_bodies(period: Period, presence: Presence) -> dict[str, str]:
     """The figures of what is learned about the people who are present, and of the skeleton."""
     session, tracker = period.session, period.session.tracker
     values = {}
-
-    def is_present(person: str) -> bool:
-        return presence.ids is None or person in presence.ids
-
     if tracker.averaged:
         values["skeleton: left/right difference, averaged [%]"] = f"{100 * tracker.averaged:.1f}"
+    present = [one for one in session.roster.trackers if presence.ids is None or one in presence.ids]
+    title = {person: f"{person} " if person else "" for person in present}
     for person, calibration in session.roster.calibrations().items():
-        if is_present(person):
-            values |= calibration_figures(calibration, tracker.config.calibrate, person)
+        if (of := title.get(person)) is not None:
+            learning = "learning" if tracker.config.calibrate else "off"
+            values[f"{of}calibration"] = "final" if calibration.frozen else learning
+            if calibration.kept_motion > 0:
+                largest = 100 * float(np.max(calibration.deviation, initial=0))
+                values[f"{of}calibration: motion seen [s]"] = f"{calibration.kept_motion:.2f}"
+                values[f"{of}calibration: largest deviation [%]"] = f"{largest:.2f}"
+                for name, change in length_changes(calibration).items():
+                    values[f"{of}calibration: {name} [%]"] = f"{change:+.2f}"
     if tracker.limitations:
         values["limitations"] = tracker.limitations
     values |= {f"evidence '{name}'": fault for name, fault in session.roster.evidence_faults.items()}
-    for person, one in session.roster.trackers.items():
-        if (ratio := one.learned.size_check.ratio) != 1.0 and is_present(person):
-            values[f"{person} measured size / given size".strip()] = f"{ratio:.2f}"
+    for person in present:
+        if (ratio := session.roster.trackers[person].learned.size_check.ratio) != 1.0:
+            values[f"{title[person]}measured size / given size"] = f"{ratio:.2f}"
     for person, height in session.roster.heights().items():
-        if is_present(person):
-            values |= height_figures(height, person)
+        if (of := title.get(person)) is not None:  # a mean of people before the first measured depth
+            values[f"{of}height [m]"] = f"{height.height:.3f}"
+            values[f"{of}height: deviation [m]"] = f"{height.deviation:.3f}"
     return values
 
 
@@ -118,58 +120,30 @@ OF_DEPTH = RECEIVED, MATCHED, UNMATCHED
 """Counts of depth images that are shown of each camera."""
 
 
-class CameraStatus:
-    """Follows which cameras send keypoints. Times are s of a steady clock."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
-        self._received: Counter[str] = Counter()
-        self._changed: dict[str, float] = {}  # when the number of messages was last seen to change
-        self._since: float | None = None  # the first call
-        self.sending: list[str] = []
-        """Cameras with messages in the last period."""
-
-    def silent_s(self, now: float, name: str) -> float:
-        """Return s since the last message of a camera, or since the begin."""
-        return now - self._changed.get(name, now if self._since is None else self._since)
-
-    def update(self, now: float, period: float) -> dict[str, str]:
-        """Return the figures by name. period: s since the last call."""
-        if self._session.placement.places is None:
-            return {}
-        figures: dict[str, str] = {}
-        self.sending = []
-        self._since = now if self._since is None else self._since
-        for name, camera in self._session.cameras.items():
-            recent = camera.received - self._received[name]
-            self._received[name] = camera.received
-            if recent:
-                self._changed[name] = now
-                self.sending.append(name)
-            prefix = f"{name}: " if name else ""
-            figures |= {f"{prefix}{key}": value for key, value in self._figures(name, now, recent / period)}
-        return figures
-
-    def _figures(self, name: str, now: float, rate: float) -> Iterator[tuple[str, str]]:
-        counts, camera = self._session.counts, self._session.cameras[name]
+def _of_cameras(period: Period, now: float, seconds: float) -> Iterator[tuple[str, str]]:
+    """Yield the figures of several cameras, or of one in a fixed frame."""
+    session, recent, counts = period.session, period.recent, period.session.counts
+    if session.placement.places is None:
+        return
+    extrinsics = session.roster.extrinsics
+    for name, camera in session.cameras.items():
+        prefix, received = f"{name}: " if name else "", camera.key("received")
         if name:
-            yield "input rate [Hz]", f"{rate:.2f}"
-            yield "keypoints age [s]", f"{now - self._changed.get(name, -math.inf):.1f}"
-            yield "residual median [px]", f"{np.median(camera.residuals) if camera.residuals else math.nan:.2f}"
-        yield "no transform [messages]", str(counts[f"no transform of {name}" if name else "no transform"])
+            age = period.silent_s(name, now) if counts[received] else math.inf
+            yield f"{prefix}input rate [Hz]", f"{recent[received] / seconds:.2f}"
+            yield f"{prefix}keypoints age [s]", f"{age:.1f}"
+            residual = np.median(camera.residuals) if camera.residuals else math.nan
+            yield f"{prefix}residual median [px]", f"{residual:.2f}"
+        yield f"{prefix}no transform [messages]", str(counts[f"no transform of {name}" if name else "no transform"])
         if left_out := counts[f"{name}: {LEFT_OUT}"]:
-            yield f"{LEFT_OUT} [messages]", str(left_out)
-        if name and camera.depth is not None:
-            for key in OF_DEPTH:
-                yield f"{key} [messages]", str(counts[camera.key(key)])
-        extrinsics = self._session.roster.extrinsics
-        solution = None if extrinsics is None else extrinsics.solution(name)
+            yield f"{prefix}{LEFT_OUT} [messages]", str(left_out)
+        for key in OF_DEPTH if name and camera.depth is not None else ():
+            yield f"{prefix}{key} [messages]", str(counts[camera.key(key)])
         if extrinsics is not None and name in extrinsics.found:
-            yield "pose", "found from the person"
-        elif solution is not None:
-            angle, shift = solution
-            yield "pose differs from the given one [deg]", f"{math.degrees(angle):.2f}"
-            yield "pose differs from the given one [m]", f"{shift:.3f}"
+            yield f"{prefix}pose", "found from the person"
+        elif extrinsics is not None and (solution := extrinsics.solution(name)) is not None:
+            yield f"{prefix}pose differs from the given one [deg]", f"{math.degrees(solution[0]):.2f}"
+            yield f"{prefix}pose differs from the given one [m]", f"{solution[1]:.3f}"
 
 
 def length_changes(calibration: Calibration) -> dict[str, float]:
@@ -183,34 +157,6 @@ def averaged_sides(difference: float) -> str:
         f"left and right of the skeleton differ by {100 * difference:.1f} % on average, more than in a body: "
         "calibration starts with their mean; set calibrate: false to keep the given lengths"
     )
-
-
-def calibration_figures(calibration: Calibration, enabled: bool, person: str = "") -> dict[str, str]:
-    """Figures for /diagnostics: off, learning or final; motion used, the least certain length, and the change of each
-    length.
-
-    enabled: the parameter calibrate; person: the id, empty if one person is followed.
-    """
-    title = f"{person} calibration" if person else "calibration"
-    state = "final" if calibration.frozen else "learning" if enabled else "off"
-    values = {title: state}
-    if calibration.kept_motion > 0:
-        values[f"{title}: motion seen [s]"] = f"{calibration.kept_motion:.2f}"
-        values[f"{title}: largest deviation [%]"] = f"{100 * float(np.max(calibration.deviation, initial=0)):.2f}"
-        for name, change in length_changes(calibration).items():
-            values[f"{title}: {name} [%]"] = f"{change:+.2f}"
-    return values
-
-
-def height_figures(height: HeightEstimator, person: str = "") -> dict[str, str]:
-    """Figures for /diagnostics: the measured height and its standard deviation.
-
-    Before the first measured depth, they are the mean and the standard deviation of people's heights.
-
-    person: the id, empty if one person is followed.
-    """
-    title = f"{person} height" if person else "height"
-    return {f"{title} [m]": f"{height.height:.3f}", f"{title}: deviation [m]": f"{height.deviation:.3f}"}
 
 
 def height_in_words(height: HeightEstimator) -> str:

@@ -37,12 +37,20 @@ from msg_adapters.output_messages.builders import (
     StringBuilder,
     TransformsBuilder,
 )
-from msg_adapters.output_messages.hand_cloud import GestureBuilder, HandCloudBuilder
-from msg_adapters.output_messages.image_markers import ImageMarkerBuilder, KeypointMarkerBuilder
-from msg_adapters.output_messages.joint_uncertainty import UncertaintyCloudBuilder, UncertaintyMarkersBuilder
-from msg_adapters.output_messages.markers import SkeletonMarkersBuilder
+from msg_adapters.output_messages.clouds import (
+    GestureBuilder,
+    HandCloudBuilder,
+    LimbCloudBuilder,
+    SkeletonCloudBuilder,
+    UncertaintyCloudBuilder,
+)
+from msg_adapters.output_messages.markers import (
+    ImageMarkerBuilder,
+    KeypointMarkerBuilder,
+    SkeletonMarkersBuilder,
+    UncertaintyMarkersBuilder,
+)
 from msg_adapters.output_messages.serialised_messages import SerialisedMessage
-from msg_adapters.output_messages.skeleton_cloud import LimbCloudBuilder, SkeletonCloudBuilder
 
 OF_IMAGE = (topics.IMAGE_MARKERS, topics.KEYPOINT_MARKERS, topics.ROI)
 """Topics about the image of the first camera; images of others have no such messages."""
@@ -74,7 +82,10 @@ class FrameMessages:
         self._gestures: Callable[[FrameResult], list[tuple[int, int]]] = lambda frame: []
         prefix = f"{person}/" if person else ""
         self._add_pose_outputs(skeleton, person, prefix)
-        self._add_certificate(f"{name}: {person}" if person else name)
+        certificate, title = DiagnosticArrayBuilder(backend).fill, f"{name}: {person}" if person else name
+        self._builders[topics.CERTIFICATE] = lambda t, f, frame, _: certificate(
+            t, f, [certificate_status(frame, title, f)]
+        )
         self._add_uncertainty_outputs(skeleton, prefix)
         self._add_image_outputs(skeleton, prefix)
         if hands is not None and hands.sides:
@@ -83,7 +94,9 @@ class FrameMessages:
             if self._config.detects_bodies:
                 self._gestures, self._gesture = own.rep155_gestures, GestureBuilder(backend).fill
         if self._config.publish_tf != OFF:
-            self._add_tf(BodyFrames(skeleton, self._config, name, person))
+            frames = BodyFrames(skeleton, self._config, name, person)
+            transforms = self._fill(TransformsBuilder(backend, frames.names))
+            self._builders[topics.TF] = lambda t, f, _, e: transforms(t, f, *frames.transforms(e))
         if self._config.detects_bodies:
             roi = RegionBuilder(self._backend).fill
             self._builders[topics.ROI] = lambda t, f, frame, _: roi(t, f, keypoint_region(frame))
@@ -127,12 +140,6 @@ class FrameMessages:
             topics.MARKERS: lambda t, f, _, e: markers(t, f, e.pose.positions),
         }
 
-    def _add_certificate(self, title: str) -> None:
-        certificate = DiagnosticArrayBuilder(self._backend).fill
-        self._builders[topics.CERTIFICATE] = lambda t, f, frame, _: certificate(
-            t, f, [certificate_status(frame, title, f)]
-        )
-
     def _add_uncertainty_outputs(self, skeleton: Skeleton, prefix: str) -> None:
         """Add what shares `FrameResult.uncertainty`, which is computed once per frame."""
         backend, count = self._backend, skeleton.joint_count
@@ -169,10 +176,6 @@ class FrameMessages:
                 *(() if frame.camera.is_identity else (frame.camera.rotation, frame.camera.centre)),
             ),
         }
-
-    def _add_tf(self, frames: BodyFrames) -> None:
-        transforms = self._fill(TransformsBuilder(self._backend, frames.names))
-        self._builders[topics.TF] = lambda t, f, _, e: transforms(t, f, *frames.transforms(e))
 
 
 def id_list(backend: Backend, rep155: bool) -> Callable[[int, str, list[str]], Any]:
@@ -216,9 +219,8 @@ def certificate_status(frame: FrameResult, name: str, hardware_id: str) -> Statu
     the camera frame.
     """
     estimate = frame.estimate
-    assert estimate is not None
-    problem, solution = estimate.problem, estimate.solution
-    assert problem is not None and solution is not None
+    assert estimate is not None and estimate.increment is not None
+    problem, solution = estimate.increment.problem, estimate.increment.solution
     certificate = solution.certificate
     support = solution.support
     signs = np.sign(solution.omega[support])

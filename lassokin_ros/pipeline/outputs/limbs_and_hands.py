@@ -11,7 +11,7 @@ from lassokin_ros.core.output.hand_points import HandPoints
 from lassokin_ros.gestures import GESTURES, GestureWatch, gesture_probabilities, points_up
 from lassokin_ros.pipeline.frame_result import BODY_FROM_ROOT, FrameResult
 from lassokin_ros.pipeline.outputs.scene_messages import id_of
-from msg_adapters.output_messages.hand_cloud import REP155_GESTURES, HandReport
+from msg_adapters.output_messages.clouds import REP155_GESTURES, HandReport
 from msg_adapters.output_messages.people import number_of
 
 LIMBS = tuple(

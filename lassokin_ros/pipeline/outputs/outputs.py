@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 from lassokin_ros.core.errors import SkeletonError
@@ -22,13 +23,14 @@ from lassokin_ros.pipeline.outputs.scene_messages import (
     Image,
     PeopleMessages,
     PresenceState,
-    SkeletonsMessage,
+    joints_report,
 )
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import OFF
 from msg_adapters.backends import Backend
 from msg_adapters.detectors.registry import full_type_name
 from msg_adapters.output_messages.builders import StringBuilder
+from msg_adapters.output_messages.clouds import SkeletonsCloudBuilder
 
 REPEAT_S = 0.2
 """s: ~/people and ~/state are repeated after this time, so that their absence shows that the node has stopped."""
@@ -62,7 +64,9 @@ class Sink(Protocol):
 class PersonTopics:
     """The topics of one person, with the body's description before the first frame that needs it."""
 
-    def __init__(self, sink: Sink, backend: Backend, session: Session, title: str, person: str, without: str) -> None:
+    def __init__(
+        self, sink: Sink, backend: Backend, session: Session, title: str, person: str, without: str = ""
+    ) -> None:
         """title: name of the node. person: the id, empty on the topics of one person. without: a topic left out."""
         skeleton, config = session.tracker.skeleton, session.config
         self._sink = sink
@@ -72,7 +76,7 @@ class PersonTopics:
         """Called with each new URDF."""
         hands = HandPoints(skeleton, session.tracker.layout)
         listed = [*topics.person_outputs(config.detects_bodies, bool(hands.sides))]
-        listed += [topics.TF_OUTPUT] * (config.publish_tf != OFF)
+        listed += [topics.TF] * (config.publish_tf != OFF)
         self.outs: dict[str, Any] = {}
         """The handles by the topic's name."""
         for topic in listed:
@@ -93,15 +97,11 @@ class PersonTopics:
             wanted = {topic for topic, out in self.outs.items() if self._sink.wanted(out)}
             if copy_markers is not None:
                 wanted.add(topics.MARKERS)
-            if wanted:
-                self._publish_frame(frame, wanted, copy_markers)
-
-    def _publish_frame(self, frame: FrameResult, wanted: set[str], copy_markers: Callable[[Any], None] | None) -> None:
-        for topic, message in self._messages.build(frame, wanted):
-            if topic in self.outs:
-                self._sink.write(self.outs[topic], message)
-            if copy_markers is not None and topic == topics.MARKERS:
-                copy_markers(message)
+            for topic, message in self._messages.build(frame, wanted):
+                if topic in self.outs:
+                    self._sink.write(self.outs[topic], message)
+                if copy_markers is not None and topic == topics.MARKERS:
+                    copy_markers(message)
 
     def describe_first(self) -> None:
         """Write the description before any frame. Raises SkeletonError for an impossible base frame."""
@@ -131,37 +131,35 @@ class Outputs:
 
         Raises ConfigurationError if the package of a required message type is not installed.
         """
-        self._session, self._sink, self._backend, self._title = session, sink, backend, title
+        self._session, self._sink, self._backend = session, sink, backend
         config = session.config
         self.on_fault: Callable[[str], None] = lambda words: None
         """Called with a reason why a message could not be made."""
         self.on_state: Callable[[str], None] = lambda state: None
         """Called with each new state."""
+        self._open_person = partial(PersonTopics, sink, backend, session, title)
         self._people: dict[str, PersonTopics] = {}
         self.person: PersonTopics | None = None
         """The topics of the only person; of several, those of the locked one, None before."""
         self._ids: list[str] | None = None
-        self._list_out = self._markers_out = None
-        if config.several_people:
-            if not config.topic_per_body:  # else the detector publishes the list
-                tracked = topics.REP155_TRACKED_OUTPUT if config.rep155 else topics.TRACKED_OUTPUT
-                self._list_out = sink.open(tracked, tracked.name, True)
-            self._list = id_list(backend, config.rep155)
-            self._markers_out = sink.open(topics.MARKERS_OUTPUT, topics.MARKERS, True)
-        else:
+        scene, self._outs = [], dict[str, Any]()
+        if not config.several_people:
             self.person = self._open_person("")
-            self._markers_out = self.person.outs.get(topics.MARKERS)
+            if (markers := self.person.outs.get(topics.MARKERS)) is not None:
+                self._outs[topics.MARKERS] = markers
+        else:
+            if not config.topic_per_body:  # else the detector publishes the list
+                scene.append(topics.REP155_TRACKED_OUTPUT if config.rep155 else topics.TRACKED_OUTPUT)
+            scene.append(topics.MARKERS)
         kind = full_type_name(config.people_type)
-        people = topics.people_output(kind)
-        self._people_out = sink.open(people, people.name, True)
+        for topic in (*scene, topics.people_output(kind), topics.STATE, topics.SKELETONS):
+            if (out := sink.open(topic, topic.name, True)) is not None:
+                self._outs[topic.name] = out
         self._newest = PeopleMessages(backend, kind, True, config.several_cameras)
-        self._state_out = sink.open(topics.STATE_OUTPUT, topics.STATE, True)
-        self._state, self._text = PresenceState(), StringBuilder(backend)
-        self._skeletons_out = sink.open(topics.SKELETONS_OUTPUT, topics.SKELETONS, True)
-        self._skeletons = SkeletonsMessage(backend, session.tracker.skeleton.joint_count, serialised=True)
-        self._cameras = CameraMarkers(backend, session)
+        self._skeletons = SkeletonsCloudBuilder(backend, session.tracker.skeleton.joint_count, serialised=True)
+        self._cameras, self._state = CameraMarkers(backend, session), PresenceState()
         self._as_of_ns = 0  # newest time of the clock of arrivals for which the state was derived
-        self._people_at = self._state_at = 0.0  # s, see `repeat`
+        self._written_at = {topics.PEOPLE: 0.0, topics.STATE: 0.0}  # s, see `repeat`
 
     @property
     def state(self) -> str:
@@ -183,14 +181,16 @@ class Outputs:
             image = answer.stamp_ns, answer.frame_id
             self._newest.update(answer.frames, session.roster.ids, session.placement.jumps.newest)
             self._write_people(image, now)
-            if self._wants(self._skeletons_out):
-                self._sink.write(self._skeletons_out, self._skeletons.build(image, answer.frames))
+            if self._wants(topics.SKELETONS):
+                skeletons = [joints_report(frame) for frame in answer.frames if frame.accepted]
+                self._sink.write(self._outs[topics.SKELETONS], self._skeletons.fill(*image, skeletons))
         if self._state.value != TRACKING or not accepted:
             self.check(now_ns)
 
     def _publish_people(self, frames: Sequence[FrameResult]) -> None:
-        several = self._session.config.several_people
-        copy_markers = self._write_markers if several and self._wants(self._markers_out) else None
+        several, copy_markers = self._session.config.several_people, None
+        if several and self._wants(topics.MARKERS):
+            copy_markers = partial(self._sink.write, self._outs[topics.MARKERS])
         for frame in frames:
             if several and frame.person not in self._people:
                 self._people[frame.person] = self._open_person(frame.person)
@@ -198,27 +198,23 @@ class Outputs:
                 if several:
                     self._people[frame.person].publish(frame, copy_markers)
                 if not several or frame.person == self._session.roster.locked:
-                    self.person = self.person or self._open_person("", topics.MARKERS)
+                    self.person = self.person or self._open_person("", without=topics.MARKERS)
                     self.person.publish(frame)
             except SkeletonError as error:
                 self._session.counts[LINK_AS_FRAME] += 1
                 self.on_fault(str(error))
 
-    def _open_person(self, person: str, without: str = "") -> PersonTopics:
-        return PersonTopics(self._sink, self._backend, self._session, self._title, person, without)
-
-    def _write_markers(self, message: Any) -> None:
-        self._sink.write(self._markers_out, message)
-
-    def _wants(self, out: Any | None) -> bool:
-        return out is not None and self._sink.wanted(out)
+    def _wants(self, topic: str) -> bool:
+        return topic in self._outs and self._sink.wanted(self._outs[topic])
 
     def keep(self, ids: Sequence[str], now_ns: int) -> None:
         """End the topics of people who have left, and write the list of ids if it has changed."""
         for person in [person for person in self._people if person not in ids]:
             self._people.pop(person).close()
-        if self._list_out is not None and list(ids) != self._ids:
-            self._sink.write(self._list_out, self._list(now_ns, "", list(ids)))
+        rep155 = self._session.config.rep155
+        out = self._outs.get((topics.REP155_TRACKED_OUTPUT if rep155 else topics.TRACKED_OUTPUT).name)
+        if out is not None and list(ids) != self._ids:
+            self._sink.write(out, id_list(self._backend, rep155)(now_ns, "", list(ids)))
         self._ids = list(ids)
 
     def check(self, now_ns: int) -> None:
@@ -235,10 +231,8 @@ class Outputs:
         """Derive the state, and write it if it has changed. Return True in this case."""
         session, now_ns = self._session, self._as_of_ns
         limits = session.scene.lost_after, session.config.forget_after
-        changed = self._state.update(
-            session.scene.presence_at(now_ns), now_ns, *limits, session.scene_known_empty(now_ns)
-        )
-        if changed:
+        presence, informed = session.scene.presence_at(now_ns), session.scene_known_empty(now_ns)
+        if changed := self._state.update(presence, now_ns, *limits, informed):
             self._write_state()
         return changed
 
@@ -247,11 +241,13 @@ class Outputs:
 
         now_ns: as for `check`; without a clock (0) there is no stamp for ~/people and ~/markers. now: s, steady clock.
         """
-        if now_ns > 0 and now - self._people_at >= REPEAT_S:
-            self._write_people(self._session.scene.image_at(now_ns), now)
+        due = {topic for topic, at in self._written_at.items() if now - at >= REPEAT_S}
         if now_ns > 0:
-            self.write_cameras(self._session.scene.image_at(now_ns)[0], now)
-        if now - self._state_at >= REPEAT_S and self._wants(self._state_out):
+            image = self._session.scene.image_at(now_ns)
+            if topics.PEOPLE in due:
+                self._write_people(image, now)
+            self.write_cameras(image[0], now)
+        if topics.STATE in due and self._wants(topics.STATE):
             self._write_state(now)
 
     def forget(self, now_ns: int) -> None:
@@ -266,20 +262,19 @@ class Outputs:
         self._as_of_ns = 0
 
     def _write_people(self, image: Image, now: float) -> None:
-        if self._wants(self._people_out):
-            session = self._session
-            limits = session.scene.lost_after, session.config.forget_after
-            more = session.scene.untracked_at(image[0]), session.roster.locked
-            absent = session.scene.absent_at(image[0])
-            self._sink.write(self._people_out, self._newest.build(image, *limits, *more, absent))
-            self._people_at = now
+        if self._wants(topics.PEOPLE):
+            session, scene = self._session, self._session.scene
+            limits, others = (scene.lost_after, session.config.forget_after), scene.untracked_at(image[0])
+            message = self._newest.build(image, *limits, others, session.roster.locked, scene.absent_at(image[0]))
+            self._sink.write(self._outs[topics.PEOPLE], message)
+            self._written_at[topics.PEOPLE] = now
 
     def write_cameras(self, stamp_ns: int, now: float) -> None:
         """Write the places of the cameras to ~/markers, at most at 5 Hz. now: s of any clock."""
-        if self._wants(self._markers_out) and (message := self._cameras.build(stamp_ns, now)) is not None:
-            self._sink.write(self._markers_out, message)
+        if self._wants(topics.MARKERS) and (message := self._cameras.build(stamp_ns, now)) is not None:
+            self._sink.write(self._outs[topics.MARKERS], message)
 
     def _write_state(self, now: float = 0.0) -> None:
-        self._state_at = now
-        if self._state_out is not None:  # latched: also for those who come later
-            self._sink.write(self._state_out, self._text.fill(self._state.value))
+        self._written_at[topics.STATE] = now
+        if topics.STATE in self._outs:  # latched: also for those who come later
+            self._sink.write(self._outs[topics.STATE], StringBuilder(self._backend).fill(self._state.value))

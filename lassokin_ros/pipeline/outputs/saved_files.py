@@ -15,8 +15,8 @@ from lassokin_ros.core.body.rotations import to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError, SkeletonError
 from lassokin_ros.core.learned.bone_lengths import Calibration
-from lassokin_ros.pipeline.concerns.cameras import wrong_cameras
 from lassokin_ros.pipeline.concerns.catalogue import words_of
+from lassokin_ros.pipeline.concerns.live import wrong_cameras
 from lassokin_ros.pipeline.outputs.figures import length_changes
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import SKELETON_SUFFIXES

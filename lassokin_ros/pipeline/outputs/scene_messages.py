@@ -17,9 +17,9 @@ from lassokin_ros.pipeline.people.out_of_view import Absent
 from lassokin_ros.pipeline.people.roster import Presence
 from lassokin_ros.pipeline.session import Session
 from msg_adapters.backends import Backend
+from msg_adapters.output_messages.clouds import JointsReport
 from msg_adapters.output_messages.markers import CameraMarkersBuilder
 from msg_adapters.output_messages.people import PersonReport, number_of, people_builder
-from msg_adapters.output_messages.skeleton_cloud import JointsReport, SkeletonsCloudBuilder
 
 Image = tuple[int, str]
 """Stamp in ns and frame_id of an image."""
@@ -125,24 +125,6 @@ class PeopleMessages:
         return list(listed.values())
 
 
-def images_of(frames: Sequence[FrameResult], newest: Image | None, held: bool) -> list[tuple[Image, list[FrameResult]]]:
-    """Return the images to report for the results of one message, each with its results, in order of the stamps.
-
-    newest: the newest tracked image, to be reported if nobody was in it. held: results come later than their messages
-    (`smoothing_lag`); then only images with accepted results are reported. A message that was refused as a whole has
-    none.
-    """
-    if not frames:
-        return [] if held or newest is None else [(newest, [])]
-    if len(frames) == 1 and frames[0].accepted:  # the usual case in a third of the time
-        return [((frames[0].stamp_ns, frames[0].frame_id), list(frames))]
-    images: dict[Image, list[FrameResult]] = {}
-    for frame in frames:
-        if frame.accepted if held else frame.estimate is not None:
-            images.setdefault((frame.stamp_ns, frame.frame_id), []).append(frame)
-    return sorted(images.items(), key=lambda item: item[0][0])
-
-
 def id_of(frame: FrameResult) -> str:
     """Return the id of a frame's person in the messages about all people."""
     return frame.label or frame.person or SINGLE_PERSON
@@ -192,18 +174,6 @@ def confidence(frame: FrameResult) -> float:
     """Return the probability that the pose is right, 0 to 1; 0 if it is unknown."""
     wrong = frame.likely_wrong
     return 1.0 - wrong if math.isfinite(wrong) else 0.0
-
-
-class SkeletonsMessage:
-    """Makes one message per image from the accepted frames of the image. People without one are not in it."""
-
-    def __init__(self, backend: Backend, joint_count: int, serialised: bool = False) -> None:
-        """serialised: return serialised messages where that is faster."""
-        self._builder = SkeletonsCloudBuilder(backend, joint_count, serialised)
-
-    def build(self, image: Image, frames: Sequence[FrameResult]) -> Any:
-        """Return the message. image: stamp in ns and frame_id of the keypoints; frames: the results of the image."""
-        return self._builder.fill(*image, [joints_report(frame) for frame in frames if frame.accepted])
 
 
 def joints_report(frame: FrameResult) -> JointsReport:

@@ -5,7 +5,6 @@ Inputs are relative names. Outputs are private to the node (`~/`), so that they 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 KEYPOINTS = "keypoints"
@@ -19,28 +18,11 @@ COMPRESSED_DEPTH = "/compressedDepth"
 CLOCK = "/clock"
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 
-JOINT_STATES = "~/joint_states"
-TRANSLATION = "~/translation"
-POSE = "~/pose"
-SKELETON = "~/skeleton"
-LIMBS = "~/limbs"
-HANDS = "~/hands"
-PEOPLE = "~/people"
-SKELETONS = "~/skeletons"
-STATE = "~/state"
-JOINTS = "~/joints"
-ROBOT_DESCRIPTION = "~/robot_description"
-MARKERS, MARKERS_TYPE = "~/markers", "visualization_msgs/msg/MarkerArray"
-CERTIFICATE = "~/certificate"
-JOINT_UNCERTAINTY = "~/joint_uncertainty"
-UNCERTAINTY_MARKERS = "~/uncertainty_markers"
-IMAGE_MARKERS = "~/image_markers"
-KEYPOINT_MARKERS = "~/keypoint_markers"
-DIAGNOSTICS = "/diagnostics"
+DIAGNOSTICS_TYPE, MARKERS_TYPE = "diagnostic_msgs/msg/DiagnosticArray", "visualization_msgs/msg/MarkerArray"
+CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
 TRACKED = "tracked"
 SKELETON2D = "skeleton2d"
 REP155_DESCRIPTION = "urdf"
-TF = "/tf"
 TF_STATIC = "/tf_static"
 
 
@@ -54,67 +36,69 @@ def depth_type(topic: str) -> str:
     return COMPRESSED_DEPTH_TYPE if topic.endswith(COMPRESSED_DEPTH) else DEPTH_IMAGE_TYPE
 
 
-@dataclass(frozen=True)
-class OutputTopic:
-    """An output topic. latched: late subscribers receive the last message (transient local)."""
+class OutputTopic(str):
+    """The name of an output topic, with its message type. latched: late subscribers receive the last message."""
 
-    name: str
     message_type: str
-    latched: bool = False
+    latched: bool
+
+    def __new__(cls, name: str, message_type: str, latched: bool = False) -> OutputTopic:
+        """See the class."""
+        topic = super().__new__(cls, name)
+        topic.message_type, topic.latched = message_type, latched
+        return topic
+
+    @property
+    def name(self) -> str:
+        """The name alone."""
+        return str(self)
 
 
-MARKERS_OUTPUT = OutputTopic(MARKERS, MARKERS_TYPE)
-FRAME_OUTPUTS = (
-    OutputTopic(JOINT_STATES, "sensor_msgs/msg/JointState"),
-    OutputTopic(TRANSLATION, "geometry_msgs/msg/PointStamped"),
-    OutputTopic(JOINTS, "geometry_msgs/msg/PoseArray"),
-    MARKERS_OUTPUT,
-    OutputTopic(CERTIFICATE, "diagnostic_msgs/msg/DiagnosticArray"),
-    OutputTopic(JOINT_UNCERTAINTY, "sensor_msgs/msg/PointCloud2"),
-    OutputTopic(POSE, "geometry_msgs/msg/PoseWithCovarianceStamped"),
-    OutputTopic(SKELETON, "sensor_msgs/msg/PointCloud2"),
-    OutputTopic(LIMBS, "sensor_msgs/msg/PointCloud2"),
-)
+JOINT_STATES = OutputTopic("~/joint_states", "sensor_msgs/msg/JointState")
+TRANSLATION = OutputTopic("~/translation", "geometry_msgs/msg/PointStamped")
+JOINTS = OutputTopic("~/joints", "geometry_msgs/msg/PoseArray")
+MARKERS = OutputTopic("~/markers", MARKERS_TYPE)
+CERTIFICATE = OutputTopic("~/certificate", DIAGNOSTICS_TYPE)
+JOINT_UNCERTAINTY = OutputTopic("~/joint_uncertainty", CLOUD_TYPE)
+POSE = OutputTopic("~/pose", "geometry_msgs/msg/PoseWithCovarianceStamped")
+SKELETON = OutputTopic("~/skeleton", CLOUD_TYPE)
+LIMBS = OutputTopic("~/limbs", CLOUD_TYPE)
+FRAME_OUTPUTS = (JOINT_STATES, TRANSLATION, JOINTS, MARKERS, CERTIFICATE, JOINT_UNCERTAINTY, POSE, SKELETON, LIMBS)
 """One message per accepted frame."""
 
-ROI = "~/roi"
-ROI_OUTPUT = OutputTopic(ROI, "hri_msgs/msg/NormalizedRegionOfInterest2D")
+ROI = OutputTopic("~/roi", "hri_msgs/msg/NormalizedRegionOfInterest2D")
 """Only with rep155, and if no other node detects the bodies."""
-
-HANDS_OUTPUT = OutputTopic(HANDS, "sensor_msgs/msg/PointCloud2")
+HANDS = OutputTopic("~/hands", CLOUD_TYPE)
 """Only with a skeleton and a layout of hands."""
-GESTURE = "~/gesture"
-GESTURE_OUTPUT = OutputTopic(GESTURE, "hri_msgs/msg/Gesture")
+GESTURE = OutputTopic("~/gesture", "hri_msgs/msg/Gesture")
 """Only with rep155, and a skeleton and a layout of hands. One message per hand that is seen."""
 
-UNCERTAINTY_MARKERS_OUTPUT = OutputTopic(UNCERTAINTY_MARKERS, "visualization_msgs/msg/MarkerArray")
-LIVE_OUTPUTS = (
-    UNCERTAINTY_MARKERS_OUTPUT,
-    OutputTopic(IMAGE_MARKERS, "visualization_msgs/msg/ImageMarker"),
-    OutputTopic(KEYPOINT_MARKERS, "visualization_msgs/msg/Marker"),
-)
+UNCERTAINTY_MARKERS = OutputTopic("~/uncertainty_markers", MARKERS_TYPE)
+IMAGE_MARKERS = OutputTopic("~/image_markers", "visualization_msgs/msg/ImageMarker")
+KEYPOINT_MARKERS = OutputTopic("~/keypoint_markers", "visualization_msgs/msg/Marker")
+LIVE_OUTPUTS = (UNCERTAINTY_MARKERS, IMAGE_MARKERS, KEYPOINT_MARKERS)
 """Markers made from other outputs. `replay` does not write them: they would double the size of its recording."""
 
-DESCRIPTION_OUTPUT = OutputTopic(ROBOT_DESCRIPTION, "std_msgs/msg/String", latched=True)
-DIAGNOSTICS_OUTPUT = OutputTopic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
-STATE_OUTPUT = OutputTopic(STATE, "std_msgs/msg/String", latched=True)
-OTHER_OUTPUTS = (DESCRIPTION_OUTPUT, DIAGNOSTICS_OUTPUT, STATE_OUTPUT)
+ROBOT_DESCRIPTION = OutputTopic("~/robot_description", "std_msgs/msg/String", latched=True)
+DIAGNOSTICS = OutputTopic("/diagnostics", DIAGNOSTICS_TYPE)
+STATE = OutputTopic("~/state", "std_msgs/msg/String", latched=True)
+OTHER_OUTPUTS = (ROBOT_DESCRIPTION, DIAGNOSTICS, STATE)
 """robot_description when the base frame or the lengths change; diagnostics at 1 Hz; state when it changes."""
 
-SKELETONS_OUTPUT = OutputTopic(SKELETONS, "sensor_msgs/msg/PointCloud2")
+PEOPLE = "~/people"
+SKELETONS = OutputTopic("~/skeletons", CLOUD_TYPE)
 """The joints of all people in one image."""
-
-TF_OUTPUT = OutputTopic(TF, "tf2_msgs/msg/TFMessage")
+TF = OutputTopic("/tf", "tf2_msgs/msg/TFMessage")
 """Published if the parameter publish_tf is set."""
 
-PERSON_OUTPUTS = (*FRAME_OUTPUTS, *LIVE_OUTPUTS, DESCRIPTION_OUTPUT)
+PERSON_OUTPUTS = (*FRAME_OUTPUTS, *LIVE_OUTPUTS, ROBOT_DESCRIPTION)
 """The topics of one person."""
 
 
 def person_outputs(regions: bool, hands: bool = False) -> tuple[OutputTopic, ...]:
     """Return the topics of one person. regions: with that of REP-155's body detector. hands: with those of hands."""
-    of_rep155 = [ROI_OUTPUT, *[GESTURE_OUTPUT] * hands] * regions
-    return (*PERSON_OUTPUTS, *of_rep155, *[HANDS_OUTPUT] * hands)
+    of_rep155 = [ROI, *[GESTURE] * hands] * regions
+    return (*PERSON_OUTPUTS, *of_rep155, *[HANDS] * hands)
 
 
 STATE_PUBLISHER = "human_state_publisher"

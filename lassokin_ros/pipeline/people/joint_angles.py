@@ -13,13 +13,13 @@ the skeleton's YAML file keep everyday postures away from gimbal lock.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState
-from lassokin_ros.core.record import record
 
 LOCK = 1e-9
 """Cosine of the middle angle below which the first angle is lost in rounding errors."""
@@ -123,7 +123,7 @@ class JointStates:
         return positions
 
 
-@record
+@dataclass(eq=False)
 class Angles:
     """The joint angles of one frame, computed at the first access. They are continuous to the frame that was read last.
 

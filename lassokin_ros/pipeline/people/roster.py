@@ -218,7 +218,7 @@ class Roster:
         newcomer = (self.idle[-1:] + nobodys + own)[-1]
         present = [person.body for person in self.people]
         for known in self.idle, present:  # present people override those who left
-            newcomer.tracker.adopt_vertical(body.tracker for body in known)
+            newcomer.tracker.learned.vertical.adopt(body.tracker.learned.vertical for body in known)
         self.idle.remove(newcomer)
         self.people.append(Person(number, newcomer))
         self.numbers.next = max(self.numbers.next, number + 1)

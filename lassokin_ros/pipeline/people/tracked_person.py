@@ -15,7 +15,7 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import HERE, CameraPose, Observation, Status
-from lassokin_ros.core.output.fixed_lag import Backward
+from lassokin_ros.core.output.smoothing import Backward
 from lassokin_ros.core.output.uncertainty import ObservedJoints
 from lassokin_ros.core.output.walking_velocity import WalkingVelocity
 from lassokin_ros.core.tracker import Tracker

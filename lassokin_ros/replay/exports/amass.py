@@ -18,10 +18,9 @@ import numpy as np
 from lassokin_ros.core.body.roles import is_finger
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.replay.exports.sampling import ExportError, uniform
+from lassokin_ros.replay.exports.sampling import Z_UP, ExportError, uniform
 from lassokin_ros.replay.motion import Motion
 
-WORLD_FROM_LEVEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 BETAS = 16
 SLOWEST = 30.0
 """Hz: loaders take every n-th frame, n = rate // 30, which must not be 0 (PHC, human2humanoid)."""
@@ -41,16 +40,14 @@ def write_amass(motion: Motion, file: BinaryIO) -> None:
     (f, 156), the 52 joints of SMPL+H, and pose_hand (f, 90) its last 30; without them pose_hand is zero. Jaw and eyes
     are not tracked: pose_jaw (f, 3), pose_eye (f, 6) are zero, and so are dmpls (f, 8).
     angles_observed (f, 24) or (f, 52), rotation_deviations of the same shape, rad, and start_time, s, are additions:
-    see `Motion`.
+    see `write_npz`.
     trans is the pelvis position. SMPL adds the rest position of its pelvis to trans: subtract it to pose an SMPL mesh.
     Raises ExportError for a skeleton without SMPL's root, and for stamps that cannot be resampled (see sampling).
     """
-    track = uniform(motion, SLOWEST)
-    rotations = smpl_rotations(motion.skeleton, track.rotations)
-    world = WORLD_FROM_LEVEL @ motion.level
-    rotations[:, 0] = world @ rotations[:, 0]
-    count = len(rotations)
-    poses, rate = logarithm(rotations).reshape(count, -1), np.array(max(round(1 / track.period, 6), SLOWEST))
+    track = uniform(motion, Z_UP, SLOWEST)
+    count = len(track.rotations)
+    poses = logarithm(smpl_rotations(motion.skeleton, track.rotations)).reshape(count, -1)
+    rate = np.array(max(round(1 / track.period, 6), SLOWEST))
     not_tracked: dict[str, Any] = {name: np.zeros((count, width)) for name, width in NOT_TRACKED.items()}
     np.savez(
         file,
@@ -59,7 +56,7 @@ def write_amass(motion: Motion, file: BinaryIO) -> None:
         pose_body=poses[:, BODY],
         pose_hand=poses[:, HANDS] if poses.shape[1] == HANDS.stop else np.zeros((count, HANDS.stop - HANDS.start)),
         **not_tracked,
-        trans=track.translations @ world.T - [0.0, 0.0, motion.floor],
+        trans=track.translations,
         betas=np.zeros(BETAS),
         num_betas=np.array(BETAS),
         gender=np.array("neutral"),

@@ -19,31 +19,23 @@ from lassokin_ros.pipeline.people.joint_angles import JointAngleReader
 from lassokin_ros.replay.exports.sampling import uniform
 from lassokin_ros.replay.motion import Motion
 
-WORLD_FROM_LEVEL = np.diag([1.0, -1.0, -1.0])
 ORDER = "zyx"
 """Order of the rotations of all joints, each about the axes that the ones before have turned."""
 TIP = 0.5
 """Length of an end site, as a fraction of the bone before it. BVH requires one; the skeleton has none."""
 SMALLEST_TIP = 0.02  # m
-BLOCK = 1000
-"""Frames of which the rotations are in memory at once."""
 
 
 def write_bvh(motion: Motion, file: BinaryIO) -> None:
     """Write one person. Raises ExportError for stamps that cannot be resampled (see sampling)."""
     track, skeleton = uniform(motion), motion.skeleton
-    world = WORLD_FROM_LEVEL @ motion.level
-    places = track.translations @ world.T - [0.0, motion.floor, 0.0]
-    head = f"{hierarchy(skeleton)}MOTION\nFrames: {len(places)}\nFrame Time: {track.period:.9f}\n"
+    head = f"{hierarchy(skeleton)}MOTION\nFrames: {len(track.rotations)}\nFrame Time: {track.period:.9f}\n"
     file.write(head.encode())
     joints, order = list(_depth_first(skeleton, 0)), ["xyz".index(axis) for axis in ORDER]
     reader = JointAngleReader([ORDER] * skeleton.joint_count)
-    for begin in range(0, len(places), BLOCK):
-        rotations = track.rotations[begin : begin + BLOCK].copy()
-        rotations[:, 0] = world @ rotations[:, 0]
-        for place, turns in zip(places[begin:], rotations):
-            angles = np.degrees(reader.read(turns))[joints][:, order]
-            file.write((" ".join(f"{value:.6f}" for value in (*place, *angles.reshape(-1))) + "\n").encode())
+    for place, turns in zip(track.translations, track.rotations):
+        angles = np.degrees(reader.read(turns))[joints][:, order]
+        file.write((" ".join(f"{value:.6f}" for value in (*place, *angles.reshape(-1))) + "\n").encode())
 
 
 def hierarchy(skeleton: Skeleton) -> str:

@@ -17,7 +17,7 @@ from lassokin_ros.replay.exports.gltf import write_gltf
 from lassokin_ros.replay.exports.markers import import_ezc3d, marker_layout, write_c3d, write_trc
 from lassokin_ros.replay.exports.sampling import ExportError
 from lassokin_ros.replay.exports.tables import write_csv, write_npz
-from lassokin_ros.replay.motion import Motion, MotionRecorder
+from lassokin_ros.replay.motion import Motion
 
 TABLES: dict[str, Callable[[Sequence[Motion], BinaryIO], None]] = {".csv": write_csv, ".npz": write_npz}
 """Suffix -> writer of one file for all people."""
@@ -84,17 +84,15 @@ def check_archive_exports(wanted: Sequence[Path]) -> None:
 
 
 class Exports:
-    """The exports of one replay: frames are collected during the replay and written at its end."""
+    """The exports of one replay, written at its end."""
 
-    def __init__(
-        self, wanted: Sequence[Path], recorder: MotionRecorder, skeleton: Skeleton, several: bool, replace: bool
-    ) -> None:
+    def __init__(self, wanted: Sequence[Path], skeleton: Skeleton, several: bool, replace: bool) -> None:
         """skeleton: that of the people. several: True if several people may be tracked.
 
         Raises ExportError, before any work, for an unusable path and for a format that cannot hold the skeleton.
         """
         self._targets = list(dict.fromkeys(map(target_of, wanted)))
-        self.recorder, self._several, self._replace = recorder, several, replace
+        self._several, self._replace = several, replace
         self.remarks: dict[str, str] = {}
         """Lines of the summary by name, after `write`."""
         for target in self._targets:
@@ -108,13 +106,12 @@ class Exports:
                     for path in files_of_people(target.folder, target.stem, target.suffix):
                         refuse_existing(path, replace, ExportError)
 
-    def write(self, output: Path, files: AtomicFiles) -> list[Path]:
+    def write(self, motions: Sequence[Motion], output: Path, files: AtomicFiles) -> list[Path]:
         """Write all files and return their paths. With `replace`, those of an earlier run that lack now are removed.
 
         output: the folder for targets without a folder; the others are written as part of `files`. Raises ExportError,
         and the error of `files`.
         """
-        motions = self.recorder.motions()
         paths: list[Path] = []
         with AtomicFiles(self._replace, ExportError) as inside:
             for target in self._targets:
@@ -148,7 +145,7 @@ def _remarks(targets: Sequence[Target], motions: Sequence[Motion]) -> dict[str, 
     return {}
 
 
-def _jobs(target: Target, output: Path, motions: list[Motion]) -> list[tuple[Path, Callable[[BinaryIO], None]]]:
+def _jobs(target: Target, output: Path, motions: Sequence[Motion]) -> list[tuple[Path, Callable[[BinaryIO], None]]]:
     """Return (path, writer) for the files of a target; empty if nobody was tracked."""
     if not motions:
         return []

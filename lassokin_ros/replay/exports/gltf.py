@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.gating import HEAD
 from lassokin_ros.replay.body import capsules
-from lassokin_ros.replay.exports.bvh import WORLD_FROM_LEVEL
 from lassokin_ros.replay.exports.sampling import uniform
 from lassokin_ros.replay.motion import Motion
 
@@ -41,9 +40,7 @@ def write_gltf(motion: Motion, file: BinaryIO) -> None:
         accessors.append({"bufferView": len(views) - 1, **kind, **limits})
         return len(accessors) - 1
 
-    world, turns = WORLD_FROM_LEVEL @ motion.level, track.rotations.copy()
-    turns[:, 0] = world @ turns[:, 0]
-    places = track.translations @ world.T - [0.0, motion.floor, 0.0]
+    turns, places = track.rotations, track.translations
     times = add(motion.start + track.period * np.arange(len(places))[:, None])
     moved = [add(places), *(add(_quaternions(turns[:, joint])) for joint in range(count))]
     paths = [{"node": 0, "path": "translation"}, *({"node": joint, "path": "rotation"} for joint in range(count))]

@@ -17,7 +17,7 @@ from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LayoutError
-from lassokin_ros.replay.exports.sampling import ExportError, uniform
+from lassokin_ros.replay.exports.sampling import Y_UP, Z_UP, ExportError, uniform
 from lassokin_ros.replay.motion import Motion
 
 LAYOUT = "halpe26"
@@ -28,9 +28,9 @@ SIDES = {"left": "L", "right": "R"}
 
 @dataclass(frozen=True, eq=False)
 class Markers:
-    """Markers at a constant rate. period: s. positions: (f, m, 3) m; y up, x to the camera's right, z towards it.
+    """Markers at a constant rate in a world of `sampling`. period: s. positions: (f, m, 3) m.
 
-    The floor under the feet is at y = 0. start: s from the begin of the recording to the first frame.
+    start: s from the begin of the recording to the first frame.
     """
 
     period: float
@@ -39,14 +39,12 @@ class Markers:
     start: float = 0.0
 
 
-def markers_of(motion: Motion) -> Markers:
+def markers_of(motion: Motion, world: np.ndarray) -> Markers:
     """Return the markers of one person. Raises ExportError, see `uniform` and `marker_layout`."""
     layout = marker_layout(motion.skeleton)
-    track = uniform(motion)
-    state = BodyState(track.rotations, track.translations)
-    points = Kinematics(motion.skeleton, layout).pose(state).landmarks @ motion.level.T
-    names = tuple(marker_name(landmark) for landmark in layout.names)
-    return Markers(track.period, names, points * [1.0, -1.0, -1.0] - [0.0, motion.floor, 0.0], motion.start)
+    track = uniform(motion, world)
+    points = Kinematics(motion.skeleton, layout).pose(BodyState(track.rotations, track.translations)).landmarks
+    return Markers(track.period, tuple(map(marker_name, layout.names)), points, motion.start)
 
 
 def marker_layout(skeleton: Skeleton) -> Layout:
@@ -70,11 +68,11 @@ BLOCK = 1000
 
 
 def write_trc(motion: Motion, file: BinaryIO, name: str = "motion.trc") -> None:
-    """Write one person's markers, see `Markers`; time 0 is the begin of the recording. Raises ExportError.
+    """Write one person's markers, y up; time 0 is the begin of the recording. Raises ExportError.
 
     name: of the file, which it contains.
     """
-    markers = markers_of(motion)
+    markers = markers_of(motion, Y_UP)
     frames, count = markers.positions.shape[:2]
     rate = f"{1 / markers.period:.6f}"
     axes = "\t".join(f"X{i}\tY{i}\tZ{i}" for i in range(1, count + 1))
@@ -95,8 +93,6 @@ def write_trc(motion: Motion, file: BinaryIO, name: str = "motion.trc") -> None:
         np.savetxt(file, table[begin : begin + BLOCK], fmt=["%d"] + ["%.6f"] * (1 + 3 * count), delimiter="\t")
 
 
-Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""x to the camera's right, y away from the camera, z up, of the frame of `Markers`."""
 MOST_FRAMES = 65535
 """Frames are counted in 16 bits; of more, readers return a part."""
 
@@ -107,7 +103,7 @@ def write_c3d(motion: Motion, file: BinaryIO) -> None:
     Raises ExportError.
     """
     ezc3d = import_ezc3d()
-    markers = markers_of(motion)
+    markers = markers_of(motion, Z_UP)
     first = round(markers.start / markers.period)
     last = first + len(markers.positions)
     if last > MOST_FRAMES:
@@ -120,7 +116,7 @@ def write_c3d(motion: Motion, file: BinaryIO) -> None:
     points["RATE"]["value"] = [1 / markers.period]
     points["UNITS"]["value"] = ["mm"]
     points["LABELS"]["value"] = list(markers.names)
-    places = 1e3 * (markers.positions @ Z_UP.T).transpose(2, 1, 0)  # (3, m, f)
+    places = 1e3 * markers.positions.transpose(2, 1, 0)  # (3, m, f)
     data["header"]["points"]["first_frame"] = first
     data["data"]["points"] = np.concatenate([places, np.ones((1, *places.shape[1:]))])
     with TemporaryDirectory(prefix="lassokin_") as folder:  # ezc3d writes to paths only

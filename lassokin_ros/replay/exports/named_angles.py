@@ -33,8 +33,8 @@ Deviations are positive to the thumb's side."""
 def named_angles(motion: Motion) -> dict[str, np.ndarray]:
     """Return (f,) degrees by name, see `angles_of` and `finger_angles`."""
     names = motion.skeleton.joint_names
-    angles = angles_of(names, motion.positions @ motion.level.T)
-    return angles | finger_angles(names, motion.rotations) if any(map(is_finger, names)) else angles
+    angles = angles_of(names, motion["joint_positions"] @ motion.scene.level.T)
+    return angles | finger_angles(names, motion["joint_rotations"]) if any(map(is_finger, names)) else angles
 
 
 def finger_angles(names: Sequence[str], rotations: np.ndarray) -> dict[str, np.ndarray]:

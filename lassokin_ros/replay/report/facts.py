@@ -1,19 +1,20 @@
-"""The data of the page: log, counts and settings of the replay, and quantities derived from them."""
+"""The data of the page: frames, counts and settings of the replay, and quantities derived from them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
+from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.body import floor_height
-from lassokin_ros.replay.report.log import PersonRow, ReplayLog
-from lassokin_ros.replay.report.spans import Span, WrongSpan, spans_of, usual_period, wrong_spans
+from lassokin_ros.replay.frames import DETECTED, REPROJECTED, FrameTable, in_view
+from lassokin_ros.replay.spans import Span, WrongSpan, marked, spans_of, usual_period, wrong_spans
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,91 +22,93 @@ class Facts:
     """The data of a finished replay.
 
     title: name of the recording. topics: keypoint topic and camera_info topic. counts: counters of the session.
-    landmarks: names in layout order. skeleton: the skeleton before calibration. image_size: (width, height) px, None
-    without camera_info. own_keypoints: True if this program detected the keypoints in images, False for recorded ones.
-    other_sizes: `image_size` of further cameras. level: (3, 3) rotation from the frame of the rows' positions to that
-    of a level camera.
+    landmarks: names in layout order. skeleton: the skeleton before calibration. sizes: (width, height) px of each
+    camera's image, None without camera_info. own_keypoints: True if this program detected the keypoints in images,
+    False for recorded ones. level: (3, 3) rotation from the frame of the skeleton to that of a level camera.
     """
 
     title: str
     topics: tuple[str, str]
-    log: ReplayLog
+    table: FrameTable
     counts: Mapping[str, int]
     tracker: TrackerConfig
     node: NodeSettings
     skeleton: Skeleton
     landmarks: tuple[str, ...]
-    image_size: tuple[int, int] | None
+    sizes: tuple[tuple[int, int] | None, ...]
     own_keypoints: bool = False
-    other_sizes: tuple[tuple[int, int] | None, ...] = ()
     level: np.ndarray = field(default_factory=lambda: np.eye(3))
 
     @property
-    def cameras(self) -> dict[str, tuple[int, int] | None]:
-        """The image size of each camera by name; the name of the only camera is empty."""
-        return dict(zip(self.node.camera_names, (self.image_size, *self.other_sizes)))
+    def image_size(self) -> tuple[int, int] | None:
+        """(width, height) px of the first camera's image; None without camera_info."""
+        return self.sizes[0]
 
     @property
     def received(self) -> int:
         """Number of keypoint messages; with several cameras, number of instants with messages."""
-        return self.counts.get("received", 0) if len(self.cameras) == 1 else len(self.log.messages)
+        return self.counts.get("received", 0) if len(self.sizes) == 1 else len(self.table.messages)
 
     @property
     def tracked(self) -> int:
         """Number of those with a skeleton. The session's count has images without people, and lacks held instants."""
-        return sum(message.people > 0 for message in self.log.messages)
+        return sum(message.people > 0 for message in self.table.messages)
 
     @cached_property
     def people(self) -> list[str]:
-        """Ids in order of first appearance; one empty id in single-person mode."""
-        return [""] if not self.node.several_people else list(self.log.people)
-
-    def rows(self, person: str) -> list[PersonRow]:
-        """Return the rows of one person, including rejected ones."""
-        return self.log.people.get(person, [])
-
-    def accepted(self, person: str) -> list[PersonRow]:
-        """Return the rows of one person with a skeleton."""
-        return [row for row in self.rows(person) if row.rejection is None]
+        """Ids in order of first appearance; one empty id if one person is followed."""
+        return [""] if not self.node.several_people else list(self.table.people)
 
     @cached_property
-    def tracks(self) -> list[PersonRow]:
-        """The rows of all people with a skeleton."""
-        return [row for person in self.people for row in self.accepted(person)]
+    def _columns(self) -> dict[str, Mapping[str, np.ndarray]]:
+        return {person: self.table.columns(person) for person in self.people or [""]}
+
+    def rows(self, name: str, person: str | None = None) -> np.ndarray:
+        """Return a column of the table, (f, ...), with the rejected frames: of one person, by default of all."""
+        found = [columns[name] for one, columns in self._columns.items() if person in (None, one)]
+        return found[0] if len(found) == 1 else np.concatenate(found)
+
+    def of(self, name: str, person: str | None = None) -> np.ndarray:
+        """Return a column of the frames with a skeleton, (f, ...): of one person, by default of all."""
+        values, accepted = self.rows(name, person), self.rows("accepted", person)
+        return values if accepted.all() else values[accepted]
+
+    def median(self, name: str) -> float:
+        """Return the median of a figure over the frames with a skeleton; NaN if there are none."""
+        return float(np.median(self.of(name))) if self.skeletons else float("nan")
+
+    @cached_property
+    def skeletons(self) -> int:
+        """Number of frames with a skeleton, of all people together."""
+        return sum(int(columns["accepted"].sum()) for columns in self._columns.values())
 
     @cached_property
     def spans(self) -> dict[str, list[Span]]:
         """The gaps of each person."""
-        whole = not self.node.several_people
-        return {
-            person: spans_of(self.rows(person), self.log.messages, self.tracker.lost_after, whole)
-            for person in self.people
-        }
+        given = self.table.messages, self.tracker.lost_after, not self.node.several_people
+        return {person: spans_of(self.of("time", person).tolist(), *given) for person in self.people}
 
     @cached_property
     def wrong(self) -> dict[str, list[WrongSpan]]:
         """The spans of each person in which the pose is likely wrong."""
-        return {person: wrong_spans(self.accepted(person)) for person in self.people}
+        doubts = {person: [doubt for doubt in self.table.of(person).doubts if doubt] for person in self.people}
+        return {person: wrong_spans(self.of("time", person), own) for person, own in doubts.items()}
 
     @property
     def wrong_share(self) -> float:
         """Share of the skeletons that lie in these spans."""
-        marked = sum(
-            any(span.contains(row.time) for span in self.wrong[person])
-            for person in self.people
-            for row in self.accepted(person)
-        )
-        return marked / max(len(self.tracks), 1)
+        lying = sum(int(marked(self.of("time", person), self.wrong[person]).sum()) for person in self.people)
+        return lying / max(self.skeletons, 1)
 
     @cached_property
     def times(self) -> np.ndarray:
         """(m,) s: time of each message."""
-        return np.array([message.time for message in self.log.messages])
+        return np.array([message.time for message in self.table.messages])
 
     @property
     def duration(self) -> float:
         """Time from the first message to the last, s."""
-        return float(self.times.max()) if len(self.times) else 0.0
+        return float(self.times.max(initial=0.0))
 
     @cached_property
     def rate(self) -> float:
@@ -119,49 +122,42 @@ class Facts:
         found = {key.partition(": ")[2]: n for key, n in self.counts.items() if key.startswith("rejected: ") and n}
         return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
 
-    @property
-    def initialisations(self) -> int:
-        """Number of initialisations."""
-        return sum(row.initialised for row in self.tracks)
-
 
 def floor_of(facts: Facts, person: str) -> float:
     """Return the floor's height above the camera, m, in a level frame; NaN if the feet are seen in few frames."""
-    rows = [row for row in facts.accepted(person) if row.positions is not None and row.observed is not None]
-    if not rows:
-        return float("nan")
-    positions, observed, contacts = (
-        np.array([getattr(row, name) for row in rows]) for name in ("positions", "observed", "contacts")
-    )
     names, height = facts.skeleton.joint_names, facts.skeleton.height
-    return floor_height(names, height, positions, observed, contacts, facts.level)
+    positions, observed = facts.of("joint_positions", person), facts.of("joint_observed", person)
+    return floor_height(names, height, positions, observed, facts.of("joint_contacts", person), facts.level)
 
 
-def bone_changes(facts: Facts, person: str) -> list[tuple[str, float, float]]:
-    """Return (joint, length at the end in mm, relative change) of each bone, named by the joint at which it ends."""
-    lengths = [row.lengths for row in facts.accepted(person) if row.lengths is not None]
-    if not lengths:
-        return []
-    given = np.linalg.norm(facts.skeleton.offsets, axis=-1)
-    return [
-        (name, 1e3 * float(end), float(end / start - 1))
-        for name, start, end in zip(facts.skeleton.joint_names, given, lengths[-1])
-        if start > 1e-6
-    ]
+def bends(rotations: np.ndarray) -> np.ndarray:
+    """Return (f, n) degrees, by how much joints turn. rotations: (f, n, 3, 3), of each in its parent's frame."""
+    return np.degrees(np.linalg.norm(logarithm(rotations), axis=-1))
 
 
-def landmark_errors(facts: Facts, rows: list[PersonRow]) -> tuple[np.ndarray, np.ndarray]:
+def bone_changes(facts: Facts, people: Iterable[str]) -> list[tuple[str, str, float, float]]:
+    """Return (person, joint, length at the end in mm, relative change) of each bone, by the joint at which it ends."""
+    given, found = np.linalg.norm(facts.skeleton.offsets, axis=-1), []
+    for person in people:
+        last = facts.table.of(person).last
+        if last is not None and last.skeleton is not None:
+            ends = np.linalg.norm(last.skeleton.offsets, axis=-1)
+            bones = zip(facts.skeleton.joint_names, given, ends)
+            found += [(person, name, 1e3 * float(b), float(b / a - 1)) for name, a, b in bones if a > 1e-6]
+    return found
+
+
+def landmark_errors(facts: Facts, person: str | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return per landmark: median distance between detected and reprojected point (l,) px, share of frames (l,).
 
-    A landmark that the detector places, but hardly sees, does not count as seen.
+    person: None for all. A landmark that the detector places, but hardly sees, does not count as seen.
     """
-    count, numbers = len(facts.landmarks), range(len(facts.cameras))
-    pairs = [(row.in_view("detected", k), row.in_view("reprojected", k)) for row in rows for k in numbers]
-    apart = [seen - back for seen, back in pairs if seen is not None and back is not None]
-    if not apart:
+    count = len(facts.landmarks)
+    if not len(facts.of("time", person)):
         return np.full(count, np.nan), np.zeros(count)
-    distance = np.linalg.norm(np.array(apart), axis=-1)
+    pairs = [[facts.of(in_view(name, k), person) for name in (DETECTED, REPROJECTED)] for k in range(len(facts.sizes))]
+    distance = np.linalg.norm(np.concatenate([seen - back for seen, back in pairs]), axis=-1)
     found = np.isfinite(distance).any(axis=0)
     middle = np.full(count, np.nan)
     middle[found] = np.nanmedian(distance[:, found], axis=0)
-    return middle, np.mean([row.visible for row in rows], axis=0)
+    return middle, facts.of("visible", person).mean(axis=0)

@@ -10,11 +10,10 @@ import numpy as np
 from lassokin_ros.doubt.monitor import LIMBS
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.concerns.catalogue import DOUBT, NOTE, PROBLEM, Raised, Seen, say
-from lassokin_ros.pipeline.concerns.live import of_person
 from lassokin_ros.pipeline.concerns.rejections import advice_for, reason_text
-from lassokin_ros.replay.report.facts import Facts, bone_changes, landmark_errors
-from lassokin_ros.replay.report.log import PersonRow
-from lassokin_ros.replay.report.spans import NO_MESSAGE, NOBODY, Span
+from lassokin_ros.replay.frames import DETECTED, OUTLINE
+from lassokin_ros.replay.report.facts import Facts, bends, bone_changes, landmark_errors
+from lassokin_ros.replay.spans import NO_MESSAGE, NOBODY, Span, marked
 
 MOST_LISTED = 6
 """Maximum number of spans or times that a finding lists."""
@@ -39,12 +38,11 @@ def likely_wrong(facts: Facts) -> Iterator[Raised]:
         signs = [span for span in facts.wrong[person] if span.certain_sign]
         for span in signs[:MOST_LISTED]:
             when, reasons = f"from {span.start:.1f} to {span.end:.1f} s", ", ".join(span.reasons)
-            yield say("likely_wrong", whose=of_person(person), when=when, reasons=reasons)
+            yield say("likely_wrong", of=person, when=when, reasons=reasons)
         if rest := signs[MOST_LISTED:]:
-            yield say("more_spans", level=DOUBT, count=len(rest), seconds=sum(span.seconds for span in rest))
+            yield say("more_spans", level=DOUBT, count=len(rest), seconds=sum(one.end - one.start for one in rest))
         if weak := [span for span in facts.wrong[person] if not span.certain_sign]:
-            times = [row.time for row in facts.accepted(person)]
-            share = sum(any(span.contains(time) for span in weak) for time in times) / max(len(times), 1)
+            share = marked(facts.of("time", person), weak).mean()
             yield say("by_figures", of=person, level=DOUBT if facts.wrong_share > MOST_MARKED else NOTE, share=share)
 
 
@@ -57,10 +55,9 @@ def unseen_limbs(facts: Facts) -> Iterator[Raised]:
 
 def hidden_limbs(facts: Facts) -> dict[str, float]:
     """Return the limbs that are observed in fewer than `UNSEEN` of the frames, with that share."""
-    rows = [row.observed for row in facts.tracks if row.observed is not None]
-    if not rows:
+    if not facts.skeletons:
         return {}
-    share = dict(zip(facts.skeleton.joint_names, np.mean(rows, axis=0)))
+    share = dict(zip(facts.skeleton.joint_names, facts.of("joint_observed").mean(axis=0)))
     limbs = {limb: [share[joint] for joint in joints if joint in share] for limb, joints in LIMBS.items()}
     return {limb: float(min(seen)) for limb, seen in limbs.items() if seen and min(seen) < UNSEEN}
 
@@ -73,46 +70,40 @@ def bent_knees(facts: Facts) -> Iterator[Raised]:
         return
     places, knees = [names.index(joint) for joint in legs], [names.index("left_knee"), names.index("right_knee")]
     for person in facts.people:
-        rows = [
-            row
-            for row in facts.accepted(person)
-            if row.observed is not None and row.observed[places].all() and _lean_deg(row, facts) < UPRIGHT_DEG
-        ]
-        bends = np.array([row.bends[knees].min() for row in rows])
-        if len(rows) < UNSEEN * len(facts.accepted(person)):
+        judged = facts.of("joint_observed", person)[:, places].all(axis=1)
+        judged &= _lean_deg(facts.of("joint_positions", person), facts) < UPRIGHT_DEG
+        if judged.sum() <= LEAST_BENT_S * facts.rate or judged.mean() < UNSEEN:
             continue
-        if len(rows) > LEAST_BENT_S * facts.rate and np.mean(bends > BENT_DEG) > BENT_SHARE:
-            yield say("bent_knees", of=person, degrees=np.median(bends))
+        straighter = bends(facts.of("joint_rotations", person)[judged][:, knees]).min(axis=1)
+        if np.mean(straighter > BENT_DEG) > BENT_SHARE:
+            yield say("bent_knees", of=person, degrees=np.median(straighter))
 
 
-def _lean_deg(row: PersonRow, facts: Facts) -> float:
-    """Return the angle between the trunk and the vertical."""
+def _lean_deg(positions: np.ndarray, facts: Facts) -> np.ndarray:
+    """Return (f,) the angle between the trunk and the vertical; 0 for a skeleton without a neck."""
     names = facts.skeleton.joint_names
-    if "neck" not in names or row.positions is None:
-        return 0.0
-    trunk = row.positions[names.index("neck")] - row.positions[0]
-    up = -facts.level[1]
-    return float(np.degrees(np.arccos(np.clip(trunk @ up / max(np.linalg.norm(trunk), 1e-9), -1.0, 1.0))))
+    if "neck" not in names:
+        return np.zeros(len(positions))
+    trunk = positions[:, names.index("neck")] - positions[:, 0]
+    rise = -(trunk @ facts.level[1]) / np.maximum(np.linalg.norm(trunk, axis=1), 1e-9)
+    return np.degrees(np.arccos(np.clip(rise, -1.0, 1.0)))
 
 
 def bones(facts: Facts) -> Iterator[Raised]:
     """Report a bone that calibration changed by more than people differ. The page has a table of all changes."""
     for person in facts.people:
-        if not (changes := bone_changes(facts, person)):
-            continue
-        joint, length, change = max(changes, key=lambda bone: abs(bone[2]))
+        changes = bone_changes(facts, [person])
+        _, joint, length, change = max(changes, key=lambda bone: abs(bone[3]), default=("", "", 0.0, 0.0))
         if abs(change) > UNLIKELY_CHANGE:
             yield say("bones", of=person, joint=joint, before=length / (1 + change), after=length)
 
 
 def uncertain(facts: Facts) -> Iterator[Raised]:
     """Report how far off the joints may be: 'The joints are off by about 80 mm ...'."""
-    rows = [row.deviations for row in facts.tracks if row.deviations is not None]
-    if not rows:
-        return
-    deviations = 1e3 * np.median(rows, axis=0)
-    if (mean := float(deviations[1:].mean())) > UNCERTAIN_MM:
-        yield say("uncertain", millimetres=mean)
+    if facts.skeletons:
+        deviations = 1e3 * np.median(facts.of("joint_deviations"), axis=0)
+        if (mean := float(deviations[1:].mean())) > UNCERTAIN_MM:
+            yield say("uncertain", millimetres=mean)
 
 
 FEW = 0.02
@@ -140,7 +131,7 @@ def findings(facts: Facts, warnings: Sequence[Raised] = ()) -> list[Raised]:
     rules = VIDEO_RULES if facts.own_keypoints else RULES
     found = [raised for rule in rules for raised in rule(facts)]
     known = {raised.key for raised in found} | ({"outside"} if any(r.key == "partly_outside" for r in found) else set())
-    found += [raised for raised in warnings if Seen.PAGE in raised.seen and raised.key not in known]
+    found += [raised for raised in warnings if Seen.REPLAY in raised.seen and raised.key not in known]
     serious = [raised for level in (PROBLEM, DOUBT) for raised in found if raised.level == level]
     return [*(serious or [_good(facts)]), *(raised for raised in found if raised.level == NOTE)]
 
@@ -156,18 +147,18 @@ def _good(facts: Facts) -> Raised:
 
 
 def _nothing_tracked(facts: Facts) -> Iterator[Raised]:
-    count = len(facts.log.messages)
+    count = len(facts.table.messages)
     if facts.own_keypoints:
-        yield from [] if facts.tracks else [say("nobody_found", count=count)]
+        yield from [] if facts.skeletons else [say("nobody_found", count=count)]
     elif not count:
         yield say("nothing_received", topic=facts.topics[0])
-    elif not facts.tracks:
+    elif not facts.skeletons:
         yield say("nothing_tracked", count=count)
 
 
 def _probably_nobody(facts: Facts) -> Iterator[Raised]:
     """Report skeletons in a few images, never for long: a detector finds people in patterns."""
-    shown = np.array([message.people > 0 for message in facts.log.messages], dtype=int)
+    shown = np.array([message.people > 0 for message in facts.table.messages], dtype=int)
     if facts.node.several_people or not shown.any() or shown.mean() > SELDOM:
         return
     edges = np.flatnonzero(np.diff(np.concatenate([[0], shown, [0]])))
@@ -183,7 +174,7 @@ def _refused(facts: Facts) -> Iterator[Raised]:
         reason, _, of_person = key.partition(" (")
         level = PROBLEM if count > FEW * max(facts.received, 1) or reason not in SELDOM_HARMFUL else NOTE
         what = "per-person frame" if of_person else "camera_info message" if reason.startswith("camera_") else "frame"
-        remedy, detail = advice_for(reason), facts.log.details.get(reason, "")
+        remedy, detail = advice_for(reason), facts.table.details.get(reason, "")
         if detail := detail.removesuffix(f": {remedy}"):
             remedy += f". First occurrence: {detail}"
         what += "s" * (count > 1)
@@ -193,7 +184,7 @@ def _refused(facts: Facts) -> Iterator[Raised]:
 def _untracked(facts: Facts) -> Iterator[Raised]:
     """Report lost spans: 'Nobody was tracked from 3.2 to 4.6 s ...'."""
     for person in facts.people:
-        if not facts.accepted(person):
+        if not len(facts.of("time", person)):
             continue
         level = NOTE if person or facts.own_keypoints else PROBLEM  # people may enter and leave
         lost = [span for span in facts.spans[person] if span.lost]
@@ -225,35 +216,32 @@ def _reasons(span: Span, own_keypoints: bool) -> str:
 
 def _gaps(facts: Facts) -> Iterator[Raised]:
     for person in facts.people:
-        short = [span for span in facts.spans[person] if not span.lost and _is_between(span, facts.accepted(person))]
-        if short:
+        times = facts.of("time", person)
+        first, last = (times[0], times[-1]) if len(times) else (np.inf, -np.inf)
+        short = [span for span in facts.spans[person] if not span.lost and first <= span.start <= span.end <= last]
+        if seconds := [span.seconds for span in short]:
             count = f"{len(short)} short gap{'s' * (len(short) > 1)}"
-            seconds = [span.seconds for span in short]
             yield say("gaps", of=person, count=count, seconds=sum(seconds), longest=max(seconds))
 
 
-def _is_between(span: Span, rows: Sequence[PersonRow]) -> bool:
-    """Return whether a span is between two skeletons. rows: with a skeleton, in order of time."""
-    return bool(rows) and rows[0].time <= span.start and span.end <= rows[-1].time
-
-
 def _reprojection(facts: Facts) -> Iterator[Raised]:
-    errors = [row.reprojection_px for row in facts.tracks]
-    median, noise = float(np.median(errors)) if errors else np.nan, facts.tracker.noise_px
+    median, noise = facts.median("reprojection_px"), facts.tracker.noise_px
     if median > LARGE_ERROR * noise:
         yield say("reprojection", median=median, noise=noise)
 
 
 def _poor_fit(facts: Facts) -> Iterator[Raised]:
     """Report a skeleton that does not lie on the person in the image."""
-    rows = [row for row in facts.tracks if row.outline is not None]
-    shares = [row.reprojection_px / max(float(np.linalg.norm(np.ptp(row.outline, axis=0))), 1.0) for row in rows]
-    if rows and np.median(shares) > LARGE_SHARE:
-        yield say("poor_fit", median=np.median([row.reprojection_px for row in rows]), share=np.median(shares))
+    outline, errors = facts.of(OUTLINE), facts.of("reprojection_px")
+    known = np.isfinite(outline).all(axis=(1, 2))
+    sizes = np.linalg.norm(np.ptp(outline[known], axis=1), axis=1)
+    shares = errors[known] / np.maximum(sizes, 1.0)
+    if len(shares) and np.median(shares) > LARGE_SHARE:
+        yield say("poor_fit", median=np.median(errors[known]), share=np.median(shares))
 
 
 def _landmarks(facts: Facts) -> Iterator[Raised]:
-    middle, _ = landmark_errors(facts, facts.tracks)
+    middle, _ = landmark_errors(facts)
     usual = float(np.nanmedian(middle)) if np.isfinite(middle).any() else np.nan
     far = np.flatnonzero(np.nan_to_num(middle) > max(4 * usual, LARGE_ERROR * facts.tracker.noise_px))
     if len(far):
@@ -262,7 +250,7 @@ def _landmarks(facts: Facts) -> Iterator[Raised]:
 
 
 def _stamps(facts: Facts) -> Iterator[Raised]:
-    if jumps := facts.log.jumps:
+    if jumps := facts.table.jumps:
         first, others = jumps[0], len(jumps) - 1
         way, more = "ahead" if first.ahead > 0 else "back", f", and {others} more times" if others else ""
         yield say("stamps_jump", time=first.time, way=way, seconds=abs(first.ahead), more=more)
@@ -283,17 +271,22 @@ def _outside(facts: Facts) -> Iterator[Raised]:
 
 def _mostly_inside(facts: Facts) -> bool:
     """Return whether more than half of the keypoints of the usual message are in the image."""
-    seen = [row.detected for person in facts.people for row in facts.rows(person) if row.detected is not None]
-    if not seen or facts.image_size is None:
+    points = _detected(facts)
+    if not len(points) or facts.image_size is None:
         return False
-    points = np.array(seen)
     inside = ((points >= 0) & (points <= facts.image_size)).all(axis=-1).sum(axis=1)
     known = np.isfinite(points[..., 0]).sum(axis=1)
     return bool(np.median(inside / np.maximum(known, 1)) > 0.5)
 
 
+def _detected(facts: Facts) -> np.ndarray:
+    """Return (k, l, 2) px, the landmarks in the images of the first camera that have any, also of rejected frames."""
+    points = facts.rows(DETECTED)
+    return points[np.isfinite(points).any(axis=(1, 2))]
+
+
 def _rate(facts: Facts) -> Iterator[Raised]:
-    if 0 < facts.rate < SLOW_HZ and len(facts.log.messages) > 3:
+    if 0 < facts.rate < SLOW_HZ and len(facts.table.messages) > 3:
         yield say("slow", rate=facts.rate)
 
 
@@ -308,7 +301,7 @@ def _repeated(facts: Facts) -> Iterator[Raised]:
 
 def _initialised_again(facts: Facts) -> Iterator[Raised]:
     for person in facts.people:
-        _, *again = [row.time for row in facts.accepted(person) if row.initialised] or [0.0]
+        again = facts.of("time", person)[facts.of("initialised", person)].tolist()[1:]
         if again:
             times = {1: "once", 2: "twice"}.get(len(again), f"{len(again)} times")
             yield say("initialised_again", who=person or "The person", times=times, listed=_listed(again))
@@ -324,13 +317,13 @@ def _listed(times: list[float]) -> str:
 
 def distance(facts: Facts) -> Iterator[Raised]:
     """Report a median distance of the pelvis at which no person is seen."""
-    metres = float(np.median([row.depth for row in facts.tracks])) if facts.tracks else 1.0
-    if NEAREST_M < metres < FARTHEST_M:
+    metres = facts.median("depth")
+    if not facts.skeletons or NEAREST_M < metres < FARTHEST_M:
         return
     what = "camera_info (K) and `height`"
     if facts.own_keypoints:
         what = "the field of view (`--fov` or `--camera-info`) and `--height`"
-        if len(facts.cameras) > 1:
+        if len(facts.sizes) > 1:
             what = (
                 "`--cameras` (translations are m, each video is that of its camera) or, without it, `--fov` and "
                 "`--height`"
@@ -345,10 +338,10 @@ def _upside_down(facts: Facts) -> Iterator[Raised]:
     """
     parts = ("shoulder", "hip", "ankle")
     groups = [[i for i, name in enumerate(facts.landmarks) if part in name] for part in parts]
-    seen = [row.detected for person in facts.people for row in facts.rows(person) if row.detected is not None]
-    if not seen or not all(groups):
+    seen = _detected(facts)
+    if not len(seen) or not all(groups):
         return
-    places = [np.array(seen)[:, group].mean(axis=1) for group in groups]
+    places = [seen[:, group].mean(axis=1) for group in groups]
     known = np.isfinite(places).all(axis=(0, 2))
     shoulders, hips, ankles = (place[known] for place in places)
     down = (shoulders[:, 1] > hips[:, 1]) & (hips[:, 1] > ankles[:, 1])

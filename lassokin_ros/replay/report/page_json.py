@@ -7,7 +7,7 @@ value of every n frames (`POINTS`), so that peaks remain.
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,8 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.gating import HEAD
 from lassokin_ros.pipeline.concerns.rejections import reason_text
 from lassokin_ros.replay.body import capsules
-from lassokin_ros.replay.report.facts import Facts, floor_of, landmark_errors
-from lassokin_ros.replay.report.log import PersonRow
+from lassokin_ros.replay.frames import DETECTED, OUTLINE, REPROJECTED, in_view
+from lassokin_ros.replay.report.facts import Facts, bends, floor_of, landmark_errors
 
 BUDGET = 2_000_000
 """bytes: limit for skeletons, image points and angles in the page, before base64 (which adds a third)."""
@@ -47,51 +47,51 @@ def packed(values: Any, step: float, farthest: float = np.inf) -> dict[str, Any]
 
 def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
     """Return the data of one person: skeletons of every stride-th frame, figures over time of all frames."""
-    rows, accepted = facts.rows(person), facts.accepted(person)
-    shown = rows[::stride]
-    joints, landmarks = facts.skeleton.joint_count, len(facts.landmarks)
-    nowhere = {k: np.full((n, m), np.nan) for k, n, m in (("j2", joints, 2), ("j3", joints, 3), ("l2", landmarks, 2))}
+    rejections, times = facts.table.of(person).rejections, facts.rows("time", person)
+    accepted = facts.rows("accepted", person)
 
-    def stacked(values: list[Any], empty: np.ndarray, step: float, farthest: float) -> dict[str, Any]:
-        return packed(np.array([empty if v is None else v for v in values]).reshape(-1, *empty.shape), step, farthest)
+    def shown(name: str) -> np.ndarray:
+        return facts.rows(name, person)[::stride]
 
-    def column(name: str, empty: np.ndarray, step: float, farthest: float) -> dict[str, Any]:
-        return stacked([getattr(row, name) for row in shown], empty, step, farthest)
+    def series(values: np.ndarray) -> dict[str, Any]:
+        time, value = worst(times, np.where(accepted, values, np.nan))
+        return {"time": _numbers(time, 3), "value": [None if v is None else float(f"{v:.4g}") for v in _numbers(value)]}
 
-    error, seen = landmark_errors(facts, accepted)
-    border = max(FARTHEST_PX, *(side for size in facts.cameras.values() for side in size or (0,)))
-
-    def view(number: int) -> dict[str, Any]:
-        empty = {"outline": nowhere["j2"], "detected": nowhere["l2"], "reprojected": nowhere["l2"]}
-        found = {name: [row.in_view(name, number) for row in shown] for name in empty}
-        return {name: stacked(found[name], empty[name], TENTH, border) for name in empty}
-
-    first, *others = map(view, range(len(facts.cameras)))
+    border = max(FARTHEST_PX, *(side for size in facts.sizes for side in size or (0,)))
+    views = [
+        {name: packed(shown(in_view(name, k)), TENTH, border) for name in (OUTLINE, DETECTED, REPROJECTED)}
+        for k in range(len(facts.sizes))
+    ]
+    deviations = 1e3 * facts.rows("joint_deviations", person)
+    observed = np.where(shown("accepted")[:, None], shown("joint_observed"), np.nan)
+    positions, farthest = shown("joint_positions"), FARTHEST_M
+    if facts.node.fixed_frame:
+        positions, farthest = positions @ facts.level.T, np.inf
+    error, seen = landmark_errors(facts, person)
+    refusals = [[round(at, 3), reason_text(key)] for at, key in zip(times.tolist(), rejections) if key is not None]
     return {
-        **first,
-        "others": others,
+        **views[0],
+        "others": views[1:],
         "name": person,
-        "floor": _number(floor_of(facts, person)),
+        "floor": _numbers([floor_of(facts, person)], 4)[0],
         "stride": stride,
-        "time": [round(row.time, 4) for row in shown],
-        "refused": [None if row.rejection is None else reason_text(row.rejection) for row in shown],
-        "positions": column("positions", nowhere["j3"], MM, np.inf if facts.node.fixed_frame else FARTHEST_M),
-        "angles": column("angles", nowhere["j3"], TENTH, np.inf),
-        "bends": column("bends", np.full(joints, np.nan), TENTH, np.inf),
-        "observed": column("observed", np.full(joints, np.nan), 1.0, np.inf),
-        "deviations": column("deviations", np.full(joints, np.nan), MM, FARTHEST_M),
+        "time": _numbers(shown("time"), 4),
+        "refused": [None if key is None else reason_text(key) for key in rejections[::stride]],
+        "positions": packed(positions, MM, farthest),
+        "angles": packed(np.degrees(shown("joint_angles")), TENTH),
+        "bends": packed(bends(shown("joint_rotations")), TENTH),
+        "observed": packed(observed, 1.0),
+        "deviations": packed(shown("joint_deviations"), MM, FARTHEST_M),
         "series": {
-            "reprojection": _series(rows, "reprojection_px"),
-            "deviation": _series(rows, "mean_deviation_mm"),
-            "worst_deviation": _series(rows, "worst_deviation_mm"),
-            "support": _series(rows, "support"),
-            "gap": _series(rows, "relative_gap"),
+            "reprojection": series(facts.rows("reprojection_px", person)),
+            "deviation": series(deviations[:, 1:].mean(axis=1)),
+            "worst_deviation": series(deviations.max(axis=1)),
+            "support": series(facts.rows("support_size", person)),
+            "gap": series(facts.rows("relative_duality_gap", person)),
         },
-        "refusals": [[round(row.time, 3), reason_text(row.rejection)] for row in rows if row.rejection is not None][
-            :POINTS
-        ],
-        "wrong": [[round(s.start, 3), round(s.end, 3), ", ".join(s.reasons)] for s in facts.wrong.get(person, [])],
-        "spans": [[round(s.start, 3), round(s.end, 3), s.lost] for s in facts.spans.get(person, [])],
+        "refusals": refusals[:POINTS],
+        "wrong": [[round(s.start, 3), round(s.end, 3), ", ".join(s.reasons)] for s in facts.wrong[person]],
+        "spans": [[round(s.start, 3), round(s.end, 3), s.lost] for s in facts.spans[person]],
         "landmarks": {"error": _numbers(error, 2), "seen": _numbers(100 * seen, 1)},
     }
 
@@ -99,8 +99,8 @@ def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
 def bytes_of(facts: Facts, person: str) -> int:
     """Return the size of a person's skeletons, image points and angles without thinning, bytes."""
     joints, landmarks = facts.skeleton.joint_count, len(facts.landmarks)
-    in_images = len(facts.cameras) * (2 * joints + 4 * landmarks)
-    return len(facts.rows(person)) * 2 * (joints * (3 + 3 + 1 + 1 + 1) + in_images)
+    in_images = len(facts.sizes) * (2 * joints + 4 * landmarks)
+    return len(facts.rows("time", person)) * 2 * (joints * (3 + 3 + 1 + 1 + 1) + in_images)
 
 
 def page_data(facts: Facts) -> dict[str, Any]:
@@ -113,8 +113,8 @@ def page_data(facts: Facts) -> dict[str, Any]:
         "parents": [int(parent) for parent in skeleton.parents],
         "landmarks": list(facts.landmarks),
         "image": facts.image_size,
-        "cameras": [{"name": name, "image": size} for name, size in facts.cameras.items()],
-        "level": np.round(facts.level, 6).tolist(),
+        "cameras": [{"name": name, "image": size} for name, size in zip(facts.node.camera_names, facts.sizes)],
+        "level": np.round(np.eye(3) if facts.node.fixed_frame else facts.level, 6).tolist(),
         "capsules": [(a, b, round(radius, 4), side) for a, b, radius, side in capsules(skeleton)],
         "skull": _skull(skeleton),
         "live": 3 * skeleton.joint_count,
@@ -134,7 +134,7 @@ def _skull(skeleton: Skeleton) -> tuple[int, int, float] | None:
 
 def timing_data(facts: Facts) -> dict[str, Any]:
     """Return the tracking times, the only data that differ between two runs on the same recording."""
-    rows = [(m.time, 1e3 * m.seconds) for m in facts.log.messages if np.isfinite(m.seconds)]
+    rows = [(m.time, 1e3 * m.seconds) for m in facts.table.messages if np.isfinite(m.seconds)]
     time, value = worst(np.array([t for t, _ in rows]), np.array([v for _, v in rows]))
     return {"time": _numbers(time, 3), "value": _numbers(value, 3)}
 
@@ -149,16 +149,7 @@ def worst(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return time[starts], np.where(np.isfinite(largest), largest, np.nan)
 
 
-def _series(rows: Sequence[PersonRow], name: str) -> dict[str, Any]:
-    time, value = worst(np.array([row.time for row in rows]), np.array([getattr(row, name) for row in rows]))
-    return {"time": _numbers(time, 3), "value": [None if v is None else float(f"{v:.4g}") for v in _numbers(value)]}
-
-
-def _number(value: float) -> float | None:
-    return round(value, 4) if np.isfinite(value) else None
-
-
-def _numbers(values: np.ndarray, digits: int | None = None) -> list[float | None]:
+def _numbers(values: Iterable[float], digits: int | None = None) -> list[float | None]:
     """Return a list of floats, with None for non-finite values (JSON has no NaN)."""
     plain = [float(v) for v in values]
     return [None if not np.isfinite(v) else v if digits is None else round(v, digits) for v in plain]
@@ -166,14 +157,14 @@ def _numbers(values: np.ndarray, digits: int | None = None) -> list[float | None
 
 def _rates(facts: Facts) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return times (k,) s, and the rates of messages and of messages with a skeleton (k,) Hz, in a sliding window."""
-    if not facts.log.messages:
+    if not facts.table.messages:
         return np.zeros(0), np.zeros(0), np.zeros(0)
     window = max(1.0, 2 * facts.duration / RATE_POINTS)
     if facts.duration <= window:
         window = max(facts.duration, 1e-3)
     centres = np.arange(window / 2, max(facts.duration - window / 2, window / 2) + 1e-9, window / 4)
     times = np.sort(facts.times)
-    out = np.sort(np.array([m.time for m in facts.log.messages if m.people]))
+    out = np.sort(np.array([m.time for m in facts.table.messages if m.people]))
 
     def per_second(events: np.ndarray) -> np.ndarray:
         inside = np.searchsorted(events, centres + window / 2) - np.searchsorted(events, centres - window / 2)

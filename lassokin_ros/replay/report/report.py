@@ -14,20 +14,17 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-import numpy as np
-
 from lassokin_ros.common.atomic_files import AtomicFiles, refuse_existing
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.pipeline.concerns.catalogue import DOUBT, PROBLEM, Raised, say
-from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.image_sets import SAME_INSTANT_NS
 from lassokin_ros.pipeline.session import Session
+from lassokin_ros.replay.frames import FrameTable
 from lassokin_ros.replay.report import tables
 from lassokin_ros.replay.report.facts import Facts
 from lassokin_ros.replay.report.findings import findings
 from lassokin_ros.replay.report.images import ReportImages
-from lassokin_ros.replay.report.log import ReplayLog
 from lassokin_ros.replay.report.page_json import page_data, timing_data
 
 SCRIPTS = ("common", "body", "space", "image", "series", "page")
@@ -70,7 +67,7 @@ def page(facts: Facts, findings: Sequence[Raised], images: dict[str, Any]) -> st
 
 
 def _subtitle(facts: Facts) -> Iterator[str]:
-    first = facts.log.first_stamp_ns
+    first = facts.table.first_stamp_ns
     if first and first >= FIRST_DATE_NS:
         yield datetime.fromtimestamp(first // 1_000_000_000, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
     yield f"{facts.duration:.1f} s"
@@ -95,35 +92,33 @@ class Report:
     """The report of one replay."""
 
     def __init__(
-        self, path: Path | None, session: Session, replace: bool = False, given: Skeleton | None = None
+        self,
+        path: Path | None,
+        session: Session,
+        table: FrameTable,
+        replace: bool = False,
+        given: Skeleton | None = None,
     ) -> None:
         """Raises ReportError if the page cannot be written to `path`. replace: an existing file may be replaced.
 
-        path: None for `summary_lines` alone, without a page.
+        path: None for `summary_lines` alone, without a page. table: collects the frames of the session.
         given: the skeleton before the first of two passes; None: that of the session.
         """
         if path is not None:
             check_report(path, replace)
-        self._path, self._session = path, session
+        self._path, self._session, self._table = path, session, table
         self._skeleton = given or session.tracker.skeleton  # before calibration
-        level = session.placement.level if session.config.fixed_frame else None
-        names = tuple(session.cameras)
-        self._log = ReplayLog(cameras=names, level=level)
-        self.images = {name: ReportImages() for name in names}
+        self.images = {name: ReportImages() for name in table.cameras}
         """The images of each camera, each added with the stamp of its keypoint message."""
         self.remarks: list[str] = []
         """Texts that the page shows as notes."""
         self.findings: list[Raised] = []
-        """What the page says, after `conclude`."""
+        """What the page says, after `write`."""
 
     @property
     def summary_lines(self) -> list[str]:
         """The problems and doubts as lines for the terminal."""
         return [f"{one.level:<15} {one.sentence}" for one in self.findings if one.level in (PROBLEM, DOUBT)]
-
-    def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
-        """Add the frames of one keypoint message, see `Playback.listeners`."""
-        self._log.add(frames, time_ns, seconds)
 
     def write(
         self,
@@ -133,48 +128,29 @@ class Report:
         own_keypoints: bool = False,
         warnings: Sequence[Raised] = (),
     ) -> None:
-        """Write the page as part of `files`. For the others see `conclude`.
+        """Write the page as part of `files`, if it has a path. For the others see `Facts` and `findings`.
 
         Raises ReportError, and the error of `files`.
         """
-        assert self._path is not None
-        facts = self.conclude(title, topics, own_keypoints, warnings)
-        times = {message.stamp_ns: message.time for message in self._log.messages}
-        apart_ns = SAME_INSTANT_NS if len(self.images) > 1 else 0
-        photos, *more = (images.data(times, apart_ns) for images in self.images.values())
-        images = {**photos, "others": more}
-        files.write_text(self._path, page(facts, self.findings, images))
-
-    def conclude(
-        self,
-        title: str,
-        topics: tuple[str, str],
-        own_keypoints: bool = False,
-        warnings: Sequence[Raised] = (),
-    ) -> Facts:
-        """Find what the page, and `summary_lines`, say; return the facts.
-
-        title: name of the recording. topics: keypoint topic and camera_info topic, or what else they come from.
-        own_keypoints: see `Facts`. warnings: those of the diagnostics, see `WarningLog`.
-        """
         session, tracker = self._session, self._session.tracker
         views = [camera.camera.view for camera in session.cameras.values()]
-        size, *others = (view.size if view is not None and min(view.size) > 0 else None for view in views)
         facts = Facts(
             title.encode(errors="backslashreplace").decode(),  # file names may hold bytes that are not UTF-8
             topics,
-            self._log,
+            self._table,
             dict(session.counts),
             tracker.config,
             session.config,
             self._skeleton,
             tracker.layout.names,
-            size,
+            tuple(view.size if view is not None and min(view.size) > 0 else None for view in views),
             own_keypoints,
-            tuple(others),
-            session.placement.level
-            if self._log.level is None
-            else np.eye(3),  # the log turned a fixed frame's positions
+            session.placement.level,
         )
         self.findings = [*findings(facts, warnings), *(say("remark", text=text) for text in self.remarks)]
-        return facts
+        if self._path is None:
+            return
+        times = {message.stamp_ns: message.time for message in self._table.messages}
+        apart_ns = SAME_INSTANT_NS if len(self.images) > 1 else 0
+        photos, *more = (images.data(times, apart_ns) for images in self.images.values())
+        files.write_text(self._path, page(facts, self.findings, {**photos, "others": more}))

@@ -39,26 +39,25 @@ def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], number
 
 def figures(facts: Facts) -> str:
     """Return the table of result figures."""
-    tracks, received, tracked = facts.tracks, facts.received, facts.tracked
+    received, tracked = facts.received, facts.tracked
     spans = [span for person in facts.people for span in facts.spans[person]]
     lost = [span.seconds for span in spans if span.lost]
     short = [span.seconds for span in spans if not span.lost]
     inputs = "Images" if facts.own_keypoints else "Keypoint messages"
-    inputs = inputs if len(facts.cameras) == 1 else f"Instants of {len(facts.cameras)} cameras"
+    inputs = inputs if len(facts.sizes) == 1 else f"Instants of {len(facts.sizes)} cameras"
     rows = [
         (inputs, f"{received} in {facts.duration:.1f} s, {facts.rate:.1f} Hz"),
         ("With a skeleton", f"{tracked}" + (f" ({tracked / received:.1%})" if received else "")),
         ("Without a skeleton", f"{received - tracked}"),
     ]
     if facts.node.several_people:
-        rows.append(("People", f"{len(facts.people)} tracked, {len(tracks)} skeletons in total"))
-    if tracks:
-        pixels = np.array([row.reprojection_px for row in tracks])
-        depth = np.array([row.depth for row in tracks])
+        rows.append(("People", f"{len(facts.people)} tracked, {facts.skeletons} skeletons in total"))
+    if facts.skeletons:
+        pixels, depth, times = facts.of("reprojection_px"), facts.of("depth"), int(facts.of("initialised").sum())
         rows += [
             ("Reprojection error", f"{_percentile(pixels, 50):.2f} px median, {_percentile(pixels, 99):.2f} px p99"),
             ("Distance of the pelvis", f"{np.median(depth):.2f} m median, {depth.min():.2f} to {depth.max():.2f} m"),
-            ("Initialised", "once" if facts.initialisations == 1 else f"{facts.initialisations} times"),
+            ("Initialised", "once" if times == 1 else f"{times} times"),
         ]
     rows += [
         ("Lost spans", f"{len(lost)}, {sum(lost):.1f} s in total" if lost else "none"),
@@ -70,11 +69,9 @@ def figures(facts: Facts) -> str:
 
 def solver(facts: Facts) -> str:
     """Return the table of the lasso's figures."""
-    tracks = facts.tracks
-    if not tracks:
+    if not facts.skeletons:
         return ""
-    gap, kkt = np.array([row.relative_gap for row in tracks]), np.array([row.kkt for row in tracks])
-    support = np.array([row.support for row in tracks])
+    gap, kkt, support = (facts.of(name) for name in ("relative_duality_gap", "kkt", "support_size"))
     of = 3 * facts.skeleton.joint_count
     rows = [
         ("Duality gap, relative", f"{_percentile(gap, 50):.1e} median, {gap.max():.1e} largest"),
@@ -88,7 +85,7 @@ def calibration(facts: Facts) -> str:
     """Return the state of calibration in one line."""
     if not facts.tracker.calibrate:
         return f"off; bone lengths of '{facts.skeleton.name}' at {facts.skeleton.height:g} m"
-    changes = [abs(change) for person in facts.people for _, _, change in bone_changes(facts, person)]
+    changes = [abs(change) for *_, change in bone_changes(facts, facts.people)]
     if not changes or max(changes) < 1e-4:
         return "on; bone lengths unchanged"
     return f"on; bone lengths changed by up to {max(changes):.1%}"
@@ -96,7 +93,7 @@ def calibration(facts: Facts) -> str:
 
 def timing(facts: Facts) -> str:
     """Return the table of tracking times, which are not repeatable."""
-    times = np.array([1e3 * m.seconds for m in facts.log.messages if np.isfinite(m.seconds)])
+    times = np.array([1e3 * m.seconds for m in facts.table.messages if np.isfinite(m.seconds)])
     if not len(times):
         return ""
     rows = [
@@ -134,9 +131,9 @@ def lost_spans(facts: Facts) -> str:
 
 def landmarks(facts: Facts) -> str:
     """Return the table of landmarks: share of frames and reprojection error."""
-    error, seen = landmark_errors(facts, facts.tracks)
-    if not facts.tracks:
+    if not facts.skeletons:
         return ""
+    error, seen = landmark_errors(facts)
     rows = [
         (name, f"{share:.0%}", f"{pixels:.1f}" if np.isfinite(pixels) else "-")
         for name, share, pixels in zip(facts.landmarks, seen, error)
@@ -152,8 +149,7 @@ def bone_lengths(facts: Facts) -> str:
             f"{length:.0f}",
             f"{change:+.1%}" if abs(change) > 5e-5 else "unchanged",
         )
-        for person in facts.people
-        for name, length, change in bone_changes(facts, person)
+        for person, name, length, change in bone_changes(facts, facts.people)
     ]
     return table("Bone lengths at the end", ("to joint", "[mm]", "change"), rows, (1, 2))
 

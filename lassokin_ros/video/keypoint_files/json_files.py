@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lassokin_ros.common.command_line import one_line
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.video.keypoint_files.keypoints import (
     MOST_NUMBERS,
@@ -90,7 +91,7 @@ def _load(file: Path) -> Any:
     try:
         return json.loads(file.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
-        raise SourceError(f"'{file}' is no JSON ({' '.join(str(error).split())[:160]}); {FORM}") from None
+        raise SourceError(f"'{file}' is no JSON ({one_line(error)}); {FORM}") from None
 
 
 def _points(person: Any, names: Sequence[str], source: str) -> tuple[str, np.ndarray]:

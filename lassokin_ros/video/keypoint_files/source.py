@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +12,9 @@ import numpy as np
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.detector.backend import Detected, Detector
 from lassokin_ros.pipeline.camera.calibration_file import read_calibration
-from lassokin_ros.video.keypoint_files.arrays import read_arrays
 from lassokin_ros.video.keypoint_files.json_files import WITH_HANDS, openpose_files, read_openpose, read_results
 from lassokin_ros.video.keypoint_files.keypoints import KeypointFile
-from lassokin_ros.video.keypoint_files.tables import read_table
+from lassokin_ros.video.keypoint_files.tables import read_arrays, read_table
 from lassokin_ros.video.sources import ASSUMED_FPS, Image, Source, SourceError, images_of, open_source, timing_of
 
 READERS = {".json": read_results, ".csv": read_table, ".npz": read_arrays}
@@ -46,20 +44,22 @@ class StoredKeypoints:
         """See Detector.close."""
 
 
-def open_input(options: argparse.Namespace) -> tuple[Source, Detector | None]:
-    """Open the source of the options, and the detector that a file of keypoints stands for, None for images.
+def open_input(
+    name: str, options: argparse.Namespace, size: tuple[int, int] = (0, 0)
+) -> tuple[Source, Detector | None]:
+    """Open images, or a file of keypoints with the detector that it stands for; None for images.
 
-    Raises SourceError.
+    size: (width, height) px of the images as a calibration has it, (0, 0) if it is not known. Raises SourceError.
     """
-    path = Path(options.source)
+    path = Path(name)
     layouts = [setting.partition(":=")[2] for setting in options.p if setting.startswith("landmarks:=")]
     keypoints = _read(path, set(layouts) <= set(WITH_HANDS.values()))
     if keypoints is None:
-        return open_source(options.source, options.fps, options.slow_motion), None
+        return open_source(name, options.fps, options.slow_motion), None
     if not any(map(len, keypoints.people)):
         raise SourceError(f"'{path}' has nobody in it")
     given = timing_of(options.fps, options.slow_motion)
-    size, count, remark = _size(options, keypoints, path), len(keypoints.people), ""
+    size, count, remark = _size(options, keypoints, path, size), len(keypoints.people), ""
     if given.fps is None and keypoints.seconds is not None:
         seconds = keypoints.seconds / given.slow_motion
     else:
@@ -67,7 +67,8 @@ def open_input(options: argparse.Namespace) -> tuple[Source, Detector | None]:
             remark = f"'{path.name}' has no times: {ASSUMED_FPS:g} images per second are assumed; set the rate by --fps"
         seconds = np.arange(count) / ((given.fps or ASSUMED_FPS) * given.slow_motion)
     period = float(np.median(np.diff(seconds))) if count > 1 else 1 / ASSUMED_FPS
-    source = Source(path.name, size, size, 1 / period, count, _black(seconds, size), remark=remark)
+    images = (Image(at, np.zeros((size[1], size[0], 3), np.uint8)) for at in seconds.tolist())
+    source = Source(path.name, size, size, 1 / period, count, images, remark=remark)
     return source, StoredKeypoints(keypoints, seconds, size)
 
 
@@ -83,8 +84,10 @@ def _read(path: Path, hands: bool) -> KeypointFile | None:
     return READERS[suffix](path) if suffix in READERS else None
 
 
-def _size(options: argparse.Namespace, keypoints: KeypointFile, path: Path) -> tuple[int, int]:
-    """Return the size of the images: --image-size, that in the file, or that of the calibration. Raises SourceError."""
+def _size(
+    options: argparse.Namespace, keypoints: KeypointFile, path: Path, calibrated: tuple[int, int]
+) -> tuple[int, int]:
+    """Return the size of the images: --image-size, that of the calibration, or that in the file. Raises SourceError."""
     if options.image_size is not None:
         found = re.fullmatch(r"(\d{1,5})[x,](\d{1,5})", options.image_size)
         if found is None or 0 in (sides := (int(found[1]), int(found[2]))):
@@ -92,8 +95,8 @@ def _size(options: argparse.Namespace, keypoints: KeypointFile, path: Path) -> t
                 f"--image-size '{options.image_size}'; expected width and height in px, such as 1920x1080"
             )
         return sides
-    if keypoints.size is not None:
-        return keypoints.size
+    if calibrated != (0, 0) or keypoints.size is not None:
+        return keypoints.size if calibrated == (0, 0) and keypoints.size is not None else calibrated
     try:
         known = (0, 0) if options.camera_info is None else read_calibration(options.camera_info).size
     except CameraError:  # is said where the lens is read
@@ -101,9 +104,3 @@ def _size(options: argparse.Namespace, keypoints: KeypointFile, path: Path) -> t
     if known == (0, 0):
         raise SourceError(f"'{path}' does not say how large the images are; set --image-size, such as 1920x1080")
     return known
-
-
-def _black(seconds: np.ndarray, size: tuple[int, int]) -> Iterator[Image]:
-    """Yield a black image for each time."""
-    for at in seconds.tolist():
-        yield Image(at, np.zeros((size[1], size[0], 3), np.uint8))

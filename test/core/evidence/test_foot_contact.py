@@ -20,10 +20,10 @@ def scene():
     kinematics = body()
     model = FrameModel(kinematics, PoseDistribution.load(kinematics.skeleton))
     state = random_state(np.random.default_rng(0), kinematics, 0.3)
-    anchors = np.full((2, 3), np.nan)
+    anchors = np.zeros((2, 3))
     anchors[0] = kinematics.pose(state).positions[kinematics.skeleton.index(ANKLES[0])] + (0.01, -0.02, 0.0)
-    deviation = np.array([DEVIATION, 0.03])
-    return model, state, one_view(np.zeros((17, 2)), np.ones(17), anchors=anchors, anchor_deviation=deviation)
+    stiffness = np.array([1 / DEVIATION, 0.0])
+    return model, state, one_view(np.zeros((17, 2)), np.ones(17), anchors=anchors, stiffness=stiffness)
 
 
 def moved(model, state, step):

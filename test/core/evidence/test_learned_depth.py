@@ -147,8 +147,8 @@ def test_a_tracker_with_the_network_follows_and_is_certified():
 
 def test_there_are_no_rows_if_switched_off():
     _, tracker = followed(WITHOUT_NETWORK)
-    assert tracker._cameras[0].network is None and tracker.published[-1].joint_depths is None
-    assert "learned depth" not in tracker.published[-1].rows
+    assert tracker._cameras[0].network is None and tracker.published[-1].frame.seeing.joint_depths is None
+    assert "learned depth" not in tracker.published[-1].increment.rows
 
 
 def test_learned_lengths_are_input_to_the_network(monkeypatch):
@@ -172,7 +172,7 @@ def test_learned_lengths_are_input_to_the_network(monkeypatch):
 @pytest.mark.parametrize("landmarks", ["body25", "mediapipe33", "h36m17"])
 def test_other_layouts_are_supported(landmarks):
     error, tracker = followed(replace(CONFIG, landmarks=landmarks))
-    assert error < 0.12 and tracker.published[-1].joint_depths is not None
+    assert error < 0.12 and tracker.published[-1].frame.seeing.joint_depths is not None
 
 
 def test_too_few_points_give_no_estimate_and_do_no_harm():

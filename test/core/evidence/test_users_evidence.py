@@ -92,15 +92,18 @@ def tracked(evidence, extra=None):
 def test_the_slices_of_all_pieces_cover_all_rows_once():
     tracker, estimates = tracked([Range()])
     for estimate in estimates:
-        taken = np.concatenate([np.arange(own.start, own.stop) for own in estimate.rows.values()])
-        assert np.array_equal(np.sort(taken), np.arange(len(estimate.problem.z)))
+        taken = np.concatenate([np.arange(own.start, own.stop) for own in estimate.increment.rows.values()])
+        assert np.array_equal(np.sort(taken), np.arange(len(estimate.increment.problem.z)))
     built_in = ["image", "pose prior", "upright", "balance", "learned depth", "foot contact"]
-    assert list(estimates[-1].rows) == [*built_in, "range"]
-    assert {name: own.stop - own.start for name, own in estimates[-1].rows.items()} == {
-        name: tracker.frame_model.pieces[name].count for name in estimates[-1].rows
+    assert list(estimates[-1].increment.rows) == [*built_in, "range"]
+    assert {name: own.stop - own.start for name, own in estimates[-1].increment.rows.items()} == {
+        name: tracker.frame_model.pieces[name].count for name in estimates[-1].increment.rows
     }
     with_depth = replace(observations(tracker, 1 / 30, start=1.0)[0][1], depth=np.full(17, 3.5))
-    assert set(tracker.track(with_depth).rows) == {*estimates[-1].rows, "measured depth"} - {"range", "foot contact"}
+    assert set(tracker.track(with_depth).increment.rows) == {*estimates[-1].increment.rows, "measured depth"} - {
+        "range",
+        "foot contact",
+    }
 
 
 def test_extra_data_reach_the_evidence():
@@ -109,13 +112,13 @@ def test_extra_data_reach_the_evidence():
     alone = tracked([])[1]
     errors, without = ([abs(e.solved.translation[2] - z) for e, z in zip(found, truth)] for found in (estimates, alone))
     assert max(errors) < 0.02 < max(without) and not tracker.frame_model.faults
-    rows = estimates[-1].rows["range"]
-    assert np.array_equal(estimates[-1].problem.B[rows], [[0.0, 0.0, 100.0]])
+    rows = estimates[-1].increment.rows["range"]
+    assert np.array_equal(estimates[-1].increment.problem.B[rows], [[0.0, 0.0, 100.0]])
 
 
 def test_evidence_without_its_data_has_no_rows():
     tracker, estimates = tracked([Range()], extra={})
-    assert not tracker.frame_model.faults and all("range" not in estimate.rows for estimate in estimates)
+    assert not tracker.frame_model.faults and all("range" not in estimate.increment.rows for estimate in estimates)
     assert all(same(a.solved, b.solved) for a, b in zip(estimates, tracked([])[1]))
 
 
@@ -125,7 +128,7 @@ def test_faulty_evidence_is_named_and_left_out(fault):
     tracker, estimates = tracked([with_method(**FAULTS[fault])])
     said = tracker.frame_model.faults
     assert list(said) == ["range"] and said["range"].startswith("evidence 'range' is left out: ")
-    assert all(estimate.accepted for estimate in estimates) and "range" not in estimates[-1].rows
+    assert all(estimate.accepted for estimate in estimates) and "range" not in estimates[-1].increment.rows
     # Rows whose cost is at fault are right, and place the first frame's body, until the cost is asked for.
     tolerance = 0.05 if "cost" in fault else 1e-9
     for one, other in zip(estimates, tracked([])[1]):
@@ -147,7 +150,7 @@ def test_a_fault_during_tracking_leaves_the_evidence_out_from_then_on():
     for truth, observation in observations(tracker, 4.0):
         estimate = tracker.track(replace(observation, extra={"range": truth[0, 2]}))
         assert estimate.accepted and estimate.certificate.kkt_residual < 1e-6
-        rows.append("range" in estimate.rows)
+        rows.append("range" in estimate.increment.rows)
     assert rows[0] and not rows[-1] and rows == sorted(rows, reverse=True) and len(calls) == 100
     assert "ZeroDivisionError: the sensor is gone" in tracker.frame_model.faults["range"]
 

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from cases import FACING, one_view, random_body
+from cases import FACING, one_view
 from sequences import FOCAL, NOISE_PX, WITHOUT_NETWORK
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import exponential
-from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.initialisation import LEAST_DEPTH, SIDES, START_ROTATIONS, Initialiser
+from lassokin_ros.core.hypotheses.initialisation import LEAST_DEPTH, START_ROTATIONS, START_TURNS, Initialiser
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.vertical import vertical_of
 from lassokin_ros.core.tracker import Tracker
@@ -87,9 +86,9 @@ def test_an_upright_body_needs_no_other_start_orientations(monkeypatch):
         return orientations
 
     level, upside_down = vertical_of(0.0, 0.0), vertical_of(np.pi, 0.0)
-    assert tried(TURNS[0], level) == [(SIDES, [0])]
-    assert tried(TURNS[1], level) == [(SIDES, [0]), (SIDES // 2, [1, 2, 3, 4, 5])]
-    assert tried(TURNS[3], upside_down) == [(SIDES, [3])]
+    assert tried(TURNS[0], level) == [(START_TURNS, [0])]
+    assert tried(TURNS[1], level) == [(START_TURNS, [0]), (START_TURNS // 2, [1, 2, 3, 4, 5])]
+    assert tried(TURNS[3], upside_down) == [(START_TURNS, [3])]
 
 
 def test_the_fit_is_the_start_with_the_lowest_cost():
@@ -97,23 +96,11 @@ def test_the_fit_is_the_start_with_the_lowest_cost():
     frame = one_view(seen(tracker.kinematics, standing(tracker)), WEIGHTS)
     fit, model = tracker._starts.initialiser.fit(frame), tracker.frame_model
     assert fit.cost == pytest.approx(float(model.cost(model.evaluate(fit.state), frame)))
-    states = tracker._starts.initialiser._starts(range(SIDES), [0], frame)
+    states = tracker._starts.initialiser._starts(range(START_TURNS), [0], frame)
     costs = model.cost(model.evaluate(states), frame)
     best = tracker._starts.initialiser.best(states, frame)
     assert best.cost == pytest.approx(costs.min()) and fit.cost < 0.2 * best.cost
     assert np.array_equal(best.state.rotations, states.rotations[costs.argmin()])
-
-
-def test_a_fit_from_a_near_state_finds_the_body():
-    tracker = Tracker(WITHOUT_NETWORK)
-    truth = standing(tracker)
-    frame = one_view(seen(tracker.kinematics, truth), WEIGHTS)
-    near = truth.retract(0.15 * np.random.default_rng(0).normal(size=72), np.zeros(3))
-    fit = tracker._starts.initialiser.fit_near(
-        BodyState(near.rotations, np.zeros(3)), frame
-    )  # its translation is not used
-    assert error(tracker.kinematics, fit.state, truth) < 0.6 * error(tracker.kinematics, near, truth)
-    assert np.abs(fit.state.translation - PLACE).max() < 0.2
 
 
 def test_the_translation_places_a_body_where_its_image_is():
@@ -150,12 +137,3 @@ def test_no_iteration_takes_a_body_behind_the_camera():
     for _ in range(5):
         states = tracker._starts.initialiser.iterate(states, frame, [8.0])
         assert states.translation[:, 2].min() >= LEAST_DEPTH and np.isfinite(states.rotations).all()
-
-
-def test_a_skeleton_of_other_names_is_fitted():
-    kinematics = random_body(np.random.default_rng(0))
-    prior = PoseDistribution.load(kinematics.skeleton)
-    initialiser = Initialiser(kinematics, prior, FrameModel(kinematics, prior))
-    points = 0.1 * np.random.default_rng(1).normal(size=(kinematics.landmark_count, 2))
-    fit = initialiser.fit(one_view(points, np.full(len(points), 300.0)))
-    assert np.isfinite(fit.cost) and np.isfinite(fit.state.rotations).all()

@@ -1,21 +1,23 @@
-"""The depth network's pose as a state: its bones point along the network's positions."""
+"""The pose that the networks of body and hand see, as a state."""
 
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cases import body, random_state
+from cases import body, one_view, random_state
 from sequences import CONFIG, observations
-from simulated.hands import BODY
+from simulated.hands import BODY, hand_tracker, kinematics_of, scene, seen
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.roles import LIMB_BONES, NETWORK_JOINTS
-from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.body.rotations import exponential, logarithm
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.network_pose import SAME_POSE, NetworkPose, state_at, trunk_orientation
+from lassokin_ros.core.hypotheses.initialisation import SAME_POSE, HandPose, NetworkPose, state_at, trunk_orientation
 from lassokin_ros.core.network.depth_network import PLACES
+from lassokin_ros.core.network.hand_network import HandEstimator
+from lassokin_ros.core.observation import HERE
 from lassokin_ros.core.tracker import Tracker
 
 KINEMATICS = body()
@@ -97,11 +99,6 @@ def test_a_pose_is_proposed_if_it_is_far_from_the_tracked_one(apart, proposed):
     assert not proposed or (found.rotations.shape == (1, 24, 3, 3) and found.translation.shape == (1, 3))
 
 
-def test_without_an_estimate_there_is_no_pose():
-    network_pose = NetworkPose(lambda: None, KINEMATICS, MEAN)
-    assert network_pose.state() is None and network_pose.propose(SimpleNamespace(pose=pose_of(0)), None, 0) is None
-
-
 def test_the_networks_pose_is_near_the_person():
     """Also the right hip, whose position is the opposite of the left one's."""
     tracker = Tracker(CONFIG)
@@ -113,3 +110,46 @@ def test_the_networks_pose_is_near_the_person():
     assert np.abs(positions["right_hip"] - 0.5 * (right - left)).max() < 0.06 < np.abs(right - left).max()
     found = tracker.kinematics.pose(tracker._starts.network_pose.state()).positions
     assert np.linalg.norm((found - found[0]) - (truth - truth[0]), axis=1).mean() < 0.12
+
+
+def frame_of(side, points):
+    hands = HandEstimator(kinematics_of(side)).estimate(points, np.ones(21, dtype=bool), HERE)
+    return one_view(points, np.full(21, 300.0), hands=hands)
+
+
+def hand_pose(side):
+    kinematics = kinematics_of(side)
+    return HandPose(kinematics, exponential(PoseDistribution.load(kinematics.skeleton).mean))
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_palm_is_where_the_network_places_it(side):
+    motion, points = scene(side, 4.0)
+    angles = []
+    for frame in range(0, 120, 10):
+        state = hand_pose(side).state(frame_of(side, points[frame]))
+        turn = state.rotations[0].T @ motion.orientations[frame]
+        angles.append(np.degrees(np.linalg.norm(logarithm(turn))))
+    assert np.median(angles) < 15 and max(angles) < 40
+
+
+def test_without_the_network_there_is_no_pose():
+    _, points = scene("left", 4.0)
+    assert hand_pose("left").state(one_view(points[0], np.full(21, 300.0))) is None
+
+
+def test_it_is_of_a_hand_alone():
+    assert HandPose.fits(kinematics_of("right"))
+    assert not HandPose.fits(Kinematics(BODY, Layout.load("mediapipe75", BODY)))
+
+
+def test_the_first_frame_needs_no_search(monkeypatch):
+    motion, points = scene("left", 4.0)
+    tracker = hand_tracker("left")
+    assert tracker.limitations == ""
+    monkeypatch.setattr(tracker._starts.initialiser, "fit", lambda frame: pytest.fail("searched"))
+    for number in range(0, 120, 15):
+        tracker.reset()
+        found = tracker.track(seen(number, points[number]))
+        places, true = found.pose.landmarks, motion.points[number]
+        assert found.initialised and np.linalg.norm((places - places[0]) - (true - true[0]), axis=1).mean() < 0.05

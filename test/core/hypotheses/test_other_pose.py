@@ -8,12 +8,12 @@ from sequences import CONFIG, WITHOUT_NETWORK, observations
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.roles import LIMBS
-from lassokin_ros.core.body.rotations import exponential, least_turn
+from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.initialisation import NEAR
-from lassokin_ros.core.hypotheses.other_pose import (
+from lassokin_ros.core.hypotheses.start import (
     BALANCE_MARGIN,
     BONES,
     COST_MARGIN,
@@ -220,44 +220,6 @@ def test_in_a_fixed_frame_the_line_of_sight_begins_at_the_camera():
         here = mirrored(kinematics, evaluated(kinematics, before), number)
         there = mirrored(kinematics, evaluated(kinematics, moved), number, camera)
         assert np.allclose(there.rotations[:, 1:], here.rotations[:, 1:], atol=1e-9)
-
-
-def test_mirroring_twice_restores_the_joints():
-    kinematics = body()
-    tracked = evaluated(kinematics, random_state(np.random.default_rng(3), kinematics))
-    for limb, turn in CASES:
-        once = mirrored(kinematics, tracked, turn)
-        again = evaluated(kinematics, BodyState(once.rotations[limb], once.translation[limb]))
-        back = mirrored(kinematics, again, turn)
-        found = kinematics.pose(BodyState(back.rotations[limb], back.translation[limb])).positions
-        assert np.allclose(found, tracked.pose.positions, atol=1e-9)
-
-
-def test_both_bones_the_outer_and_the_inner_one_come_in_turn():
-    kinematics = body()
-    tracked = evaluated(kinematics, random_state(np.random.default_rng(4), kinematics))
-    limbs = MirroredLimbs(kinematics)
-    proposed = [limbs.propose(tracked, seen_from(HERE), turn).rotations for turn in range(2 * len(BONES))]
-    assert set(BONES) == {(True, True), (True, False), (False, True)}
-    for turn in range(len(BONES)):
-        assert np.array_equal(proposed[turn], proposed[turn + len(BONES)])
-        assert not np.allclose(proposed[turn], proposed[(turn + 1) % len(BONES)])
-
-
-def test_a_bone_along_the_line_of_sight_is_reversed():
-    kinematics = body()
-    state = random_state(np.random.default_rng(7), kinematics)
-    hip, knee, _ = (kinematics.skeleton.index(joint) for joint in LIMBS[0])
-    pose = kinematics.pose(state)
-    sight = pose.positions[hip] / np.linalg.norm(pose.positions[hip])
-    bone = pose.positions[knee] - pose.positions[hip]
-    parent = pose.orientations[hip] @ state.rotations[hip].T
-    state.rotations[hip] = parent.T @ least_turn(bone, sight) @ pose.orientations[hip]
-    tracked = evaluated(kinematics, state)
-    states = mirrored(kinematics, tracked, 0)
-    after = kinematics.pose(BodyState(states.rotations[0], states.translation[0])).positions
-    along = (after[knee] - after[hip]) @ sight
-    assert along == pytest.approx(-np.linalg.norm(bone), rel=1e-6)
 
 
 def test_a_skeleton_without_limbs_has_no_proposals():

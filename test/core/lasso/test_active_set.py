@@ -14,7 +14,7 @@ def frames(seconds=2.0):
     tracker, last = Tracker(), None
     for _, observation in observations(tracker, seconds):
         estimate = tracker.track(observation)
-        reduced, solution = estimate.problem.reduced, estimate.solution
+        reduced, solution = estimate.increment.problem.reduced, estimate.increment.solution
         if last is not None:
             yield reduced.H, reduced.g, solution.alpha, solution.omega, last
         last = solution.omega

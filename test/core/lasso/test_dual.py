@@ -11,6 +11,7 @@ import qpsolvers
 from cases import Draw, Lassos
 
 from lassokin_ros.core.errors import SolverError
+from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.lasso import dual as module
 from lassokin_ros.core.lasso.dual import DualSolver, Form, available_solvers, condensed, projected
 from lassokin_ros.core.lasso.problem import eliminate_translation
@@ -142,13 +143,18 @@ def test_the_first_try_is_condensed_if_h_is_well_conditioned(monkeypatch):
     assert solver.solve(replace(tall, H=dependent), alpha, 0) == "projected"
 
 
-def test_the_inverse_is_refused_from_a_condition_of_1e10():
-    random = np.random.default_rng(0)
-    root = random.normal(size=(12, 6))
-    assert np.allclose(module._inverse(root.T @ root), np.linalg.inv(root.T @ root), rtol=1e-9)
-    assert np.allclose(module._inverse(np.diag([1.0, 1e-9])), np.diag([1.0, 1e9]), rtol=1e-9)
-    assert module._inverse(np.diag([1.0, 1e-11])) is None
-    assert module._inverse(np.diag([1.0, -1.0])) is None
+@pytest.mark.parametrize("compiled", [True, False])
+def test_the_inverse_is_refused_from_a_condition_of_1e10(compiled):
+    def inverse(H):
+        with kernel.switched(compiled):
+            form = condensed(SimpleNamespace(H=H, g=np.zeros(len(H))), np.ones(len(H)))
+        return None if form is None else form.H * form.by_multiplier
+
+    root = np.random.default_rng(0).normal(size=(12, 6))
+    assert np.allclose(inverse(root.T @ root), np.linalg.inv(root.T @ root), rtol=1e-9)
+    assert np.allclose(inverse(np.diag([1.0, 1e-9])), np.diag([1.0, 1e9]), rtol=1e-9)
+    assert inverse(np.diag([1.0, 1e-11])) is None
+    assert inverse(np.diag([1.0, -1.0])) is None
 
 
 def test_an_object_is_kept_per_size_and_form_and_made_anew_after_a_failure(monkeypatch):

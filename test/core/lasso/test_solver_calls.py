@@ -136,10 +136,10 @@ def test_the_solver_is_called_in_each_frame(recorded, name, warm_start):
         calls = recorded.take()
         if estimate.initialised:
             continue
-        assert estimate.accepted and estimate.solution.method == name
+        assert estimate.accepted and estimate.increment.solution.method == name
         assert len(calls) == 1 and {effort for effort, _, _ in calls} == {0}
         starts += calls[-1][1] is not None
-        answers += is_confirmed(estimate.solution, calls[-1])
+        answers += is_confirmed(estimate.increment.solution, calls[-1])
         frames += 1
     assert frames == 29
     if name == "proxqp" and warm_start:

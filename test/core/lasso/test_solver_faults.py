@@ -90,7 +90,7 @@ def test_an_uncertified_answer_of_a_faulty_solver_does_not_change_the_state(faul
             before = tracker.state
             estimate = tracker.track(observation)
             if estimate.accepted:
-                assert estimate.solution.certified and estimate.certificate.kkt_residual <= 1e-6
+                assert estimate.increment.solution.certified and estimate.certificate.kkt_residual <= 1e-6
             else:
                 assert estimate.rejection is Rejection.NOT_CERTIFIED and tracker.state is before
         assert faulty.calls >= 4
@@ -111,7 +111,7 @@ def test_a_faulty_solver_in_the_first_frames_does_not_start_tracking(fault, monk
         for _, observation in frames[:3]:
             before = tracker.state
             estimate = tracker.track(observation)
-            assert estimate.solution.certified if estimate.accepted else tracker.state is before
+            assert estimate.increment.solution.certified if estimate.accepted else tracker.state is before
     tracker._increments.lasso._dual = faulty._right
     for truth, observation in frames[3:]:
         estimate = tracker.track(observation)
@@ -207,7 +207,7 @@ def test_iteration_limits_cause_a_refusal_instead_of_a_wrong_answer(monkeypatch)
         estimate = tracker.track(observation)
         refused += estimate.rejection is Rejection.NOT_CERTIFIED
         if estimate.accepted:
-            assert estimate.solution.method == "zero"  # Omega is 0: no solver was called
+            assert estimate.increment.solution.method == "zero"  # Omega is 0: no solver was called
         else:
             assert estimate.certificate.kkt_residual > 1e-6
     assert refused > 4

@@ -1,4 +1,4 @@
-"""Calibration of proportions: the lengths' Jacobian, recovery of known lengths, and a right skeleton that is kept."""
+"""Calibration: recovery of known lengths, a right skeleton that is kept, and the prior of the lengths."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -11,14 +11,16 @@ from cases import (
     central_difference,
     one_view,
     posed,
-    random_body,
     random_state,
     relative_error,
+    scaled_forearms,
     with_view,
 )
+from scipy.stats import multivariate_normal
 
-from lassokin_ros.core.body.kinematics import BodyState
-from lassokin_ros.core.body.proportions import LARGEST_ASYMMETRY, Proportions, asymmetry, symmetrised
+from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
@@ -28,9 +30,15 @@ from lassokin_ros.core.image.frame_data import JointDepths
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned import bone_lengths as calibration_module
 from lassokin_ros.core.learned.bone_lengths import (
+    GUESSED,
+    MEASURED,
     OBSERVED_STATURE_DEVIATION,
     STATURE_DEVIATION,
     Calibration,
+    LengthModel,
+    initial_deviation,
+    length_models,
+    posterior,
 )
 from lassokin_ros.core.network.depth_network import DEPTHS
 from lassokin_ros.core.observation import Observation
@@ -74,27 +82,6 @@ def test_motion_by_lengths_is_the_derivative_of_landmarks_and_joints(layout):
                 proportions.count,
             )
             assert relative_error(actual.reshape(-1, proportions.count), expected) < 1e-8
-
-
-def test_every_tree_has_lengths():
-    random = np.random.default_rng(1)
-    kinematics = random_body(random)
-    proportions = Proportions(kinematics)
-    assert 0 < proportions.count <= kinematics.joint_count
-    longer = proportions.offsets(np.full(proportions.count, np.log(1.1)))
-    ratio = np.linalg.norm(longer, axis=1)[1:] / np.linalg.norm(kinematics.skeleton.offsets, axis=1)[1:]
-    assert np.all(np.isclose(ratio, 1.1) | np.isclose(ratio, 1.0))
-
-
-def test_lengths_are_symmetric_and_include_only_visible_bones():
-    proportions = Proportions(body("coco17"))
-    assert {"thigh", "shank", "upper arm", "forearm", "trunk", "hip width"} <= set(proportions.names)
-    assert not {"hand", "foot"} & set(proportions.names)
-    skeleton = proportions.skeleton(np.random.default_rng(0).normal(size=proportions.count) * 0.1)
-    for joint, name in enumerate(skeleton.joint_names):
-        if name.startswith("left_"):
-            other = skeleton.offsets[skeleton.index("right_" + name.removeprefix("left_"))]
-            assert np.allclose(skeleton.offsets[joint] * [-1, 1, 1], other)
 
 
 def postures(prior, count, seed=0):
@@ -242,53 +229,6 @@ def test_calibration_is_deterministic_and_reset_forgets_it():
     assert np.array_equal(results[0], results[1])
 
 
-def uneven(spread, seed=3):
-    """The built-in skeleton with an independent error of every bone, also left and right."""
-    right = Skeleton.load("anthropometric", 1.75)
-    return right.with_bone_scales(np.exp(spread * np.random.default_rng(seed).normal(size=right.joint_count)))
-
-
-def test_asymmetric_lengths_start_at_the_mean_of_both_sides():
-    given = uneven(0.05)
-    assert asymmetry(given) > LARGEST_ASYMMETRY
-    tracker = Tracker(TrackerConfig(height=1.75, calibrate=True), given)
-    assert tracker.averaged == asymmetry(given)
-    lengths, before = (np.linalg.norm(s.offsets, axis=1) for s in (tracker.skeleton, given))
-    pairs = [
-        (left, given.index("right_" + name.removeprefix("left_")))
-        for left, name in enumerate(given.joint_names)
-        if name.startswith("left_")
-    ]
-    assert len(pairs) == 9
-    for left, right in pairs:
-        assert lengths[left] == pytest.approx(lengths[right])
-        assert lengths[left] == pytest.approx(np.sqrt(before[left] * before[right]))
-    middle = [joint for joint in range(given.joint_count) if not any(joint in pair for pair in pairs)]
-    assert np.array_equal(tracker.skeleton.offsets[middle], given.offsets[middle])
-    directions = (
-        s.offsets[1:] / np.linalg.norm(s.offsets[1:], axis=1, keepdims=True) for s in (tracker.skeleton, given)
-    )
-    assert np.allclose(*directions)
-    tracker.track(observed(Tracker(TrackerConfig(height=1.75)), 0.1)[0])
-    tracker.reset()
-    assert asymmetry(tracker.skeleton) == pytest.approx(0.0, abs=1e-12)
-
-
-def test_slightly_asymmetric_and_uncalibrated_lengths_are_kept():
-    measured, guessed = uneven(0.02), uneven(0.05)
-    assert 0 < asymmetry(measured) < LARGEST_ASYMMETRY
-    for calibrate, given in ((True, measured), (False, guessed), (True, Skeleton.load("anthropometric", 1.75))):
-        tracker = Tracker(TrackerConfig(height=1.75, calibrate=calibrate), given)
-        assert tracker.averaged == 0 and np.array_equal(tracker.skeleton.offsets, given.offsets)
-
-
-def test_a_tree_without_sides_is_not_asymmetric():
-    chain = Skeleton(
-        "arm", ("base", "left_elbow"), np.array([-1, 0]), np.array([[0.0] * 3, [0.3, 0, 0]]), ("xyz",) * 2, 1.0
-    )
-    assert asymmetry(chain) == 0 and np.array_equal(symmetrised(chain).offsets, chain.offsets)
-
-
 def test_a_new_size_keeps_the_log_lengths_and_the_images_of_kept_frames():
     right = body()
     changes, calibration, _ = recovered(right, PoseDistribution.load(right.skeleton), 0)
@@ -347,3 +287,76 @@ def test_a_known_floor_observes_the_stature(settings, deviation):
     for seen in observed(Tracker(TrackerConfig(height=1.75)), 0.2):
         tracker.track(seen)
     assert tracker.learned.lengths.stature_deviation == deviation
+
+
+def proportions_of(skeleton, layout="coco17"):
+    return Proportions(Kinematics(skeleton, Layout.load(layout, skeleton)))
+
+
+def test_only_given_lengths_can_be_measured():
+    built_in = Skeleton.load("anthropometric", 1.75)
+    models = length_models(proportions_of(built_in))
+    assert not any(model.measured for model in models) and [model.odds for model in models] == [0.3, 0.1, 0.4, 0.2]
+    models = length_models(proportions_of(scaled_forearms(built_in, 0.9)))
+    assert [model.measured for model in models] == [True, False, False]
+    assert [model.odds for model in models] == [0.3, 0.6, 0.1]
+    assert np.allclose(models[0].precision, np.eye(len(models[0].mean)) / MEASURED**2)
+
+
+@pytest.mark.parametrize("layout", ["coco17", "body25", "mediapipe33", "smpl24"])
+def test_the_population_is_about_the_built_in_body_and_differs_most_in_widths(layout):
+    proportions = proportions_of(Skeleton.load("anthropometric", 1.75), layout)
+    *_, model, captured = length_models(proportions)
+    assert min(np.linalg.eigvalsh(case.precision).min() for case in (model, captured)) > 0 and not model.mean.any()
+    mean = dict(zip(proportions.names, captured.mean))
+    assert mean["forearm"] < -0.2 and all(mean[name] == 0 for name in ("foot", "hand") if name in mean)
+    spread = dict(zip(proportions.names, np.sqrt(np.diag(np.linalg.inv(model.precision)))))
+    assert spread["hip width"] > 0.1 > spread["shoulder width"] > spread["thigh"] > 0.03
+
+
+def test_the_posterior_is_that_of_a_mixture_of_gaussians():
+    """One measurement y of all lengths with covariance R: the marginal likelihood of a case is N(y; mean, cov + R)."""
+    random = np.random.default_rng(1)
+    models = []
+    for odds in (0.5, 0.2, 0.3):
+        root = random.normal(size=(4, 4))
+        models.append(LengthModel(random.normal(size=4), np.linalg.inv(root @ root.T + np.eye(4)), odds))
+    root = random.normal(size=(4, 4))
+    R, y = root @ root.T + 0.5 * np.eye(4), random.normal(size=4)
+    row = random.normal(size=4)
+    common = np.outer(row, row)
+    found = posterior(models, np.linalg.inv(R), np.linalg.solve(R, y), common)
+    covariances = [np.linalg.inv(model.precision + common) for model in models]
+    likely = np.array([m.odds * multivariate_normal(m.mean, C + R).pdf(y) for m, C in zip(models, covariances)])
+    assert np.allclose(found.odds, likely / likely.sum(), rtol=1e-9)
+    for model, C, mean, covariance in zip(models, covariances, found.means, found.covariances):
+        gain = C @ np.linalg.inv(C + R)
+        assert np.allclose(mean, model.mean + gain @ (y - model.mean))
+        assert np.allclose(covariance, C - gain @ C)
+
+
+def test_the_deviation_is_the_standard_deviation_of_samples():
+    random = np.random.default_rng(2)
+    models = length_models(proportions_of(Skeleton.load("anthropometric", 1.75)))
+    which = random.choice(len(models), 20000, p=[model.odds for model in models])
+    samples = np.concatenate([
+        random.multivariate_normal(model.mean, np.linalg.inv(model.precision), int((which == case).sum()))
+        for case, model in enumerate(models)
+    ])  # fmt: skip
+    assert np.allclose(np.sqrt((samples**2).mean(0)), initial_deviation(models), rtol=0.03)
+
+
+def test_the_deviation_of_given_lengths_is_that_of_a_guess():
+    models = length_models(proportions_of(scaled_forearms(Skeleton.load("anthropometric", 1.75), 0.9)))
+    assert np.all(initial_deviation(models) == GUESSED)
+
+
+def test_an_exact_measurement_decides_for_a_population():
+    proportions = Proportions(body())
+    models = length_models(proportions)
+    exact = 1e6 * np.eye(proportions.count)
+    wide = np.where(np.array(proportions.names) == "hip width", 0.3, 0.0)
+    for case, lengths in ((2, wide), (3, models[3].mean)):
+        assert posterior(models, exact, exact @ lengths, np.zeros_like(exact)).odds[case] > 0.99
+    found = posterior(models, exact, 0 * wide, np.zeros_like(exact))
+    assert found.odds[0] > 0.5 and found.odds[1] < 0.01

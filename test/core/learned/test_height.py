@@ -1,4 +1,4 @@
-"""The person's height."""
+"""The person's height, measured; and the check of a given one."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cases import body, random_state
-from sequences import CONFIG, FOCAL, RATE
+from sequences import CONFIG, FOCAL, RATE, observations
 
 from lassokin_ros.core.body.roles import ANKLES
 from lassokin_ros.core.config import TYPICAL_HEIGHT
@@ -18,6 +18,7 @@ from lassokin_ros.core.learned.height import (
     CHANGE,
     CORRELATED_S,
     FEWEST_DEPTHS,
+    FEWEST_FRAMES,
     FRAME_DEVIATION,
     LARGEST_FLOOR_DEVIATION,
     LEAST_DEVIATION,
@@ -26,6 +27,7 @@ from lassokin_ros.core.learned.height import (
     RANGE,
     TIME_CONSTANT_S,
     HeightEstimator,
+    SizeCheck,
     fit_scale,
     floor_size,
 )
@@ -159,15 +161,6 @@ def test_a_scale_outside_the_range_of_heights_is_ignored(height):
     assert not estimator.update(*person(height / TYPICAL_HEIGHT), HERE, TYPICAL_HEIGHT) and not estimator.measured
 
 
-@pytest.mark.parametrize("height", [1.02 * RANGE[0], 0.98 * RANGE[1]])
-def test_children_and_tall_people_are_in_the_range(height):
-    estimator = HeightEstimator()
-    for number in range(100):
-        estimator.update(*person(height / TYPICAL_HEIGHT, 0.2 * number, number), HERE, TYPICAL_HEIGHT)
-    assert estimator.measured and estimator.height == pytest.approx(height, rel=0.05)
-    assert RANGE[0] <= estimator.height <= RANGE[1]
-
-
 def test_a_new_height_is_adopted_if_it_differs_and_not_too_often():
     estimator = HeightEstimator()
     assert estimator.update(*person(1.2), HERE, TYPICAL_HEIGHT)
@@ -176,14 +169,6 @@ def test_a_new_height_is_adopted_if_it_differs_and_not_too_often():
     in_use = estimator.height * np.exp(0.9 * CHANGE)
     ratio = estimator.height / in_use
     assert not estimator.update(*person(ratio, 3 * PAUSE_S), HERE, in_use)
-
-
-def test_reset_forgets_the_person():
-    estimator = HeightEstimator()
-    estimator.update(*person(1.2), HERE, TYPICAL_HEIGHT)
-    estimator.reset()
-    assert not estimator.measured and estimator.height == TYPICAL_HEIGHT
-    assert estimator.update(*person(1.2), HERE, TYPICAL_HEIGHT)  # at once, with the stamp of the last adoption
 
 
 def test_with_several_cameras_the_sum_of_the_lengths_is_the_size():
@@ -195,13 +180,6 @@ def test_with_several_cameras_the_sum_of_the_lengths_is_the_size():
         seen, solved = person(1.0, 0.1 * number, measured=0)
         estimator.update(seen, solved, HERE, TYPICAL_HEIGHT, (measured, given))
     assert estimator.height == pytest.approx(1.15 * TYPICAL_HEIGHT, rel=0.02)
-
-
-def test_few_lengths_are_not_used():
-    estimator = HeightEstimator()
-    few = np.full(FEWEST_DEPTHS - 1, 0.4)
-    assert not estimator.update(*person(1.0, measured=0), HERE, TYPICAL_HEIGHT, (1.2 * few, few))
-    assert not estimator.measured
 
 
 HEIGHT, PITCH = 1.6, 0.3
@@ -284,3 +262,65 @@ def test_a_given_height_is_compared_with_the_floor(height, doubted):
 def test_a_tilt_that_is_not_exact_enough_is_refused():
     estimator = tracked(0.05, seconds=1.0).learned.height
     assert not estimator.measured and estimator.floor_deviation > LARGEST_FLOOR_DEVIATION
+
+
+def with_depth(given, true, seconds=4.0):
+    """A tracker with a given height, after seconds of a person of the true height with measured depth."""
+    body, tracker = Tracker(replace(CONFIG, height=true)), Tracker(replace(CONFIG, height=given))
+    noise = np.random.default_rng(1)
+    for _, observation in observations(body, seconds):
+        landmarks = body.kinematics.pose(motion(body.skeleton, np.array([observation.stamp]))).landmarks[0]
+        depth = landmarks[:, 2] + 0.02 * noise.normal(size=len(landmarks))
+        assert tracker.track(replace(observation, depth=depth)).accepted
+    return tracker
+
+
+@pytest.mark.parametrize("given, true, wrong", [(1.75, 1.75, False), (1.9, 1.6, True), (1.6, 1.9, True)])
+def test_a_wrong_height_is_found_and_the_right_one_is_not_doubted(given, true, wrong):
+    check = with_depth(given, true).learned.size_check
+    assert check.wrong is wrong and check.ratio == pytest.approx(true / given, rel=0.04)
+
+
+def test_there_is_no_result_before_enough_frames_or_after_a_reset():
+    tracker = with_depth(1.9, 1.6, 1.0)
+    assert len(tracker.learned.size_check._ratios) < FEWEST_FRAMES
+    assert tracker.learned.size_check.ratio == 1.0 and not tracker.learned.size_check.wrong
+    tracker = with_depth(1.9, 1.6)
+    tracker.reset()
+    assert not tracker.learned.size_check.wrong
+
+
+@pytest.mark.parametrize("visible", [slice(None), slice(0, 11)], ids=["body", "upper body"])
+def test_depths_on_occluders_cause_no_doubt(visible):
+    """Of each frame's depths, 15 % are 0.2 to 1 m too near."""
+    tracker, random = Tracker(CONFIG), np.random.default_rng(2)
+    for _, observation in observations(tracker, 5.0):
+        landmarks = tracker.kinematics.pose(motion(tracker.skeleton, np.array([observation.stamp]))).landmarks[0]
+        depth = landmarks[:, 2] + 0.03 * random.normal(size=17)
+        depth -= (random.random(17) < 0.15) * random.uniform(0.2, 1.0, 17)
+        confidence = np.zeros(17)
+        confidence[visible] = 1.0
+        tracker.track(replace(observation, depth=depth, confidence=confidence))
+    assert len(tracker.learned.size_check._ratios) >= FEWEST_FRAMES and not tracker.learned.size_check.wrong
+
+
+def test_lengths_are_those_of_limbs_and_trunk_without_implausible_ones():
+    tracker = Tracker(CONFIG)
+    check, names = tracker.learned.size_check, tracker.layout.names
+    places = tracker.kinematics.pose(motion(tracker.skeleton, np.zeros(1))).landmarks[0]
+    usable = np.ones(len(names), dtype=bool)
+    measured, given = check.lengths(1.1 * places, usable)
+    assert len(measured) == check.limb_count(usable) + 2  # both sides of the trunk
+    assert measured.sum() == pytest.approx(1.1 * given.sum(), rel=0.01)
+    places[names.index("left_wrist")] += 1.0
+    usable[names.index("right_shoulder")] = False
+    assert len(check.lengths(places, usable)[0]) == len(measured) - 3  # a forearm, an upper arm and a side
+    check.use(tracker.skeleton.scaled(0.8))
+    assert check.lengths(places, np.ones(len(names), dtype=bool))[1].max() == pytest.approx(0.8 * given.max())
+
+
+def test_ratios_of_other_sources_count_once_in_a_tenth_of_a_second():
+    check = SizeCheck(body())
+    for number in range(40):
+        check.add(0.05 * number, np.array([0.7]))
+    assert len(check._ratios) == 20 and check.wrong and check.ratio == pytest.approx(0.7)

@@ -51,10 +51,10 @@ def test_a_measured_height_scales_what_was_learned():
     before, height, solved = known(tracker), tracker.skeleton.height, tracker._solved
     assert height == pytest.approx(TRUE_HEIGHT, rel=0.05)
     assert np.abs(before[0]).max() > 0.01 and before[-1] > 10 and before[4] > 1
-    tracker.learned.feet.anchors = np.zeros((2, 3))
+    tracker.learned.feet._begun = [0.0, None]
     tracker._resize(1.1, np.zeros(3))
     assert all(np.allclose(one, other, rtol=1e-12, atol=0) for one, other in zip(before, known(tracker)))
-    assert tracker.skeleton.height == pytest.approx(1.1 * height) and tracker.learned.feet.anchors is None
+    assert tracker.skeleton.height == pytest.approx(1.1 * height) and not any(tracker.learned.feet.standing)
     assert np.array_equal(tracker._solved.state.rotations, solved.state.rotations)
     assert np.allclose(tracker._solved.pose.landmarks, 1.1 * solved.pose.landmarks, rtol=1e-9, atol=1e-9)
 
@@ -99,12 +99,3 @@ def test_a_new_configured_height_scales_the_given_body():
     for (_, observation), _ in zip(person(1.0, 1.4), range(20)):
         a, b = tracker.track(observation), fresh.track(observation)
         assert np.allclose(a.pose.positions, b.pose.positions, atol=1e-6)
-
-
-def test_height_zero_begins_to_measure_and_another_value_ends_it():
-    tracker = Tracker(replace(CONFIG, height=1.75))
-    assert tracker.learned.height is None
-    tracker.tune(replace(CONFIG, height=0.0))
-    assert tracker.learned.height is not None and not tracker.learned.height.measured
-    tracker.tune(replace(CONFIG, height=1.6))
-    assert tracker.learned.height is None and tracker.skeleton.height == pytest.approx(1.6)

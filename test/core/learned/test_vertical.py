@@ -10,7 +10,6 @@ from sequences import CONFIG, FOCAL, NOISE_PX, RATE, WITHOUT_NETWORK, observatio
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import exponential
-from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.vertical import KNOWN_AFTER, Vertical, level_from_camera, vertical_of
 from lassokin_ros.core.observation import Observation
@@ -63,11 +62,6 @@ def test_roll_and_pitch_are_the_rpy_of_a_urdf():
         assert np.allclose(vertical_of(roll, pitch), optical @ body.T @ [0, 0, 1], atol=1e-12)
 
 
-def test_half_a_turn_is_a_valid_mount():
-    for name, angle in (("camera_roll", np.pi), ("camera_roll", -np.pi), ("camera_pitch", np.pi / 2)):
-        assert TrackerConfig(**{name: float(angle)}).checked()
-
-
 def test_the_vertical_follows_the_person_and_becomes_steadier():
     vertical, person = Vertical(), leaning(20)
     assert not vertical.known and vertical.learned_for == 0
@@ -95,53 +89,6 @@ def test_a_frame_after_a_gap_has_a_limited_weight():
     short.update(leaning(20), 0.2)
     long.update(leaning(20), 30.0)
     assert np.array_equal(short.direction, long.direction) and short.learned_for == long.learned_for == 0.2
-
-
-def test_reset_returns_to_the_mount():
-    vertical = learned(vertical=Vertical(0.0, 0.1))
-    assert apart(vertical.direction, vertical.mount) > 5
-    vertical.reset()
-    assert np.array_equal(vertical.direction, vertical_of(0.0, 0.1)) and vertical.learned_for == 0 and vertical.known
-
-
-def test_the_first_measured_mount_replaces_what_was_learned():
-    """It is no motion of the camera: a learned vertical would be turned away from the true one."""
-    vertical = learned()
-    vertical.move_mount(0.0, -0.35)
-    assert vertical.configured and vertical.known and vertical.learned_for == 0
-    assert np.array_equal(vertical.direction, vertical_of(0.0, -0.35))
-    assert np.array_equal(vertical.mount, vertical.direction)
-
-
-@pytest.mark.parametrize("roll, pitch", [(0.0, 0.5), (0.3, -0.2), (1.2, 0.4)])
-def test_later_mounts_rotate_what_was_learned(roll, pitch):
-    vertical = Vertical()
-    vertical.move_mount(0.0, 0.1)
-    learned(leaning(15), vertical=vertical)
-    before, known_for = vertical.direction, vertical.learned_for
-    error = apart(before, vertical.mount)
-    vertical.move_mount(roll, pitch)
-    mount = vertical_of(roll, pitch)
-    assert np.array_equal(vertical.mount, mount) and vertical.learned_for == known_for
-    assert apart(vertical.direction, mount) == pytest.approx(error) and error > 5
-    axis = np.cross(vertical_of(0.0, 0.1), mount)
-    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(apart(vertical_of(0.0, 0.1), mount)))
-    assert np.allclose(vertical.direction, turn.apply(before), atol=1e-9)
-
-
-def test_the_same_mount_again_changes_nothing_and_a_reversed_one_turns_the_vertical_by_half_a_turn():
-    vertical = learned(leaning(15), vertical=Vertical(0.0, 0.1))
-    before, mount = vertical.direction, vertical.mount
-    vertical.move_mount(0.0, 0.1 + 1e-6)
-    assert vertical.direction is before and vertical.mount is mount
-    vertical.move_mount(np.pi, -0.1)
-    assert vertical.direction.dot(-mount) == pytest.approx(before.dot(mount))
-
-
-def test_a_mount_before_anything_was_learned_is_used_exactly():
-    vertical = Vertical(0.0, 0.1)
-    vertical.move_mount(0.4, -0.3)
-    assert np.array_equal(vertical.direction, vertical_of(0.4, -0.3))
 
 
 def test_the_vertical_that_was_learned_for_the_longest_time_is_adopted():

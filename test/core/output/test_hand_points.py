@@ -9,7 +9,6 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.output.hand_points import PLACE_DEVIATION, SIZE_DEVIATION, HandPoints, hand_axes
-from lassokin_ros.core.output.uncertainty import HAND_FACTOR
 from lassokin_ros.core.tracker import Tracker
 
 FOCAL = 1000.0
@@ -105,7 +104,7 @@ def test_the_covariance_has_the_derivative_of_the_points(tracked):
         omega[degree] = step
         derivative[..., column] = (in_axes(omega) - in_axes(-omega)) / (2 * step)
     inverse = np.linalg.inv(np.tril(uncertainty.posterior.lower) @ np.tril(uncertainty.posterior.lower).T)
-    expected = HAND_FACTOR**2 * (derivative @ inverse @ derivative.swapaxes(1, 2))
+    expected = derivative @ inverse @ derivative.swapaxes(1, 2)
     (left, _) = HandPoints(body.skeleton, tracker.layout).read(estimate.pose, estimate.visible, uncertainty)
     added = SIZE_DEVIATION**2 * left.points[:, :, None] * left.points[:, None, :] + PLACE_DEVIATION**2 * np.eye(3)
     pose_is_state = np.allclose(body.pose(estimate.state).landmarks, estimate.pose.landmarks)

@@ -10,18 +10,9 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
 from messages import rosbags_backend  # noqa: E402
 
-from msg_adapters.detectors.definitions import DEFINITIONS as DETECTORS  # noqa: E402
+from lassokin_ros.replay.bags import register_types  # noqa: E402
 from msg_adapters.inputs import POINT, camera_info, point_cloud, rgb_image  # noqa: E402
-from msg_adapters.output_messages import (  # noqa: E402
-    builders,
-    hand_cloud,
-    image_markers,
-    joint_uncertainty,
-    markers,
-    people,
-)
-from msg_adapters.output_messages.skeleton_cloud import POINT as SKELETON_POINT  # noqa: E402
-from msg_adapters.output_messages.skeleton_cloud import JointsReport, SkeletonCloudBuilder  # noqa: E402
+from msg_adapters.output_messages import builders, clouds, markers, people  # noqa: E402
 
 STAMP, FRAME = 12_345_678_901, "camera"
 POSITIONS = np.arange(6.0).reshape(2, 3)
@@ -35,12 +26,8 @@ UPPER = [[1, 2, 3, 4, 5, 6], [7, 8, 9, 10, 11, 12]]
 @pytest.fixture(scope="module")
 def backend():
     """With the types of packages that Jazzy's common interfaces lack."""
-    from rosbags.typesys import get_types_from_msg
-
     backend = rosbags_backend()
-    for name, text in {**people.DEFINITIONS, **DETECTORS}.items():
-        if name not in backend._typestore.fielddefs:
-            backend._typestore.register(get_types_from_msg(text, name))
+    register_types(backend._typestore)
     return backend
 
 
@@ -139,12 +126,12 @@ def test_diagnostics_of_more_and_fewer_lines_and_values(backend):
 
 
 def test_the_skeletons_cloud(backend):
-    builder = SkeletonCloudBuilder(backend, 2)
+    builder = clouds.SkeletonCloudBuilder(backend, 2)
     no, yes, turns = np.array([True, False]), np.array([False, True]), np.arange(8.0).reshape(2, 4)
     doubts, up = (np.array([0.5, 0.25]), np.array([0.125, 2.0])), np.array([7.0, 8.0, 9.0])
-    report = JointsReport(3, POSITIONS, POSITIONS + 20, SYMMETRIC, no, yes, no, *doubts, turns, up)
-    cloud = points(builder.fill(STAMP, FRAME, report), SKELETON_POINT)
-    assert SKELETON_POINT.names[:12] == ("x", "y", "z", "vx", "vy", "vz", "xx", "xy", "xz", "yy", "yz", "zz")
+    report = clouds.JointsReport(3, POSITIONS, POSITIONS + 20, SYMMETRIC, no, yes, no, *doubts, turns, up)
+    cloud = points(builder.fill(STAMP, FRAME, report), clouds.SKELETON_POINT)
+    assert clouds.SKELETON_POINT.names[:12] == ("x", "y", "z", "vx", "vy", "vz", "xx", "xy", "xz", "yy", "yz", "zz")
     for joint, point in enumerate(cloud.tolist()):
         place = (*POSITIONS[joint], *POSITIONS[joint] + 20, *UPPER[joint])
         doubt = (doubts[0][joint], doubts[1][joint])
@@ -152,26 +139,26 @@ def test_the_skeletons_cloud(backend):
 
 
 def test_the_uncertaintys_cloud(backend):
-    builder = joint_uncertainty.UncertaintyCloudBuilder(backend, 2)
+    builder = clouds.UncertaintyCloudBuilder(backend, 2)
     message = builder.fill(STAMP, FRAME, POSITIONS, SYMMETRIC, np.array([0.5, 0.25]))
-    cloud = points(message, joint_uncertainty.POINT)
+    cloud = points(message, clouds.UNCERTAINTY_POINT)
     assert len(cloud) == 2
     for joint, point in enumerate(cloud.tolist()):
         assert point == (*POSITIONS[joint], joint, (0.5, 0.25)[joint], *UPPER[joint])
 
 
 def test_ellipsoids(backend):
-    builder = joint_uncertainty.UncertaintyMarkersBuilder(backend, 2, "p1/")
+    builder = markers.UncertaintyMarkersBuilder(backend, 2, "p1/")
     axes = np.array([[0.1, 0.2, 0.3], [0.0, 0.0004, 0.0006]])
-    markers = builder.fill(STAMP, FRAME, POSITIONS, QUATERNIONS, axes).markers
-    assert len(markers) == 2
-    for i, marker in enumerate(markers):
+    message = builder.fill(STAMP, FRAME, POSITIONS, QUATERNIONS, axes)
+    assert len(message.markers) == 2
+    for i, marker in enumerate(message.markers):
         check_header(marker.header)
         assert (marker.ns, marker.id, marker.type, marker.action) == ("p1/uncertainty", i, 2, 0)
         assert vector(marker.pose.position) == POSITIONS[i].tolist()
         assert vector(marker.pose.orientation) == QUATERNIONS[i].tolist()
         assert vector(marker.scale) == pytest.approx([[0.2, 0.4, 0.6], [0.001, 0.001, 0.0012]][i])  # at least 1 mm
-        assert colour(marker.color) == joint_uncertainty.COLOUR and 0 < min(colour(marker.color)) < 1
+        assert colour(marker.color) == markers.UNCERTAINTY_COLOUR and 0 < min(colour(marker.color)) < 1
         assert max(colour(marker.color)) <= 1
         assert (marker.lifetime.sec, marker.lifetime.nanosec) == (1, 0)
 
@@ -210,27 +197,27 @@ def test_fingers_are_thin_lines_without_spheres(backend):
 
 def test_image_and_keypoint_markers(backend):
     detected, back = np.array([[10.0, 20], [np.nan, 0]]), np.array([[30.0, 40], [50, 60]])
-    marker = image_markers.ImageMarkerBuilder(backend, [-1, 0]).fill(STAMP, FRAME, back, detected, back)
+    marker = markers.ImageMarkerBuilder(backend, [-1, 0]).fill(STAMP, FRAME, back, detected, back)
     check_header(marker.header)
     assert (marker.ns, marker.type, marker.action, marker.scale) == ("skeleton", 2, 0, 2.0)
-    assert colour(marker.outline_color) == image_markers.BONE
+    assert colour(marker.outline_color) == markers.BONE_COLOUR
     assert (marker.lifetime.sec, marker.lifetime.nanosec) == (1, 0)
     bone, upright = [[30, 40], [50, 60]], [[5, 20], [15, 20], [10, 15], [10, 25]]
     oblique = [[x + dx, y + dy] for x, y in back for dx, dy in ((-5, -5), (5, 5), (-5, 5), (5, -5))]
     assert [vector(point)[:2] for point in marker.points] == bone + upright + oblique
-    colours = [image_markers.BONE] + [image_markers.DETECTED] * 2 + [image_markers.REPROJECTED] * 4
+    colours = [markers.BONE_COLOUR] + [markers.DETECTED] * 2 + [markers.REPROJECTED] * 4
     assert [colour(one) for one in marker.outline_colors] == colours and len(set(colours)) == 3
     assert all(0 <= part <= 1 for one in colours for part in one)
 
 
 def test_keypoints_on_a_plane_before_the_camera(backend):
     rays, back = np.array([[0.1, 0.2], [np.nan, 0]]), np.array([[0.3, 0.4], [0.5, 0.6]])
-    marker = image_markers.KeypointMarkerBuilder(backend, "p1/").fill(STAMP, FRAME, rays, back)
+    marker = markers.KeypointMarkerBuilder(backend, "p1/").fill(STAMP, FRAME, rays, back)
     check_header(marker.header)
     assert (marker.ns, marker.type, marker.id, vector(marker.scale)) == ("p1/keypoints", 7, 0, [0.008] * 3)
     assert vector(marker.pose.orientation) == [0, 0, 0, 1] and marker.color.a == 1
     assert [vector(point) for point in marker.points] == [[0.1, 0.2, 1], [0.3, 0.4, 1], [0.5, 0.6, 1]]
-    assert [colour(one) for one in marker.colors] == [image_markers.DETECTED] + [image_markers.REPROJECTED] * 2
+    assert [colour(one) for one in marker.colors] == [markers.DETECTED] + [markers.REPROJECTED] * 2
     assert (marker.lifetime.sec, marker.lifetime.nanosec) == (1, 0)
 
 
@@ -288,7 +275,7 @@ def test_people_as_people_msgs(backend):
 
 
 def test_people_as_a_cloud(backend):
-    builder = people.people_builder(backend, next(iter(people.BUILDERS)))
+    builder = people.people_builder(backend, people.CLOUD_TYPE)
     cloud = points(builder.fill(STAMP, FRAME, PEOPLE), people.POINT)
     place = [*POSITIONS[1], *POSITIONS[1] + 20, *PERSON_COVARIANCE]
     assert cloud[0].tolist() == (*place, 0.75, 0.25, 7, 1, 12, 1, 1, 0, 0, 0, 1, 2, 4, 5, 8)
@@ -326,19 +313,19 @@ def test_inputs(backend):
 def test_hands_have_the_points_and_what_all_points_of_a_hand_share(backend):
     def hand(side, first):
         numbers = first + np.arange(63.0).reshape(21, 3)
-        return hand_cloud.HandReport(
+        return clouds.HandReport(
             side, 7, numbers, np.tile(SYMMETRIC[0], (21, 1, 1)), np.arange(21) % 2 == 0, numbers[0], np.arange(4.0),
             numbers[1], 0.5, 3, 0.25,
         )  # fmt: skip
 
-    message = hand_cloud.HandCloudBuilder(backend, 2).fill(STAMP, FRAME, [hand(0, 0.0), hand(1, 500.0)])
-    cloud = points(message, hand_cloud.POINT).reshape(2, 21)
+    message = clouds.HandCloudBuilder(backend, 2).fill(STAMP, FRAME, [hand(0, 0.0), hand(1, 500.0)])
+    cloud = points(message, clouds.HAND_POINT).reshape(2, 21)
     assert [cloud[name][1, 20] for name in "xyz"] == [560, 561, 562]
     assert [cloud[name][0, 3] for name in ("xx", "xy", "xz", "yy", "yz", "zz")] == UPPER[0]
     assert cloud["deviation"][0, 0] == pytest.approx(np.sqrt(1 + 4 + 6))
     assert cloud["index"].tolist() == [list(range(21))] * 2 and cloud["side"][:, 0].tolist() == [0, 1]
     assert cloud["observed"][1, :3].tolist() == [1, 0, 1] and (cloud["person"] == 7).all()
-    shared = {name: cloud[name][1] for name in hand_cloud.OF_HAND}
+    shared = {name: cloud[name][1] for name in clouds.OF_HAND}
     assert all((values == values[0]).all() for values in shared.values())
     assert [values[0] for values in shared.values()] == [500, 501, 502, 0, 1, 2, 3, 503, 504, 505, 0.5, 0.25]
     assert (cloud["gesture"] == 3).all()

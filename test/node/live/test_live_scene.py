@@ -13,8 +13,8 @@ from live import BACKEND, NodeProcess, Peer, stamp_of  # noqa: E402
 from messages import FRAME, crowd, pixels_of_motion  # noqa: E402
 
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
+from msg_adapters.output_messages.clouds import SKELETONS_POINT  # noqa: E402
 from msg_adapters.output_messages.people import CLOUD_TYPE, POINT  # noqa: E402
-from msg_adapters.output_messages.skeleton_cloud import SKELETONS_POINT  # noqa: E402
 
 PEOPLE_OUTPUT = topics.people_output(CLOUD_TYPE)
 PIXELS = pixels_of_motion(40)
@@ -24,7 +24,7 @@ NOWHERE = np.full((17, 2), np.nan)
 def listen(peer):
     """Collect ~/people, ~/state and translations."""
     peer.got[topics.PEOPLE], peer.got[topics.SKELETONS] = [], []
-    for topic in (PEOPLE_OUTPUT, topics.SKELETONS_OUTPUT, topics.STATE_OUTPUT, *topics.FRAME_OUTPUTS[1:4]):
+    for topic in (PEOPLE_OUTPUT, topics.SKELETONS, topics.STATE, *topics.FRAME_OUTPUTS[1:4]):
         peer.listen(topic)
     return peer.got[topics.PEOPLE], peer.got[topics.STATE]
 
@@ -100,7 +100,7 @@ def test_the_state_changes_when_a_person_comes_and_leaves_without_messages():
         peer.spin_until(lambda: said(states)[-1] == "lost", what="lost, without images")
         assert said(states) == ["lost", "tracking", "lost", "nobody", "lost"]
         with Peer(namespace, outputs=False) as late:
-            late.listen(topics.STATE_OUTPUT)
+            late.listen(topics.STATE)
             late.spin_until(lambda: late.got[topics.STATE], what="the state for a late subscriber")
             assert said(late.got[topics.STATE]) == ["lost"]
     lines = [line.partition("]: ")[2] for line in node.said.splitlines()]

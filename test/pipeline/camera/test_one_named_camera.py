@@ -57,7 +57,7 @@ def test_its_depth_images_are_compared_with_the_person():
     image = depth_message(BACKEND, START_NS, render(skeleton, pose.positions[0]))
     session.cameras["left"].depth.add(image, START_NS)
     (frame,) = session.frames(cloud(BACKEND, START_NS, pixels_of_motion(1)[0]), START_NS, "left")
-    assert frame.accepted and frame.estimate.depth_measured
+    assert frame.accepted and frame.estimate.frame.depth_measured
     assert session.cameras["left"].depth_check._frames == 1
 
 

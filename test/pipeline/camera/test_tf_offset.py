@@ -12,7 +12,8 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.camera_places import CameraPlaces
 from lassokin_ros.pipeline.camera.tf_offset import TfOffset
-from lassokin_ros.pipeline.concerns.cameras import camera_concerns
+from lassokin_ros.pipeline.concerns.live import of_cameras
+from lassokin_ros.pipeline.concerns.period import Period
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
@@ -71,8 +72,8 @@ def test_a_session_says_the_offset_in_ms():
         seen = keypoints(BACKEND, eye, START_NS, now, body, random)
         seen.header.stamp = tf_of(BACKEND, eye, START_NS, now + 0.05).transforms[0].header.stamp
         assert all(frame.accepted for frame in session.frames(seen, START_NS + round(1e9 * now) + 10**8))
-    (said,) = [one for one in camera_concerns(session, [""], lambda _: 0.0) if one.key == "tf_clock"]
+    (said,) = [one for one in of_cameras(Period(session, 0.0), 0.0) if one.key == "tf_clock"]
     ms = re.match(r"while the camera turns, people move as if the stamps of its keypoints were (\d+) ms", said.text)
     assert 30 < int(ms[1]) < 70 and " too late for TF; nothing is changed: let the driver " in said.text
     session.reset()
-    assert not [one for one in camera_concerns(session, [""], lambda _: 0.0) if one.key == "tf_clock"]
+    assert not [one for one in of_cameras(Period(session, 0.0), 0.0) if one.key == "tf_clock"]

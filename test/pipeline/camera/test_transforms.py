@@ -16,7 +16,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.learned.vertical import Vertical, level_from_camera, vertical_of
+from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.demo.synthetic import motion
 from lassokin_ros.pipeline.camera.transforms import LONGEST_NAME, MOST_FRAMES, MOST_STAMPS, TransformError, Transforms
 from lassokin_ros.pipeline.session import Session
@@ -157,23 +157,6 @@ def test_only_a_few_seconds_are_kept():
     assert len(transforms._frames["head"]._stamps) <= 301
     with pytest.raises(TransformError, match="newer than the image"):
         transforms.pose("head", BASE, SECOND)[0]
-
-
-def test_the_learned_vertical_moves_with_the_camera():
-    vertical = Vertical(0.0, 0.1)
-    lean = Rotation.from_rotvec([0.05, 0.0, 0.0])
-    for _ in range(200):
-        vertical.update(
-            lean.as_matrix() @ np.column_stack([np.cross(vertical.mount, [0, 0, 1]), vertical.mount, [0] * 3]), 0.1
-        )
-    learned, seen = vertical.direction, vertical.learned_for
-    angle = np.arccos(learned @ vertical.mount)
-    assert angle > 0.01
-    vertical.move_mount(0.2, 0.6)
-    assert np.allclose(vertical.mount, vertical_of(0.2, 0.6)) and vertical.learned_for == seen
-    assert np.arccos(vertical.direction @ vertical.mount) == pytest.approx(angle)
-    vertical.reset()
-    assert np.allclose(vertical.direction, vertical_of(0.2, 0.6))
 
 
 def lean_error(nods, fixed_frame):

@@ -13,7 +13,8 @@ from messages import camera_info, cloud, rosbags_backend
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.hypotheses.start import Starts
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.pipeline.concerns.cameras import camera_concerns
+from lassokin_ros.pipeline.concerns.live import of_cameras
+from lassokin_ros.pipeline.concerns.period import Period
 from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
 from lassokin_ros.pipeline.outputs.saved_files import CamerasFileError, save_cameras
 from lassokin_ros.pipeline.outputs.scene_messages import CameraMarkers
@@ -179,7 +180,7 @@ def test_stamps_of_a_camera_that_are_off_are_said_in_ms(late):
         (words,) = check.clocks
         (ms,) = re.findall(r"are (\d+) ms \(\+- \d+\) too early; nothing is changed", words)
         assert 44 <= int(ms) <= 56
-        assert words in [raised.text for raised in camera_concerns(rig.session, [], lambda _: 0.0)]
+        assert words in [raised.text for raised in of_cameras(Period(rig.session, 0.0), 0.0)]
     else:
         assert not check.clocks
 

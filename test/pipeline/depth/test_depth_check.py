@@ -78,7 +78,7 @@ def test_depth_that_does_not_show_the_person_is_left_out_until_it_does(scene, li
     faults = play(session, pixels, LIES[lie](images))
     assert "registered to the colour image, of the same camera, and of the same time" in faults[-1]
     assert not faults[5] and session.counts[MISFIT] > 10
-    assert not session.process(cloud(BACKEND, START_NS + 21 * 10**8, pixels[-1]), 0).estimate.depth_measured
+    assert not session.process(cloud(BACKEND, START_NS + 21 * 10**8, pixels[-1]), 0).estimate.frame.depth_measured
     faults = play(session, pixels, images, start=3)
     assert not faults[-1]
 
@@ -119,7 +119,7 @@ def test_of_several_cameras_the_one_whose_depth_does_not_fit_is_named_and_its_de
             frames = session.frames(seen, stamp_ns, name)
             diagnostics.count_message(frames, stamp_ns, 0.9, 0.001)
     left, right = (session.cameras[name].depth_check for name in eyes)
-    assert right.fault and not left.fault and frames[0].estimate.depth_measured
+    assert right.fault and not left.fault and frames[0].estimate.frame.depth_measured
     assert np.linalg.norm(frames[0].estimate.pose.positions - body.positions[0], axis=1).mean() < 0.03
     diagnostics.count_camera_info(0.9)
     message = diagnostics.line(1.0).message
@@ -137,4 +137,4 @@ def test_with_smoothing_nothing_is_left_out_because_nothing_is_compared(scene):
         stamp_ns = START_NS + round((3 + TIMES[i]) * 1e9)
         session.first.depth.add(depth_message(BACKEND, stamp_ns, images[i]), stamp_ns)
         found = session.frames(cloud(BACKEND, stamp_ns, pixels[i]), stamp_ns)
-    assert session.counts[MISFIT] == left_out and found[-1].estimate.depth_measured
+    assert session.counts[MISFIT] == left_out and found[-1].estimate.frame.depth_measured

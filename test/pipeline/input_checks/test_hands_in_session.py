@@ -15,8 +15,7 @@ from lassokin_ros.core.body.rotations import exponential, from_quaternion
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.output.hand_points import HandPoints
-from lassokin_ros.detector.backend import make_detector
-from lassokin_ros.detector.keypoint_message import keypoint_message
+from lassokin_ros.detector.backend import keypoint_message, make_detector
 from lassokin_ros.gestures import GESTURES
 from lassokin_ros.pipeline.concerns.catalogue import CONCERNS
 from lassokin_ros.pipeline.concerns.live import HANDS
@@ -184,5 +183,5 @@ def test_a_body_without_hands_has_no_such_topic():
     one = Session(TrackerConfig(height=1.75), NodeSettings())
     messages = FrameMessages(BACKEND, one.tracker.skeleton, hands=HandPoints(one.tracker.skeleton, one.tracker.layout))
     assert topics.HANDS not in messages._builders
-    assert {topics.HANDS_OUTPUT, topics.GESTURE_OUTPUT}.isdisjoint(topics.person_outputs(True))
-    assert topics.GESTURE_OUTPUT not in topics.person_outputs(False, hands=True)
+    assert {topics.HANDS, topics.GESTURE}.isdisjoint(topics.person_outputs(True))
+    assert topics.GESTURE not in topics.person_outputs(False, hands=True)

@@ -89,13 +89,13 @@ def test_the_detectors_3d_points_tell_the_size_of_its_image(kind, factor, distan
     session, results = run(kind, info(factor), distance, aside=-0.4 if distance > 5 else 0.0)
     assert all(result.accepted for result in results)
     assert pelvis(results[-1])[2] == pytest.approx(distance, rel=0.05)
-    words = session.first.image_size.warning
+    found = session.first.image_size.concern
     if factor == 1.0:
-        assert not words
+        assert found is None
     else:
         width, height = (factor * SIZE).astype(int)
-        assert f"camera_info is of an image of {width} x {height} px" in words and "1920 x 1080 px" in words
-        assert "pub_resolution: NATIVE" in words
+        assert f"camera_info is of an image of {width} x {height} px" in found.text and "1920 x 1080 px" in found.text
+        assert "pub_resolution: NATIVE" in found.text
 
 
 @pytest.mark.parametrize(("factor", "used"), [(0.87, True), (0.57, False), (1.2, False)])
@@ -119,7 +119,7 @@ def test_another_camera_info_is_compared_anew():
     assert session.set_camera(info(1.0)) is None
     (result,) = [session.process(zed(int(6e9), landmarks("zed38", 3.76)[-1]), int(6e9))]
     assert result.accepted and pelvis(result)[2] == pytest.approx(3.76, rel=0.05)
-    assert not session.first.image_size.warning
+    assert not session.first.image_size.concern
 
 
 def test_a_single_message_with_other_3d_points_changes_nothing():

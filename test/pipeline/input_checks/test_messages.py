@@ -77,7 +77,7 @@ def warning(messages):
     for ids in messages:
         for _ in range(EVERY):
             watched.add(with_ids(ids))
-    return watched.warning
+    return "" if watched.concern is None else watched.concern.text
 
 
 def test_ids_without_the_first_are_named_after_some_messages():

@@ -215,7 +215,7 @@ def test_depths_in_the_message_that_repeat_are_no_evidence_and_are_named(scene):
     for i in range(COUNT):
         fresh = depth + 0.015 * min(i, LIVE) + 0.001 * np.random.default_rng(min(i, LIVE)).normal(size=17)
         (frame,) = session.send(i, with_depths(BACKEND, cloud(BACKEND, stamp(i), pixels[i]), fresh))
-        used.append(frame.estimate.depth_measured)
+        used.append(frame.estimate.frame.depth_measured)
     assert all(used[1:LIVE]) and not any(used[LIVE + 1 :])
     status = session.status(COUNT)
     assert status.level == WARN and "the depths in the keypoint messages are frozen" in status.message
@@ -227,7 +227,7 @@ def test_a_slow_detector_that_repeats_keypoints_with_their_depths_is_used(scene)
         shown = i // 10 * 10
         message = with_depths(BACKEND, cloud(BACKEND, stamp(i), scene[1][shown]), depth[shown])
         (frame,) = session.send(i, message)
-        assert frame.estimate.depth_measured or i == 0
+        assert frame.estimate.frame.depth_measured or i == 0
     assert "depth" not in session.status(COUNT).message
 
 
@@ -247,15 +247,15 @@ def test_repeated_depths_of_moving_points_are_dropped_and_named_after_a_second()
     for i in range(20):
         found = own.checked(keypoints(i), i * STEP_NS)
         assert (found.depth is None) == (i > 0) and len(found.xy) == 17
-        assert bool(own.warning) == (0.1 * i > FROZEN_S), i
-    assert "the same ones for more than 1 s" in own.warning
-    assert own.checked(keypoints(20, DEPTHS + 0.01), 2 * 10**9).depth is not None and own.warning == ""
+        assert (own.concern is not None) == (0.1 * i > FROZEN_S), i
+    assert "the same ones for more than 1 s" in own.concern.text
+    assert own.checked(keypoints(20, DEPTHS + 0.01), 2 * 10**9).depth is not None and own.concern is None
 
 
 def test_a_whole_message_that_repeats_keeps_its_depths():
     own = OwnDepth()
     for i in range(20):
-        assert own.checked(keypoints(0), i * STEP_NS).depth is not None and own.warning == ""
+        assert own.checked(keypoints(0), i * STEP_NS).depth is not None and own.concern is None
 
 
 def test_few_depths_or_equal_ones_are_not_compared():
@@ -264,7 +264,7 @@ def test_few_depths_or_equal_ones_are_not_compared():
     for depth in (None, np.full(17, 2.5), few, np.full(17, np.nan)):
         for i in range(20):
             given = keypoints(i, depth)
-            assert own.checked(given, i * STEP_NS) is given and own.warning == ""
+            assert own.checked(given, i * STEP_NS) is given and own.concern is None
     enough = np.where(np.arange(17) < FEWEST_DEPTHS, DEPTHS, np.nan)
     assert own.checked(keypoints(0, enough), 0).depth is not None
     assert own.checked(keypoints(1, enough), STEP_NS).depth is None
@@ -273,6 +273,6 @@ def test_few_depths_or_equal_ones_are_not_compared():
 def test_the_note_of_the_message_is_that_of_the_last_one():
     own = OwnDepth()
     own.checked(keypoints(0, None, "in another frame"), 0)
-    assert own.warning == "in another frame"
+    assert own.concern.text == "in another frame"
     own.checked(keypoints(1, None), 1)
-    assert own.warning == ""
+    assert own.concern is None

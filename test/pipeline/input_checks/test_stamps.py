@@ -212,7 +212,7 @@ def warning(stamps, arrivals):
     rate = StampRate()
     for stamp, arrival in zip(stamps, arrivals):
         rate.add(int(stamp), int(arrival))
-    return rate.warning
+    return "" if rate.concern is None else rate.concern.text
 
 
 @pytest.mark.parametrize("name", UNITS)

@@ -251,7 +251,7 @@ def test_the_running_node_publishes_saves_and_reports_learned_lengths(tmp_path):
     options = [word for name, value in settings.items() for word in ("-p", f"{name}:={value}")]
     home = {**os.environ, "HOME": str(tmp_path)}
     with NodeProcess(namespace, *options, env=home) as node, Peer(namespace) as peer:
-        peer.listen(topics.DESCRIPTION_OUTPUT)
+        peer.listen(topics.ROBOT_DESCRIPTION)
         states, joints = peer.got[topics.JOINT_STATES], peer.got[topics.JOINTS]
         texts = peer.got[topics.ROBOT_DESCRIPTION]
         peer.start(pixels[0])

@@ -62,7 +62,7 @@ def test_full_names_and_prefixes():
 
 
 def test_latched_topics_are_recognised_by_their_names():
-    outputs = (*topics.PERSON_OUTPUTS, *topics.OTHER_OUTPUTS, topics.TRACKED_OUTPUT, topics.TF_OUTPUT)
+    outputs = (*topics.PERSON_OUTPUTS, *topics.OTHER_OUTPUTS, topics.TRACKED_OUTPUT, topics.TF)
     for output in outputs:
         assert topics.is_latched(topics.full_name(output.name, "tracker")) == output.latched, output
     assert topics.is_latched("/humans/bodies/p1/urdf") and topics.is_latched("/humans/bodies/tracked")

@@ -144,7 +144,7 @@ def test_ids_that_begin_at_1_are_named():
     for i in range(120):
         stamp_ns = START_NS + i * PERIOD_NS
         session.frames(cloud(BACKEND, stamp_ns, LONG[i][shown], ids=shown + 1), stamp_ns)
-    assert "landmark 0 (nose) was in no message, all others were" in session.first.landmark_ids.warning
+    assert "landmark 0 (nose) was in no message, all others were" in session.first.landmark_ids.concern.text
 
 
 def test_a_person_seen_from_behind_has_no_face():
@@ -154,4 +154,4 @@ def test_a_person_seen_from_behind_has_no_face():
     for i in range(120):
         stamp_ns = START_NS + i * PERIOD_NS
         session.frames(cloud(BACKEND, stamp_ns, LONG[i][shown], ids=shown), stamp_ns)
-    assert session.first.landmark_ids.warning == ""
+    assert session.first.landmark_ids.concern is None

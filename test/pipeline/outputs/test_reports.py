@@ -177,7 +177,8 @@ def test_the_line_of_a_certificate(kkt1, level, words):
     certificate = Certificate(kkt1, 2e-9, 3e-9, 4.5, 5e-9, 6e-9, 1)
     solution = LassoSolution(np.array([2.0, 0]), np.zeros(3), problem.alpha, problem, "proxqp")
     vars(solution)["certificate"] = certificate
-    found = SimpleNamespace(problem=problem, solution=solution, reprojection_px=1.23456789, initialised=True)
+    increment = SimpleNamespace(problem=problem, solution=solution)
+    found = SimpleNamespace(increment=increment, reprojection_px=1.23456789, initialised=True)
     doubt = Doubt(reversed=True, probability=0.125, unseen=("left leg", "right leg"))
     judgement = Judgement(doubt, ("this", "that"), 0.75)
     frame = FrameResult(SECOND, "optical", found, pending=SimpleNamespace(read=lambda: judgement))

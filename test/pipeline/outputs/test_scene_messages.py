@@ -1,7 +1,6 @@
 """Messages about all people, the state of tracking and TF of the joints, without middleware."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,33 +11,29 @@ from scipy.spatial.transform import Rotation
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.observation import CameraPose, Status
-from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.body_frames import LINKS, Naming
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.outputs.scene_messages import (
     PeopleMessages,
     PresenceState,
-    SkeletonsMessage,
-    images_of,
+    joints_report,
     person_report,
 )
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.people.roster import Presence
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.replay.playback import register_types
+from lassokin_ros.replay.bags import register_types
 from msg_adapters.backends import RosbagsBackend
-from msg_adapters.output_messages.people import BUILDERS, CLOUD_TYPE, DETECTIONS_TYPE, PEOPLE_TYPE, POINT
-from msg_adapters.output_messages.skeleton_cloud import POINT as SKELETON_POINT
-from msg_adapters.output_messages.skeleton_cloud import SKELETONS_POINT
+from msg_adapters.output_messages.clouds import SKELETON_POINT, SKELETONS_POINT, SkeletonsCloudBuilder
+from msg_adapters.output_messages.people import CLOUD_TYPE, DETECTIONS_TYPE, PEOPLE_TYPE, POINT, TYPES
 
 pytest.importorskip("rosbags")
 START_NS, SECOND = 5_000_000_000, 1_000_000_000
 PIXELS = pixels_of_motion(8)
 BACKEND = rosbags_backend()
-for _type in BUILDERS:
-    register_types(BACKEND._typestore, NodeSettings(people_type=_type))
+register_types(BACKEND._typestore)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +52,7 @@ def people_at(frames, message_type, stamp_ns):
     return store.deserialize_cdr(store.serialize_cdr(message, message_type), message_type)
 
 
-@pytest.mark.parametrize("message_type", BUILDERS)
+@pytest.mark.parametrize("message_type", TYPES)
 @pytest.mark.parametrize("age_s, state", [(0, "tracking"), (2, "lost"), (4, "nobody")])
 def test_each_people_type_contains_the_person_of_the_frame(frames, message_type, age_s, state):
     newest = frames[-1]
@@ -150,7 +145,7 @@ def test_a_late_image_of_one_camera_hides_nobody_whom_another_one_has_seen_later
     assert messages.build((early.stamp_ns - 2 * SECOND, FRAME), 1.0, 3.0).width == 0  # the stamps begin anew
 
 
-@pytest.mark.parametrize("message_type", BUILDERS)
+@pytest.mark.parametrize("message_type", TYPES)
 def test_people_who_are_not_tracked_have_no_place_in_point_clouds_alone(frames, message_type):
     messages = PeopleMessages(BACKEND, message_type)
     messages.update(frames, None)
@@ -171,31 +166,15 @@ def test_people_who_are_not_tracked_have_no_place_in_point_clouds_alone(frames, 
 
 
 def test_the_joints_of_all_people_of_an_image_are_one_message(frames):
-    builder = SkeletonsMessage(BACKEND, 24)
-    frame, at = frames[-1], (frames[-1].stamp_ns, FRAME)
-    assert builder.build(at, []).width == 0
-    refused = FrameResult(at[0], FRAME, rejection="few", person="p3")
-    message = builder.build(at, [replace(frame, label="p7"), refused, replace(frame, label="p2")])
+    builder, frame, at = SkeletonsCloudBuilder(BACKEND, 24), frames[-1], (frames[-1].stamp_ns, FRAME)
+    assert builder.fill(*at, []).width == 0
+    message = builder.fill(*at, [joints_report(replace(frame, label=label)) for label in ("p7", "p2")])
     points = np.frombuffer(message.data.tobytes(), SKELETONS_POINT)
     assert points["person"].tolist() == [7] * 24 + [2] * 24 and points["index"].tolist() == [*range(24)] * 2
     alone = dict(FrameMessages(BACKEND, frame.skeleton).build(frame))[topics.SKELETON]
     expected = np.frombuffer(alone.data.tobytes(), SKELETON_POINT)
     for part in points[:24], points[24:]:
         assert all(np.array_equal(part[name], expected[name]) for name in SKELETON_POINT.names)
-
-
-def test_the_scene_contains_the_people_of_each_image():
-    def result(stamp_ns, estimate, accepted):
-        return SimpleNamespace(estimate=estimate, stamp_ns=stamp_ns, frame_id="a", accepted=accepted)
-
-    tracked, rejected, refused = result(5, "some", True), result(6, "some", False), result(7, None, False)
-    assert images_of([tracked], (9, "b"), False) == [((5, "a"), [tracked])]
-    assert images_of([rejected], (9, "b"), False) == [((6, "a"), [rejected])]
-    assert images_of([refused], (9, "b"), False) == [] == images_of([], None, False)
-    assert images_of([], (9, "b"), False) == [((9, "b"), [])]
-    late = [result(4, "some", True), tracked, rejected]
-    assert images_of(late, (9, "b"), True) == [((4, "a"), late[:1]), ((5, "a"), [tracked])]
-    assert images_of([], (9, "b"), True) == []
 
 
 def test_the_state_of_one_person_is_lost_and_then_nobody():

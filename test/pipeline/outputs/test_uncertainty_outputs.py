@@ -16,7 +16,7 @@ from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend
-from msg_adapters.output_messages.skeleton_cloud import SKELETONS_POINT
+from msg_adapters.output_messages.clouds import SKELETONS_POINT
 
 pytest.importorskip("rosbags")
 START_NS = 5_000_000_000

@@ -33,14 +33,13 @@ class Pretended:
     def __init__(self):
         self.verticals, self.resets, self.absences = [], [], 0
         kinematics = SimpleNamespace(landmark_count=4)
-        self.tracker = SimpleNamespace(kinematics=kinematics, config=CONFIG, adopt_vertical=self._adopt)
+        self.vertical = SimpleNamespace(adopt=lambda others: self.verticals.append(list(others)))
+        learned = SimpleNamespace(vertical=self.vertical)
+        self.tracker = SimpleNamespace(kinematics=kinematics, config=CONFIG, learned=learned)
         self.refuses = self.holds = False
         self.number = None
         self.reset()
         self.resets.clear()
-
-    def _adopt(self, trackers):
-        self.verticals.append(list(trackers))
 
     def reset(self, same_camera=False):
         self.resets.append(same_camera)
@@ -307,7 +306,7 @@ def test_a_new_person_gets_the_vertical_of_earlier_or_present_people(room):
     room.see(1, (0, 0), (5, 0), numbers=[1, 2])
     first, second = room.people[2], room.people[1]
     idle, present = second.verticals
-    assert idle == [room.people[0].tracker, second.tracker] and present == [first.tracker]
+    assert idle == [room.people[0].vertical, second.vertical] and present == [first.vertical]
 
 
 def test_lost_people_are_initialised_a_few_per_message():

@@ -6,11 +6,11 @@ from io import BytesIO
 
 import numpy as np
 import pytest
+from exported import motion_of
 from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.replay.exports.gltf import write_gltf
-from lassokin_ros.replay.motion import Motion
 
 SKELETON = Skeleton.load("anthropometric", 1.75)
 COMPONENTS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -23,13 +23,9 @@ def motion():
     n, random = SKELETON.joint_count, np.random.default_rng(0)
     turns = Rotation.from_rotvec(random.normal(size=(3 * n, 3)) * 0.8).as_matrix().reshape(3, n, 3, 3)
     turns[:, 0] = np.diag([1.0, -1.0, -1.0]) @ turns[:, 0]
-    root, zeros = np.array([[0.1, 0.2, 4.0], [0.2, 0.2, 4.0], [0.3, 0.1, 3.9]]), np.zeros((3, n))
-    nothing = np.zeros((3, 0, 3))
-    return Motion(
-        "p2", "camera", SKELETON, (), 10**9 + np.array([0, 40, 80]) * 10**6, nothing, turns, root, nothing, nothing,
-        nothing, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), zeros, zeros, zeros > -1, np.zeros(3), zeros,
-        Rotation.from_rotvec([0.2, 0, 0]).as_matrix(), floor=-1.1,
-    )  # fmt: skip
+    root, tilted = np.array([[0.1, 0.2, 4.0], [0.2, 0.2, 4.0], [0.3, 0.1, 3.9]]), Rotation.from_rotvec([0.2, 0, 0])
+    stamps = 10**9 + np.array([0, 40, 80]) * 10**6
+    return motion_of(SKELETON, stamps, turns, root, "p2", level=tilted.as_matrix(), floor=-1.1)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +67,7 @@ def test_the_animated_nodes_are_where_the_joints_are(scene, motion):
         sampler = animation["samplers"][channel["sampler"]]
         assert np.allclose(array(sampler["input"])[:, 0], motion.start + np.array([0.0, 0.04, 0.08]))
         moved[channel["target"]["node"], channel["target"]["path"]] = array(sampler["output"])
-    world = np.diag([1.0, -1.0, -1.0]) @ motion.level
+    world = np.diag([1.0, -1.0, -1.0]) @ motion.scene.level
     for frame in range(3):
         places, turns = np.zeros((24, 3)), [Rotation.identity()] * 24
         expected, matrices = np.zeros((24, 3)), np.zeros((24, 3, 3))
@@ -79,14 +75,14 @@ def test_the_animated_nodes_are_where_the_joints_are(scene, motion):
             own = Rotation.from_quat(moved[joint, "rotation"][frame])
             if joint == 0:
                 places[0], turns[0] = moved[0, "translation"][frame], own
-                expected[0], matrices[0] = motion.translations[frame], motion.rotations[frame, 0]
+                expected[0], matrices[0] = motion["translation"][frame], motion["joint_rotations"][frame, 0]
                 continue
             above = parents[joint]
             places[joint] = places[above] + turns[above].apply(nodes[joint]["translation"])
             turns[joint] = turns[above] * own
             expected[joint] = expected[above] + matrices[above] @ SKELETON.offsets[joint]
-            matrices[joint] = matrices[above] @ motion.rotations[frame, joint]
-        assert np.abs(places - (expected @ world.T - [0, motion.floor, 0])).max() < 1e-5
+            matrices[joint] = matrices[above] @ motion["joint_rotations"][frame, joint]
+        assert np.abs(places - (expected @ world.T - [0, motion.scene.floor, 0])).max() < 1e-5
 
 
 def test_the_skin_is_at_rest_where_the_joints_are_and_its_faces_point_outwards(scene):

@@ -1,5 +1,6 @@
 """Fingers in the exports and the pictures: the same motion in all, bends under the names of hand surgeons."""
 
+from importlib.util import find_spec
 from io import BytesIO
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
+
+from exported import motion_of  # noqa: E402
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics  # noqa: E402
 from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
@@ -16,9 +19,9 @@ from lassokin_ros.pipeline.people.joint_angles import JointAngleReader  # noqa: 
 from lassokin_ros.replay.body import capsules  # noqa: E402
 from lassokin_ros.replay.exports.amass import write_amass  # noqa: E402
 from lassokin_ros.replay.exports.bvh import write_bvh  # noqa: E402
+from lassokin_ros.replay.exports.exports import PERSONS, TABLES  # noqa: E402
 from lassokin_ros.replay.exports.named_angles import finger_angles  # noqa: E402
 from lassokin_ros.replay.exports.tables import write_csv  # noqa: E402
-from lassokin_ros.replay.motion import Motion  # noqa: E402
 
 SKELETON = Skeleton.load("body_hands", 1.75)
 BODY = Kinematics(SKELETON, Layout.load("mediapipe75", SKELETON))
@@ -64,15 +67,21 @@ def motion():
     pose = BODY.pose(BodyState(rotations, translations))
     reader = JointAngleReader(SKELETON.axes)
     angles = np.array([reader.read(frame) for frame in rotations])
-    some, none = np.zeros(FRAMES), np.zeros((FRAMES, 0, 3))
-    flags = np.ones((FRAMES, COUNT), bool), some > 0, np.zeros((FRAMES, COUNT), bool)
-    figures = some, some, some, some > 0, np.zeros((FRAMES, COUNT)), np.full((FRAMES, COUNT), 0.1), *flags, np.eye(3)
     stamps = np.arange(FRAMES) * 40_000_000
-    rest = pose.positions, rotations, translations, angles, none, none[..., :2]
-    return Motion("", "camera", SKELETON, (), stamps, *rest, *figures)
+    return motion_of(SKELETON, stamps, rotations, translations, joint_positions=pose.positions, joint_angles=angles)
 
 
 MOTION = motion()
+
+
+@pytest.mark.parametrize("suffix", [s for s in (*TABLES, *PERSONS) if s != ".c3d" or find_spec("ezc3d")])
+def test_equal_motions_give_equal_bytes_and_are_not_changed(suffix):
+    before, files = {name: values.copy() for name, values in MOTION.frames.items()}, []
+    for _ in range(2):
+        files.append(BytesIO())
+        (TABLES[suffix]([MOTION], files[-1]) if suffix in TABLES else PERSONS[suffix](MOTION, files[-1]))
+    assert files[0].getvalue() == files[1].getvalue() != b""
+    assert all(np.array_equal(MOTION[name], values, equal_nan=True) for name, values in before.items())
 
 
 def test_bends_have_the_names_of_hand_surgeons():

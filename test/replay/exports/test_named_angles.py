@@ -11,25 +11,21 @@ from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.body.rotations import exponential  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.replay.exports.named_angles import named_angles  # noqa: E402
-from lassokin_ros.replay.motion import Motion  # noqa: E402
+from lassokin_ros.replay.motion import Motion, Scene  # noqa: E402
 
 SKELETON = Skeleton.load("anthropometric", 1.75)
 KINEMATICS = Kinematics(SKELETON, Layout.load("coco17", SKELETON))
 UPRIGHT = np.array([np.pi, 0.0, 0.0])  # of the root, in a camera frame with y down: facing the camera
 
 
-def angles(root=UPRIGHT, level=None, **joints):
+def angles(root=UPRIGHT, level=np.eye(3), **joints):
     """The named angles of one pose. joints: rotation vectors, degrees, at rest x left, y up, z front."""
     vectors = np.zeros((24, 3))
     for name, vector in joints.items():
         vectors[SKELETON.index(name)] = np.radians(vector)
     vectors[0] = root
     pose = KINEMATICS.pose(BodyState(exponential(vectors), np.array([0.3, 0.2, 3.0])))
-    motion = Motion.__new__(Motion)
-    for name, value in (("skeleton", SKELETON), ("positions", pose.positions[None]), ("level", np.eye(3))):
-        object.__setattr__(motion, name, value)
-    if level is not None:
-        object.__setattr__(motion, "level", level)
+    motion = Motion("", "camera", SKELETON, {"joint_positions": pose.positions[None]}, Scene(level=level))
     return {name: float(value[0]) for name, value in named_angles(motion).items()}
 
 

@@ -18,11 +18,10 @@ from pathlib import Path
 
 import numpy
 
-from msg_adapters.detectors.definitions import DEFINITIONS as OF_DETECTORS
-from msg_adapters.output_messages.people import DEFINITIONS as OF_PEOPLE
+from msg_adapters.definitions import DEFINITIONS as OF_ADAPTERS
 
 TF = {"tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms"}
-DEFINITIONS = {**TF, **OF_PEOPLE, **OF_DETECTORS}
+DEFINITIONS = {**TF, **OF_ADAPTERS}
 PACKAGES = tuple(dict.fromkeys(name.partition("/")[0] for name in DEFINITIONS))
 USED = ("builtin_interfaces", "geometry_msgs", "std_msgs", "sensor_msgs")
 ELSEWHERE = re.compile(r"/opt/python/cp\d+-cp\d+/(include|lib)/[^\";]*")

@@ -8,8 +8,8 @@ from lassokin_ros import joints
 from lassokin_ros.robot.check import people
 from lassokin_ros.robot.person import ANKLES
 from msg_adapters.backends import RclpyBackend
+from msg_adapters.output_messages.clouds import JointsReport, SkeletonCloudBuilder
 from msg_adapters.output_messages.people import CLOUD_TYPE, PersonReport, people_builder
-from msg_adapters.output_messages.skeleton_cloud import JointsReport, SkeletonCloudBuilder
 
 PEOPLE = people()
 DOWN, BENT = PEOPLE["arms down"], PEOPLE["elbows bent"]

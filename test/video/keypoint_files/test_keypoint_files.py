@@ -108,8 +108,7 @@ KINDS = {
 
 def opened(path, *more):
     options = parser().parse_args([str(path), *more])
-    options.source = options.sources[0]
-    return open_input(options)
+    return open_input(options.sources[0], options)
 
 
 @pytest.mark.parametrize("kind", KINDS)

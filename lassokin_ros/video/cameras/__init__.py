@@ -1,1 +1,0 @@
-"""Several videos: where their cameras are, and their clocks."""
