@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from camera_rig import (
-    BACKEND,
     LEFT,
     MAP,
     RIGHT,
@@ -24,7 +23,7 @@ from camera_rig import (
     turning_eye,
 )
 from depth_camera import depth_message
-from messages import camera_info, crowd
+from messages import camera_info, crowd, rosbags_backend
 from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.config import TrackerConfig
@@ -39,6 +38,8 @@ from lassokin_ros.pipeline.depth.depth_images import MATCHED, RECEIVED, UNMATCHE
 from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.outputs.saved_files import CamerasFileError, camera_commands, save_cameras
 from lassokin_ros.pipeline.settings import NodeSettings
+
+BACKEND = rosbags_backend()
 
 
 def test_two_cameras_place_the_person_in_the_map():
