@@ -114,9 +114,9 @@ def test_who_is_not_seen_when_the_frame_jumps_is_moved_with_it(people):
     once, twice = turn @ [1, 2, 3] + shift, turn @ (turn @ [1, 2, 3] + shift) + shift
     assert np.allclose(places, [once, twice, twice])
     people.update([], ["p2"], again)
-    assert list(people._moved) == ["p2"]
+    assert list(people._newest) == ["p2"]
     people.forget()
-    assert not people._moved
+    assert not people._newest
 
 
 def small():
