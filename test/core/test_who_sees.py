@@ -215,19 +215,6 @@ def test_frozen_keypoints_of_several_cameras_are_no_new_person():
     assert begun == 1
 
 
-def test_the_cost_of_a_measurement_does_not_depend_on_whether_images_come_together():
-    costs = []
-    for together in (True, False):
-        scene = Scene(2.0, rate=RATE if together else 3 * RATE)
-        tracker, cameras, own = Tracker(CONFIG), (A, B, C), []
-        for index in range(len(scene.times)):
-            now = cameras if together else [cameras[index % 3]]
-            estimate = tracker.track([scene.seen(index, camera) for camera in now])
-            own.append(estimate.cost / estimate.frame.count)
-        costs.append(np.mean(own[len(own) // 2 :]))
-    assert costs[1] == pytest.approx(costs[0], rel=0.3)
-
-
 def test_a_frame_has_its_backward_one_whichever_camera_saw_the_person():
     scene, found = Scene(1.0), []
     instants = [

@@ -335,17 +335,6 @@ def test_rejected_frames_advance_the_time():
         assert tracker.published == []
 
 
-def test_smoothing_stops_at_an_initialisation():
-    """Frames that wait when the person is lost are published without later frames."""
-    ended, went_on = Tracker(LAGGED), Tracker(LAGGED)
-    for _, observation in observations(ended, 0.5):
-        ended.track(observation)
-        went_on.track(observation)
-    assert went_on.track(replace(observation, stamp=2.5)).initialised
-    for a, b in zip(ended.flush(), went_on.published, strict=True):
-        assert a.stamp == b.stamp and same(a.state, b.state)
-
-
 def test_what_is_published_does_not_depend_on_the_origin_of_the_skeletons_frame():
     """Here it is at the person, so that the distance from the origin is small and that from the camera is not."""
     own, other = (Tracker(replace(LAGGED, smoothing=0.1), up=UP) for _ in range(2))
