@@ -252,6 +252,7 @@ def test_only_given_lengths_can_be_measured():
     assert [model.measured for model in models] == [True, False, False]
     assert [model.odds for model in models] == [0.3, 0.6, 0.1]
     assert np.allclose(models[0].precision, np.eye(len(models[0].mean)) / MEASURED**2)
+    assert np.all(initial_deviation(models) == GUESSED)
 
 
 @pytest.mark.parametrize("layout", ["coco17", "body25", "mediapipe33", "smpl24"])
@@ -295,11 +296,6 @@ def test_the_deviation_is_the_standard_deviation_of_samples():
         for case, model in enumerate(models)
     ])  # fmt: skip
     assert np.allclose(np.sqrt((samples**2).mean(0)), initial_deviation(models), rtol=0.03)
-
-
-def test_the_deviation_of_given_lengths_is_that_of_a_guess():
-    models = length_models(proportions_of(scaled_forearms(Skeleton.load("anthropometric", 1.75), 0.9)))
-    assert np.all(initial_deviation(models) == GUESSED)
 
 
 def test_an_exact_measurement_decides_for_a_population():
