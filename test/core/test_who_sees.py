@@ -74,8 +74,7 @@ def test_the_networks_pose_is_of_a_camera_that_sees_the_person_now():
     assert distances[0] == pytest.approx(distances[1], abs=0.02)
 
 
-@pytest.mark.parametrize("degrees", [35, 90])
-@pytest.mark.parametrize("depth_on", ["", "a", "b"])
+@pytest.mark.parametrize("degrees, depth_on", [(35, ""), (90, "a"), (35, "b")])
 def test_the_height_is_measured_by_cameras_that_run_freely(degrees, depth_on):
     scene, tracker = Scene(3.0, 1.55, 2 * RATE), Tracker(replace(CONFIG, height=0.0))
     cameras = A, beside("b", degrees)

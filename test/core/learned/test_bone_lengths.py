@@ -174,7 +174,7 @@ def test_a_correct_skeleton_is_kept(measured, largest):
         skeleton, _ = wrong_skeleton(0.03)
     true = Tracker(TrackerConfig(height=1.75, calibrate=False), skeleton)
     tracker = Tracker(TrackerConfig(height=1.75, noise_px=2.0, calibrate=True), skeleton)
-    for o in observed(true, 14.0, 2.0):
+    for o in observed(true, 8.0, 2.0):
         tracker.track(o)
     assert tracker.learned.lengths.kept_motion > 5
     assert np.abs(tracker.learned.lengths.lengths).max() < largest
