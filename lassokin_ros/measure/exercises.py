@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import find_peaks
 
-from lassokin_ros.measure.poses import SIDES, MeasureError, Poses, smoothed
+from lassokin_ros.measure.poses import SIDES, MeasureError, Poses
 from lassokin_ros.replay.exports.named_angles import angles_of
 
 JOINTS = tuple(f"{side}_{joint}" for side in SIDES for joint in ("hip", "knee", "ankle", "shoulder"))
@@ -19,6 +19,15 @@ LEAST_BEND = 40.0
 """Degrees by which both knees bend on average in a squat, and the joint of `JOINT` in another exercise."""
 MOVING = 0.1
 """Share of the bend at which a squat or another repetition begins and ends."""
+PUSH_UP, LUNGE, SIT_TO_STAND = "push-up", "lunge", "sit-to-stand"
+JOINT = {PUSH_UP: "elbow", LUNGE: "knee", SIT_TO_STAND: "knee"}
+"""Joint whose flexion tells the repetitions: the mean of both sides, in a lunge that of the knee that bends more."""
+LYING = 45.0
+"""Degrees of the trunk from the vertical above which arms that bend do a push-up."""
+APART = 0.15
+"""Least distance of the feet to the front in a lunge, as a share of the leg's length."""
+ASIDE, UNEQUAL = 0.5, 20.0
+"""The same of the feet in a lunge to the side, and degrees by which one knee then bends more."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +82,8 @@ def _squats(poses: Poses, bent_ends: bool = False) -> list[Squat]:
         return []
     angles = angles_of(poses.names, poses.positions)
     knees, hips = (np.array([angles[f"{side}_{joint} flexion"] for side in SIDES]) for joint in ("knee", "hip"))
-    bend = smoothed(np.nanmean(knees, axis=0), poses, SMOOTHING_S)
-    bottoms, lefts, rights = peaks(bend, LEAST_BEND, bent_ends)
+    bend = _smoothed(np.nanmean(knees, axis=0), poses)
+    bottoms, lefts, rights = _peaks(bend, bent_ends)
     height = -poses.middle("hip")[:, 1]
     squats = []
     last = -1
@@ -108,39 +117,36 @@ def _squats(poses: Poses, bent_ends: bool = False) -> list[Squat]:
     return squats
 
 
-def peaks(values: np.ndarray, least: float, open_ends: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return peaks that rise by `least`, and the frames at the foot of each, before and after it, (k,) each.
+def _smoothed(values: np.ndarray, poses: Poses) -> np.ndarray:
+    """Return values (f,), averaged over `SMOOTHING_S` about each frame; over less at the ends."""
+    half = round(SMOOTHING_S / float(np.median(np.diff(poses.seconds))) / 2)
+    total, frames = np.concatenate([[0.0], np.cumsum(values)]), np.arange(len(values))
+    first, last = np.maximum(frames - half, 0), np.minimum(frames + half + 1, len(values))
+    return np.asarray((total[last] - total[first]) / (last - first))
+
+
+def _peaks(values: np.ndarray, open_ends: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return peaks that rise by `LEAST_BEND`, and the frames at the foot of each, before and after it, (k,) each.
 
     open_ends: what lies before the first and after the last of the values (f,) may be lower, so that a peak may be at
-    an end; it rises by `least` above 0, and by half of that above other values.
+    an end; it rises by `LEAST_BEND` above 0, and by half of that above other values.
     """
     if not open_ends:
-        found, bases = find_peaks(values, prominence=least)
+        found, bases = find_peaks(values, prominence=LEAST_BEND)
         return found, bases["left_bases"], bases["right_bases"]
     low = np.array([min(0.0, float(values.min())) - 1.0])
-    found = find_peaks(np.concatenate([low, values, low]), prominence=least)[0] - 1
+    found = find_peaks(np.concatenate([low, values, low]), prominence=LEAST_BEND)[0] - 1
     between = [0, *found, len(values) - 1]
     lefts = np.array([a + values[a : p + 1].argmin() for a, p in zip(between, found)], dtype=int)
     rights = np.array([p + values[p : b + 1].argmin() for p, b in zip(found, between[2:])], dtype=int)
-    moves = values[found] - np.minimum(values[lefts], values[rights]) >= least / 2
+    moves = values[found] - np.minimum(values[lefts], values[rights]) >= LEAST_BEND / 2
     return found[moves], lefts[moves], rights[moves]
 
 
 def _ends(bent: np.ndarray, bottom: int, left: int, right: int) -> tuple[int, int]:
-    """Return the first and the last frame of a squat. bent: (f,) bool. left, right: frames that are outside of it."""
+    """Return first and last frame of a repetition. bent: (f,) bool. left, right: frames that are outside of it."""
     before, after = np.flatnonzero(~bent[left:bottom]), np.flatnonzero(~bent[bottom : right + 1])
     return left + int(before[-1]) if len(before) else left, bottom + int(after[0]) if len(after) else right
-
-
-PUSH_UP, LUNGE, SIT_TO_STAND = "push-up", "lunge", "sit-to-stand"
-JOINT = {PUSH_UP: "elbow", LUNGE: "knee", SIT_TO_STAND: "knee"}
-"""Joint whose flexion tells the repetitions: the mean of both sides, in a lunge that of the knee that bends more."""
-LYING = 45.0
-"""Degrees of the trunk from the vertical above which arms that bend do a push-up."""
-APART = 0.15
-"""Least distance of the feet to the front in a lunge, as a share of the leg's length."""
-ASIDE, UNEQUAL = 0.5, 20.0
-"""The same of the feet in a lunge to the side, and degrees by which one knee then bends more."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +169,7 @@ class Repetition:
 
 def measure_repetitions(poses: Poses, what: str) -> list[Repetition]:
     """Return the repetitions in order, none over a gap. what: a key of `JOINT`. Raises MeasureError for none."""
-    found = [one for piece in poses.pieces(poses.known) if len(piece.seconds) > 2 for one in _repetitions(piece, what)]
+    found = [one for piece in poses.pieces() if len(piece.seconds) > 2 for one in _repetitions(piece, what)]
     if not found:
         raise MeasureError(
             f"no {what} was found: expected {JOINT[what]}s that bend by {LEAST_BEND:g} degrees or more and back"
@@ -179,29 +185,24 @@ def _repetitions(poses: Poses, what: str) -> list[Repetition]:
     if left_bend is None or right_bend is None or lean is None:
         raise MeasureError(f"the motion has no {JOINT[what]}s; its joints are: {', '.join(poses.names)}")
     mean, larger = 0.5 * (left_bend + right_bend), np.maximum(left_bend, right_bend)
-    bend = smoothed(larger if what == LUNGE else mean, poses, SMOOTHING_S)
+    bend = _smoothed(larger if what == LUNGE else mean, poses)
     rising = what == SIT_TO_STAND
     signal = bend.max() - bend if rising else bend
     result = []
-    for turn, left, right in zip(*peaks(signal, LEAST_BEND, open_ends=rising)):
+    for turn, left, right in zip(*_peaks(signal, open_ends=rising)):
         foot = 0.0 if rising else min(signal[left], signal[right])
         low = foot + MOVING * (signal[turn] - foot)
-        before = np.flatnonzero(signal[left:turn] <= low)
-        after = np.flatnonzero(signal[turn : right + 1] <= low)
-        start = left + int(before[-1]) if len(before) else int(left)
-        end = turn + int(after[0]) if len(after) else int(right)
+        start, end = _ends(signal > low, turn, int(left), int(right))
         if rising:
-            if not len(before):
+            if signal[start] > low:
                 continue  # stands already when the frames begin
-            upright = np.flatnonzero(signal[start : turn + 1] >= (1 - MOVING) * signal[turn])
-            end = start + int(upright[0])
+            end = start + int(np.argmax(signal[start : turn + 1] >= (1 - MOVING) * signal[turn]))
         front = _front(poses, int(turn)) if what == LUNGE else ""
         if what == PUSH_UP and lean[turn] < LYING or what == LUNGE and not front:
             continue
-        part = slice(start, end + 1)
         deepest = float(bend[left : turn + 1].max()) if rising else float(bend[turn])
         times = [float(poses.seconds[frame]) for frame in (start, turn, end)]
-        doubtful = float(poses.likely_wrong[part].mean())
+        doubtful = float(poses.likely_wrong[start : end + 1].mean())
         result.append(Repetition(times[0], times[1], times[2], deepest, float(lean[turn]), front, doubtful))
     return result
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lassokin_ros.measure.gait_events import Walk, walk_of
+from lassokin_ros.measure.gait_events import SHORTEST_STRIDE_S, Walk, walk_of
 from lassokin_ros.measure.poses import SIDES, MeasureError, Poses
 from lassokin_ros.replay.exports.named_angles import angles_of
 
-SHORTEST_STRIDE_S, LONGEST_STRIDE_S, LONGEST_STEP_S = 0.4, 2.5, 1.25
+LONGEST_STRIDE_S, LONGEST_STEP_S = 2.5, 1.25
 LONGEST_STRIDE, LONGEST_STEP = 1.6, 0.8
 """Longest stride and step, as shares of the median stride: a longer one hides an event that was missed."""
 ABOUT_S = 0.1
@@ -126,7 +126,7 @@ class _Found:
 
 def measure_gait(*passes: Poses) -> Gait:
     """Return the measures, with the steps of all passes together. Raises MeasureError if no stride is found."""
-    parts = [(one, [(piece, walk_of(piece)) for piece in one.pieces(one.known)]) for one in passes]
+    parts = [(one, [(piece, walk_of(piece)) for piece in one.pieces()]) for one in passes]
     return gait_of([(one, piece, walk) for one, pieces in parts for piece, walk in pieces if walk is not None], passes)
 
 

@@ -17,8 +17,7 @@ from lassokin_ros.core.errors import LassokinError
 
 NEEDED = (
     *("stamp_ns", "person", "people", "joint_names", "joint_positions", "joint_observed", "level", "likely_wrong"),
-    "joint_contacts",
-    "start_ns",
+    *("joint_contacts", "start_ns"),
 )
 SIDES, LEG = ("left", "right"), ("hip", "knee", "ankle")
 UNSMOOTHED: Mapping[str, float] = {"smoothing": 0.02, "smoothing_lag": 0.0}
@@ -40,9 +39,9 @@ class Poses:
     """A motion. seconds: (f,), since the begin of the video or recording. names: of n joints.
 
     positions: (f, n, 3) m in a level frame: x right, y down, z forward. likely_wrong: (f,) bool, the frames that the
-    report marks. smoothing: s, see `Motion`. observed: (f, n) bool, joints that keypoints show; None = all. contacts:
+    report marks. smoothing: s, see `Scene`. observed: (f, n) bool, joints that keypoints show; None = all. contacts:
     (f, n) bool, ankles of feet that stand still on the floor; None = unknown. cameras: their number. lens, height:
-    where they come from, see `Motion`; empty = unknown.
+    where they come from, see `Scene`; empty = unknown.
     """
 
     seconds: np.ndarray
@@ -55,11 +54,6 @@ class Poses:
     cameras: int = 1
     lens: str = ""
     height: str = ""
-
-    @property
-    def known(self) -> np.ndarray:
-        """(f,) bool: all frames."""
-        return np.ones(len(self.seconds), dtype=bool)
 
     def place(self, joint: str) -> np.ndarray:
         """Return (f, 3) m. Raises MeasureError for a joint that the skeleton lacks."""
@@ -79,17 +73,18 @@ class Poses:
         after = np.append(times, self.seconds[-1])[np.searchsorted(times, self.seconds, side="left")]
         return np.asarray(after - before <= HIDDEN_S)
 
-    def pieces(self, known: np.ndarray) -> list[Poses]:
-        """Return the parts without a gap in which all frames are known. known: (f,) bool."""
-        per_frame = {name: getattr(self, name) for name in ("seconds", "positions", "likely_wrong", "observed")}
-        given = {name: values for name, values in per_frame.items() if values is not None}
-        return [replace(self, **{name: values[part] for name, values in given.items()}) for part in self.parts(known)]
-
-    def parts(self, known: np.ndarray) -> list[slice]:
-        """Return the frames of each of these parts."""
+    def pieces(self, known: np.ndarray | None = None) -> list[Poses]:
+        """Return the parts without a gap in which all frames are known. known: (f,) bool; None = all."""
+        known = np.ones(len(self.seconds), dtype=bool) if known is None else known
         gap = np.diff(self.seconds) > LONGEST_GAP_S
         ends = np.flatnonzero(np.concatenate([[True], gap | (known[1:] != known[:-1]), [True]]))
-        return [slice(int(a), int(b)) for a, b in zip(ends, ends[1:]) if known[a]]
+        per_frame = {name: getattr(self, name) for name in ("seconds", "positions", "likely_wrong", "observed")}
+        given = {name: values for name, values in per_frame.items() if values is not None}
+        return [
+            replace(self, **{name: values[a:b] for name, values in given.items()})
+            for a, b in zip(ends, ends[1:])
+            if known[a]
+        ]
 
     def unseen(self) -> list[str]:
         """Return lines about what is not measured: legs that no keypoint shows, and gaps between frames."""
@@ -107,21 +102,6 @@ class Poses:
         if joint not in self.names:
             raise MeasureError(f"the motion has no joint '{joint}'; its joints are: {', '.join(self.names)}")
         return self.names.index(joint)
-
-    @property
-    def rate(self) -> float:
-        """Hz, of the median period."""
-        return float(1 / np.median(np.diff(self.seconds)))
-
-
-def smoothed(values: np.ndarray, poses: Poses, seconds: float) -> np.ndarray:
-    """Return values (f, ...), averaged over a window of this length about each frame; shorter at the ends."""
-    half = round(seconds * poses.rate / 2)
-    total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
-    frames = np.arange(len(values))
-    first, last = np.maximum(frames - half, 0), np.minimum(frames + half + 1, len(values))
-    shape = (-1, *[1] * (values.ndim - 1))
-    return np.asarray((total[last] - total[first]) / (last - first).reshape(shape))
 
 
 def read_poses(path: Path, person: str | None) -> Poses:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
-from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.answers import Answer
 from lassokin_ros.pipeline.camera_images import UNREADABLE_WORDS
@@ -15,7 +13,6 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics, WarningLog
 from lassokin_ros.pipeline.outputs.outputs import Outputs
-from lassokin_ros.pipeline.outputs.saved_files import save_all
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.replay.bags import register_types
@@ -52,8 +49,8 @@ class Playback:
         """Keypoint messages with a skeleton; with several cameras, instants with one."""
         self.reprojection_px: list[float] = []
         """Reprojection error of each accepted frame, px."""
-        self.first_rejection: tuple[str, str] | None = None
-        """Key and sentence of the reason of the first rejection, also of a camera_info."""
+        self.first_rejection = ""
+        """'unknown_id: ...', the first rejection, also of a camera_info."""
         self.initialisations = self._reinitialised = 0
         self._seen: set[str] = set()
         self.newest_ns = 0
@@ -64,50 +61,38 @@ class Playback:
         """The number of re-initialisations of tracked people, plus one if the recording ends in the lost state."""
         return self._reinitialised + (self.session.status is Status.LOST)
 
-    def save_skeleton(self, path: Path, files: AtomicFiles) -> list[Path]:
-        """Write the calibrated skeletons as part of `files`, see `skeleton_file.save_all`."""
-        return save_all(self.session.calibrations(), path, self.newest_ns, files)
-
     def camera_info(self, message: Any, time_ns: int, camera: str = "") -> None:
         """Process a CameraInfo, or Intrinsics. time_ns: recording time, ns. camera: its name."""
         self._tick(time_ns)
         if self.messages is not None:
             self.messages.diagnostics.count_camera_info(time_ns * 1e-9)
-        reason = self.session.set_camera(message, camera)
-        if reason is not None and self.first_rejection is None:
-            self.first_rejection = reason, self.session.inputs.camera_fault or UNREADABLE_WORDS
+        if (reason := self.session.set_camera(message, camera)) is not None:
+            self._note_rejection(reason, self.session.inputs.camera_fault or UNREADABLE_WORDS)
 
     def keypoints(self, message: Any, time_ns: int, camera: str = "") -> None:
         """Process a keypoint message, or Keypoints; see `camera_info`."""
         self._tick(time_ns)
-        started = time.perf_counter()
-        self._take(self.session.push(message, time_ns, camera), started)
+        self._take(self.session.push, message, time_ns, camera)
 
     def depth_image(self, message: Any, time_ns: int, camera: str = "") -> None:
         """Process a depth image; see `camera_info`."""
         self._tick(time_ns)
-        started = time.perf_counter()
-        self._take(self.session.push_depth(message, time_ns, camera), started)
+        self._take(self.session.push_depth, message, time_ns, camera)
 
-    def transforms(self, message: Any, time_ns: int) -> None:
-        """Process a message of /tf; see `camera_info`."""
+    def transforms(self, message: Any, time_ns: int, static: bool = False) -> None:
+        """Process a message of /tf, or of /tf_static; see `camera_info`."""
         self._tick(time_ns)
-        self.session.push_transforms(message)
-
-    def static_transforms(self, message: Any, time_ns: int) -> None:
-        """Process a message of /tf_static; see `camera_info`."""
-        self._tick(time_ns)
-        self.session.push_transforms(message, static=True)
+        self.session.push_transforms(message, static=static)
 
     def begin_take(self) -> None:
         """Note that the next image is of another shot, see `Session.begin_take`."""
-        self._take(self.session.begin_take(), time.perf_counter())
+        self._take(self.session.begin_take)
 
     def finish(self) -> None:
         """Process what still waits at the end of the recording."""
         if self.messages is not None:
             self.messages.finish(self.newest_ns)
-        self._take(self.session.finish(), time.perf_counter())
+        self._take(self.session.finish)
 
     def _tick(self, time_ns: int) -> None:
         """Process images that have waited in vain, and write what is due at a time."""
@@ -115,30 +100,29 @@ class Playback:
         if self.messages is not None:
             self.messages.check(time_ns)
         if (due_ns := self.session.due_at_ns) is not None and due_ns <= time_ns:
-            started = time.perf_counter()
-            self._take(self.session.due(time_ns), started)
+            self._take(self.session.due, time_ns)
         if self.messages is not None:
             self.messages.publish_diagnostics(time_ns)
 
-    def _take(self, answers: Sequence[Answer], started: float) -> None:
-        """Tell the listeners, and write the messages. started: s, of `perf_counter`, before the answers were made."""
-        if not answers:
+    def _take(self, answer: Callable[..., Sequence[Answer]], *given: Any) -> None:
+        """Let the session answer, tell the listeners, and write the messages."""
+        started = time.perf_counter()
+        if not (answers := answer(*given)):
             return
         self.frame_seconds.append(time.perf_counter() - started)
-        for answer in answers:
-            seconds = self.frame_seconds[-1] if answer is answers[-1] else float("nan")
-            self._count(answer)
+        for one in answers:
+            self._count(one)
             for listener in self.listeners:
-                listener(answer.frames, answer.arrival_ns, seconds)
+                listener(one.frames, one.arrival_ns, self.frame_seconds[-1] if one is answers[-1] else float("nan"))
             if self.messages is not None:
-                self.messages.publish(answer, self.newest_ns)
+                self.messages.publish(one, self.newest_ns)
 
     def _count(self, answer: Answer) -> None:
         accepted = answer.accepted
         self.messages_tracked += bool(accepted)
-        if self.first_rejection is None:
-            rejected = ((f.rejection, f.detail) for f in answer.frames if f.rejection is not None)
-            self.first_rejection = next(rejected, None)
+        for frame in answer.frames:
+            if frame.rejection is not None:
+                self._note_rejection(frame.rejection, frame.detail)
         for frame in accepted:
             assert frame.estimate is not None
             self.reprojection_px.append(frame.estimate.reprojection_px)
@@ -146,22 +130,41 @@ class Playback:
             self._reinitialised += frame.estimate.initialised and frame.person in self._seen
             self._seen.add(frame.person)
 
+    def _note_rejection(self, key: str, words: str) -> None:
+        self.first_rejection = self.first_rejection or ": ".join(filter(None, (key, words)))
+
 
 class NodeMessages:
-    """The messages that the node publishes, written with the recording time, so that they are repeatable."""
+    """The messages that the node publishes, written with the recording time, so that they are repeatable; a `Sink`."""
 
     def __init__(self, session: Session, types: Any, write: Write) -> None:
         """types: the typestore of rosbags."""
         packages = [full_type_name(session.config.people_type).partition("/")[0], *["hri_msgs"] * session.config.rep155]
         register_types(types, {name: DEFINITIONS[name] for name in DEFINITIONS if name.partition("/")[0] in packages})
         backend = RosbagsBackend(types)
-        self._session, self._sink = session, _BagSink(write)
-        self._outputs = Outputs(session, self._sink, backend, NODE_NAME)
-        self._status, self._write = DiagnosticArrayBuilder(backend), write
+        self._session, self._write = session, write
+        self._outputs, self._status = Outputs(session, self, backend, NODE_NAME), DiagnosticArrayBuilder(backend)
         self.warnings = WarningLog()
         """The warnings of /diagnostics."""
         self._diagnostics: Diagnostics | None = None
-        self._next_ns = 0
+        self._next_ns = self._time_ns = 0
+
+    def open(self, topic: topics.OutputTopic, name: str, lasting: bool) -> tuple[str, str, bool] | None:
+        """Return full name, type and whether it is latched, of a topic that is recorded; see `Sink`."""
+        full = topics.full_name(name, NODE_NAME)
+        return None if topic.name in NOT_RECORDED else (full, topic.message_type, topics.is_latched(full))
+
+    def close(self, out: Any) -> None:
+        """Nothing: a recording has no end of a topic."""
+
+    def wanted(self, out: Any) -> bool:
+        """All topics are recorded."""
+        return True
+
+    def write(self, out: tuple[str, str, bool], message: Any) -> None:
+        """Write a message with the present recording time."""
+        name, kind, latched = out
+        self._write(name, kind, self._time_ns, message, latched)
 
     @property
     def diagnostics(self) -> Diagnostics:
@@ -171,7 +174,7 @@ class NodeMessages:
 
     def check(self, time_ns: int) -> None:
         """Write the state if it has changed; at the first time, begin."""
-        self._sink.time_ns = time_ns
+        self._time_ns = time_ns
         if self._diagnostics is None:
             self._diagnostics = Diagnostics(self._session, NODE_NAME, time_ns * 1e-9)
             self._next_ns = time_ns + DIAGNOSTICS_PERIOD_NS
@@ -181,7 +184,7 @@ class NodeMessages:
 
     def publish(self, answer: Answer, time_ns: int) -> None:
         """Write the messages of an answer."""
-        self._sink.time_ns = time_ns
+        self._time_ns = time_ns
         frames = list(answer.frames)
         self.diagnostics.count_message(frames, time_ns, time_ns * 1e-9, float("nan"))  # durations are not repeatable
         self._outputs.publish(answer, time_ns)
@@ -204,28 +207,3 @@ class NodeMessages:
         if self._diagnostics is not None and self._next_ns - time_ns < LAST_PERIOD_NS:
             self._diagnostics.line(time_ns * 1e-9)
             self.warnings.add(self._diagnostics.concerns)
-
-
-class _BagSink:
-    """A `Sink` that writes to a recording. The handle of a topic is its full name, type, and whether it is latched."""
-
-    def __init__(self, write: Write) -> None:
-        self._write = write
-        self.time_ns = 0
-        """Recording time of what is written now, ns."""
-
-    def open(self, topic: topics.OutputTopic, name: str, lasting: bool) -> tuple[str, str, bool] | None:
-        if topic.name in NOT_RECORDED:
-            return None
-        full = topics.full_name(name, NODE_NAME)
-        return full, topic.message_type, topics.is_latched(full)
-
-    def close(self, out: Any) -> None:
-        """Nothing: a recording has no end of a topic."""
-
-    def wanted(self, out: Any) -> bool:
-        return True
-
-    def write(self, out: tuple[str, str, bool], message: Any) -> None:
-        name, kind, latched = out
-        self._write(name, kind, self.time_ns, message, latched)

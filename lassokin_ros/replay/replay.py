@@ -8,13 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
-from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.recording import WHOLE_FILE
@@ -22,13 +21,13 @@ from lassokin_ros.pipeline.depth.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.figures import averaged_sides, height_in_words
 from lassokin_ros.pipeline.outputs.outputs import LINK_AS_FRAME
-from lassokin_ros.pipeline.outputs.saved_files import check_skeleton_file
+from lassokin_ros.pipeline.outputs.saved_files import check_skeleton_file, save_all
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.bag_writer import BagWriter
 from lassokin_ros.replay.bags import BagReader, RecordedTopic
-from lassokin_ros.replay.camera_source import RecordedCamera, messages_of, recorded_cameras
+from lassokin_ros.replay.camera_source import messages_of, recorded_cameras
 from lassokin_ros.replay.exports.exports import Exports, is_inside_name
 from lassokin_ros.replay.frames import FrameTable
 from lassokin_ros.replay.motion import motions, scene_of
@@ -38,13 +37,7 @@ from lassokin_ros.replay.playback import PATIENCE_S, NodeMessages, Playback
 from lassokin_ros.replay.record import KEY, Figures, Record, origin_of
 from lassokin_ros.replay.recording_files import recording_name
 from lassokin_ros.replay.report.images import RecordedImages, recorded_images
-
-if TYPE_CHECKING:
-    from lassokin_ros.replay.report.report import Report
-
-
-Inputs = dict[str, Callable[[Any, int], None]]
-"""By the topic's name, what processes its messages."""
+from lassokin_ros.replay.report.report import Report
 
 
 @dataclass(frozen=True)
@@ -80,29 +73,30 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
 
         known = learn(make, source.play, tracker_config) if options.two_pass else None
         session = make(tracker_config) if known is None else known.session(make)
-        table = FrameTable(session)
-        report = _report(options, session, table, None if known is None else known.first.tracker.given_skeleton)
-        exports = _exports(options, session)
+        table, report = FrameTable(session), None
+        if options.report is not None:
+            given = None if known is None else known.first.tracker.given_skeleton
+            report = Report(options.report, session, table, options.force, given)
+        exports = Exports(options.export, session.tracker.skeleton, node_config.several_people, options.force)
         images = recorded_images(bag, options, report, {one.name: one.keypoints for one in source.cameras})
         output, storage = options.output, options.storage or bag.storage
         # All or nothing: every file is complete on the disk before the recording and the files get their names.
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
                 tracker = Playback(session, NodeMessages(session, bag.types, writer.write))
-                tracker.listeners += [] if report is None and exports is None else [table.add]
+                tracker.listeners += [table.add] if report is not None or options.export else []
                 seconds = source.play(tracker, "messages", images)
                 figures = _figures(tracker)
                 writer.note(KEY, Record(origin_of(options), figures).text)
-                written = _files(options, tracker, exports, table, writer, files)
+                written = _files(options, tracker, exports, table, writer.folder, files)
                 if report is not None:
                     report.write(files, options.bag.resolve().name, source.names, warnings=tracker.warnings.found)
                 files.check()
             files.placed.append(output)
-    written.update({f"images {n}" if n else "images": str(shown) for n, shown in enumerate(images)})
-    heights = session.heights().items()
-    words = {person: height_in_words(height) for person, height in heights} if known is None else known.heights
+    written |= {f"images {n}" if n else "images": str(shown) for n, shown in enumerate(images)}
+    heights = {person: height_in_words(height) for person, height in session.heights().items()}
     title = [f"{options.bag} -> {output} ({storage})", *source.lines]
-    lines = _summary(tracker, seconds, words, report is None) | written  # a report has the warnings, too
+    lines = _summary(tracker, seconds, heights if known is None else known.heights, report is None) | written
     summary = [*title, *(f"{name:<15} {text}" for name, text in lines.items())]
     summary += [] if report is None else report.summary_lines
     frame_ms = 1e3 * float(np.median(tracker.frame_seconds or [np.nan]))
@@ -118,7 +112,13 @@ class _Source:
         """Raises BagError, CameraError."""
         self._bag, self._progress_on = bag, progress_on
         self.cameras = recorded_cameras(bag, options, config)
-        self._others = _other_topics(bag, config)
+        self._depth: dict[str, RecordedTopic] = {}  # topics of depth images, by camera
+        for camera in self.cameras if config.depth else ():
+            topic = config.depth_topic(camera.name)
+            found = bag.find(topics.depth_type(topic), topic, topics.DEPTH_IMAGE, "-p depth:=")
+            self._depth[camera.name] = found
+        transforms = (topics.TF, topics.TF_STATIC) if config.fixed_frame or config.several_cameras else ()
+        self._others = [*self._depth.values(), *(topic for topic in bag.topics if topic.name in transforms)]
 
     @property
     def names(self) -> tuple[str, str]:
@@ -134,8 +134,8 @@ class _Source:
 
     def play(self, tracker: Playback, title: str, images: Sequence[RecordedImages] = ()) -> float:
         """Process every message, and return the elapsed time in s. title: of the progress bar."""
-        inputs = _inputs(tracker, self.cameras, self._others) | {shown.topic.name: shown.take for shown in images}
-        read = [topic for one in self.cameras for topic in one.topics] + self._others
+        inputs = self._inputs(tracker) | {shown.topic.name: shown.take for shown in images}
+        read = [*(topic for one in self.cameras for topic in one.topics), *self._others]
         read += [shown.topic for shown in images]
         progress = Progress(sum(topic.count for topic in read), title, self._progress_on)
         started = time.monotonic()
@@ -148,6 +148,17 @@ class _Source:
             progress.close()
         return time.monotonic() - started
 
+    def _inputs(self, tracker: Playback) -> dict[str, Callable[[Any, int], None]]:
+        """Return what processes the messages of each topic."""
+        inputs: dict[str, Callable[[Any, int], None]] = {topics.TF: tracker.transforms}
+        inputs[topics.TF_STATIC] = partial(tracker.transforms, static=True)
+        for camera in self.cameras:
+            if camera.name in self._depth:
+                inputs[self._depth[camera.name].name] = partial(tracker.depth_image, camera=camera.name)
+            inputs[camera.source] = partial(tracker.camera_info, camera=camera.name)
+            inputs[camera.keypoints.name] = partial(tracker.keypoints, camera=camera.name)
+        return inputs
+
 
 def _check_learning(options: argparse.Namespace, tracker: TrackerConfig, node: NodeSettings) -> None:
     """Raise a LassokinError if --save-skeleton or --two-pass cannot be done with these settings."""
@@ -159,70 +170,25 @@ def _check_learning(options: argparse.Namespace, tracker: TrackerConfig, node: N
         raise ConfigurationError("--two-pass needs calibration; add -p calibrate:=true")
 
 
-def _other_topics(bag: BagReader, config: NodeSettings) -> list[RecordedTopic]:
-    """Return the topics of depth images and of TF, if the settings need them."""
-    found = []
-    if config.depth:
-        for name in config.camera_names:
-            topic = config.depth_topic(name)
-            found.append(bag.find(topics.depth_type(topic), topic, topics.DEPTH_IMAGE, "-p depth:="))
-    if config.fixed_frame or config.several_cameras:
-        found += [topic for topic in bag.topics if topic.name in (topics.TF, topics.TF_STATIC)]
-    return found
-
-
-def _inputs(tracker: Playback, cameras: Sequence[RecordedCamera], others: Sequence[RecordedTopic]) -> Inputs:
-    """Return what processes the messages of each topic."""
-    by_name: dict[str, Any] = {topics.TF: tracker.transforms, topics.TF_STATIC: tracker.static_transforms}
-    inputs = {topic.name: by_name.get(topic.name, tracker.depth_image) for topic in others}
-    config = tracker.session.config
-    for camera in cameras:
-        if config.depth:
-            depth = next(n for n in inputs if n.strip("/") == config.depth_topic(camera.name).strip("/"))
-            inputs[depth] = partial(tracker.depth_image, camera=camera.name)
-        inputs[camera.source] = partial(tracker.camera_info, camera=camera.name)
-        inputs[camera.keypoints.name] = partial(tracker.keypoints, camera=camera.name)
-    return inputs
-
-
 def _files(
     options: argparse.Namespace,
     tracker: Playback,
-    exports: Exports | None,
+    exports: Exports,
     table: FrameTable,
-    writer: BagWriter,
+    folder: Path,
     files: AtomicFiles,
 ) -> dict[str, str]:
-    """Write the skeletons and the exports; return their lines of the summary."""
-    lines = {}
+    """Write the skeletons and the exports; return their lines of the summary. folder: of the output, as yet."""
+    lines, session = {}, tracker.session
     if options.save_skeleton is not None:
-        lines["skeleton"] = ", ".join(map(str, tracker.save_skeleton(options.save_skeleton, files)))
-    if exports is not None:
-        found = motions(table, scene_of(tracker.session, tracker.session.placement.level))
-        paths = exports.write(found, writer.folder, files)
-        names = [str(options.output / path.name if path.parent == writer.folder else path) for path in paths]
+        saved = save_all(session.calibrations(), options.save_skeleton, tracker.newest_ns, files)
+        lines["skeleton"] = ", ".join(map(str, saved))
+    if options.export:
+        paths = exports.write(motions(table, scene_of(session, session.placement.level)), folder, files)
+        names = [str(options.output / path.name if path.parent == folder else path) for path in paths]
         lines["exported"] = ", ".join(names) or "nothing: nobody was tracked"
         lines |= exports.remarks if names else {}
     return lines
-
-
-def _report(options: argparse.Namespace, session: Session, table: FrameTable, given: Skeleton | None) -> Report | None:
-    """Return the report, None without --report. Raises a LassokinError for an unusable path.
-
-    given: the skeleton before the first of two passes, if there are two.
-    """
-    if options.report is None:
-        return None
-    from lassokin_ros.replay.report.report import Report
-
-    return Report(options.report, session, table, options.force, given)
-
-
-def _exports(options: argparse.Namespace, session: Session) -> Exports | None:
-    """Return the exports, None without --export. Raises a LassokinError for an unusable path."""
-    if not options.export:
-        return None
-    return Exports(options.export, session.tracker.skeleton, session.config.several_people, options.force)
 
 
 def _figures(tracker: Playback) -> Figures:
@@ -234,14 +200,8 @@ def _figures(tracker: Playback) -> Figures:
 def _warning(figures: Figures, tracker: Playback) -> str:
     if tracker.session.results.answered or not figures.frames_in:
         return ""
-    first = _first_rejection(tracker)
     found = f"none of {figures.frames_in} keypoint messages gave a skeleton"
-    return f"{found}; first rejection: {first}" if first else found
-
-
-def _first_rejection(tracker: Playback) -> str:
-    """Return 'unknown_id: ...', empty without a rejection."""
-    return ": ".join(filter(None, tracker.first_rejection or ()))
+    return f"{found}; first rejection: {tracker.first_rejection}" if tracker.first_rejection else found
 
 
 def _summary(tracker: Playback, seconds: float, heights: Mapping[str, str], with_warnings: bool) -> dict[str, str]:
@@ -252,7 +212,7 @@ def _summary(tracker: Playback, seconds: float, heights: Mapping[str, str], with
     lines = {
         "frames": f"{counts['received']} in, {tracker.messages_tracked} out",
         "rejected": ", ".join(f"{reason} {count}" for reason, count in rejected.items()) or "none",
-        "rejected first": _first_rejection(tracker),
+        "rejected first": tracker.first_rejection,
         "initialised": "once" if tracker.initialisations == 1 else f"{tracker.initialisations} times",
         "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
         "time per frame": f"{np.median(times):.2f} ms median, {np.percentile(times, 99):.2f} ms 99th percentile",

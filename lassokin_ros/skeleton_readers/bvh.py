@@ -43,71 +43,51 @@ def parse_hierarchy(text: str, source: str) -> RestTree:
     words = iter(head.split())
     if next(words, "") != "HIERARCHY" or not separator:
         raise SkeletonError(f"{source} is no BVH file; expected HIERARCHY at its beginning and MOTION behind that")
-    tree = _Hierarchy(source)
+    names, parents, offsets, axes = list[str](), list[int](), list[list[float]](), list[str]()
+    opened: list[int] = []  # joints of the open blocks, the innermost last; -1 for an end site
     try:
         for word in words:
-            tree.read_keyword(word, words)
-    except SkeletonError:
-        raise
-    except (StopIteration, IndexError, ValueError):
-        near = tree.names[-1] if tree.names else "0"
-        raise SkeletonError(f"{source}: its HIERARCHY is broken near joint {near}") from None
-    return tree.rest()
+            if word in ("ROOT", "JOINT"):
+                name = _name(words)
+                if len(names) == MOST_JOINTS:
+                    raise SkeletonError(f"{source} has more than {MOST_JOINTS} joints")
+                parents.append(opened[-1] if opened else -1)
+                opened.append(len(names))
+                names.append(name)
+                offsets.append([0.0, 0.0, 0.0])
+                axes.append("xzy")
+            elif word == "End":
+                _name(words)
+                opened.append(-1)
+            elif word == "}":
+                opened.pop()
+            elif word == "OFFSET":
+                numbers = [float(next(words)) for _ in range(3)]
+                if opened[-1] >= 0:
+                    offsets[opened[-1]] = numbers
+            elif word == "CHANNELS":
+                channels = [next(words) for _ in range(int(next(words)))]
+                axes[opened[-1]] = _order(channels, axes[opened[-1]])
+            else:
+                raise SkeletonError(f"{source}: '{word[:40]}' in HIERARCHY; expected JOINT, End Site, OFFSET, CHANNELS")
+    except (StopIteration, IndexError, ValueError) as error:
+        if isinstance(error, SkeletonError):
+            raise
+        raise SkeletonError(f"{source}: its HIERARCHY is broken near joint {names[-1] if names else '0'}") from None
+    if opened or parents.count(-1) != 1:
+        raise SkeletonError(f"{source}: its HIERARCHY is broken; expected one ROOT, and as many }} as {{")
+    return RestTree(tuple(names), tuple(parents), _positions(offsets, parents, source), tuple(axes))
 
 
-class _Hierarchy:
-    """The joints read so far: name, parent (-1: none), offset from it, and order of rotations of each."""
-
-    def __init__(self, source: str) -> None:
-        """source: the file, for error messages."""
-        self.names: list[str] = []
-        self._source = source
-        self._parents: list[int] = []
-        self._offsets: list[list[float]] = []
-        self._axes: list[str] = []
-        self._open: list[int] = []  # joints of the open blocks, the innermost last; -1 for an end site
-
-    def read_keyword(self, word: str, words: Iterator[str]) -> None:
-        """Read one keyword with its values. Raises StopIteration, IndexError or ValueError for a broken file."""
-        if word in ("ROOT", "JOINT"):
-            self._begin_joint(_name(words))
-        elif word == "End":
-            _name(words)
-            self._open.append(-1)
-        elif word == "}":
-            self._open.pop()
-        elif word == "OFFSET":
-            numbers = [float(next(words)) for _ in range(3)]
-            if self._open[-1] >= 0:
-                self._offsets[self._open[-1]] = numbers
-        elif word == "CHANNELS":
-            channels = [next(words) for _ in range(int(next(words)))]
-            self._axes[self._open[-1]] = _order(channels, self._axes[self._open[-1]])
-        else:
-            raise SkeletonError(
-                f"{self._source}: '{word[:40]}' in HIERARCHY; expected JOINT, End Site, OFFSET, CHANNELS"
-            )
-
-    def _begin_joint(self, name: str) -> None:
-        if len(self.names) == MOST_JOINTS:
-            raise SkeletonError(f"{self._source} has more than {MOST_JOINTS} joints")
-        self.names.append(name)
-        self._parents.append(self._open[-1] if self._open else -1)
-        self._open.append(len(self.names) - 1)
-        self._offsets.append([0.0, 0.0, 0.0])
-        self._axes.append("xzy")
-
-    def rest(self) -> RestTree:
-        """Return the complete tree. Raises SkeletonError."""
-        if self._open or not self.names or self._parents.count(-1) != 1:
-            raise SkeletonError(f"{self._source}: its HIERARCHY is broken; expected one ROOT, and as many }} as {{")
-        positions = np.array(self._offsets)
-        positions[0] = 0.0  # the position of a root at rest is no bone
-        if not (np.abs(positions) < LARGEST_OFFSET).all():  # NaN too
-            raise SkeletonError(f"{self._source}: an OFFSET is not finite, or larger than {LARGEST_OFFSET:g}")
-        for joint in range(1, len(self.names)):
-            positions[joint] += positions[self._parents[joint]]
-        return RestTree(tuple(self.names), tuple(self._parents), positions, tuple(self._axes))
+def _positions(offsets: list[list[float]], parents: list[int], source: str) -> np.ndarray:
+    """Return the positions (n, 3) of joints by their offsets from their parents. Raises SkeletonError."""
+    positions = np.array(offsets)
+    positions[0] = 0.0  # the position of a root at rest is no bone
+    if not (np.abs(positions) < LARGEST_OFFSET).all():  # NaN too
+        raise SkeletonError(f"{source}: an OFFSET is not finite, or larger than {LARGEST_OFFSET:g}")
+    for joint in range(1, len(positions)):
+        positions[joint] += positions[parents[joint]]
+    return positions
 
 
 def _name(words: Iterator[str]) -> str:

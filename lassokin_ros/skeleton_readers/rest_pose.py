@@ -80,14 +80,12 @@ def in_our_pose(tree: RestTree, source: str) -> RestTree:
 
 
 def _place(tree: RestTree, joint: str) -> np.ndarray:
-    place: np.ndarray = tree.positions[tree.names.index(joint)]
-    return place
+    return np.asarray(tree.positions[tree.names.index(joint)])
 
 
 def _middle(tree: RestTree, joint: str) -> np.ndarray:
     left, right = (_place(tree, f"{side}_{joint}") for side in SIDES)
-    middle: np.ndarray = 0.5 * (left + right)
-    return middle
+    return np.asarray(0.5 * (left + right))
 
 
 def _body_axes(tree: RestTree, source: str) -> np.ndarray:
@@ -112,31 +110,23 @@ def _nearest_axis(direction: np.ndarray) -> np.ndarray:
 
 
 def _straight_limbs(tree: RestTree) -> RestTree:
-    """Rotate arms and legs at shoulder, elbow, hip and knee into the T-pose of the built-in skeleton, with lengths
-    kept.
-    """
+    """Rotate arms and legs at shoulder, elbow, hip and knee into the built-in skeleton's T-pose; lengths are kept."""
     ours = Skeleton.load(OURS, 1.0)
     positions = tree.positions.copy()
     for limb in LIMBS:
         for near, far in zip(limb, limb[1:]):
             start, end = tree.names.index(near), tree.names.index(far)
             bone, wanted = positions[end] - positions[start], ours.offsets[ours.index(far)]
-            if np.linalg.norm(bone) < 1e-6 or _angle(bone, wanted) <= STRAIGHT_ENOUGH:
+            angle = np.arctan2(np.linalg.norm(np.cross(bone, wanted)), bone @ wanted)
+            if np.linalg.norm(bone) < 1e-6 or angle <= STRAIGHT_ENOUGH:
                 continue
+            below = {start}
+            for joint in range(start + 1, len(tree.names)):  # parents precede their children
+                below |= {joint} if tree.parents[joint] in below else set()
+            moved = sorted(below - {start})
             turn = least_turn(bone, wanted)
-            below = [joint for joint in range(start + 1, len(tree.names)) if _is_below(tree, joint, start)]
-            positions[below] = positions[start] + (positions[below] - positions[start]) @ turn.T
+            positions[moved] = positions[start] + (positions[moved] - positions[start]) @ turn.T
     return replace(tree, positions=positions)
-
-
-def _angle(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
-
-
-def _is_below(tree: RestTree, joint: int, top: int) -> bool:
-    while joint > top:  # parents precede their children
-        joint = tree.parents[joint]
-    return joint == top
 
 
 def in_metres(tree: RestTree, height: float, source: str) -> RestTree:

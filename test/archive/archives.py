@@ -11,6 +11,8 @@ from pathlib import Path
 
 from recordings import write_recording
 
+from lassokin_ros.cli.replay import main
+
 ROOT = Path(__file__).resolve().parents[2]
 LONG = 300
 """Number of frames that take a second: enough time to find and kill the process."""
@@ -98,3 +100,10 @@ def outcomes(table):
     lines = table.strip().splitlines()
     start = lines[0].index("result")
     return {line.split()[0]: line[start:] for line in lines[1:-1]}
+
+
+def replayed(capsys, *arguments):
+    """Exit code and table of the command, in this process."""
+    code = main(list(map(str, arguments)))
+    said = capsys.readouterr()
+    return code, said.out

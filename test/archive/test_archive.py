@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import signal
 import sys
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
-from archives import holder, killed_writers, outcomes, start_replay, write_archive  # noqa: E402
+from archives import outcomes, replayed, write_archive  # noqa: E402
 from recordings import contents, write_recording  # noqa: E402
 
 from lassokin_ros.archive.archive import tasks_of  # noqa: E402
@@ -23,11 +22,10 @@ from lassokin_ros.cli.replay import (
 from lassokin_ros.pipeline.parameter_files import offline_settings  # noqa: E402
 from lassokin_ros.replay.record import origin_of, record_of  # noqa: E402
 
-needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="finds processes in /proc, which is Linux'")
 BAGS = {"day1/walk": 30, "day1/wave": 20, "squat.v2": 25}
 
 
-pytestmark = pytest.mark.usefixtures("forked_workers")  # those of `start_replay` are spawned
+pytestmark = pytest.mark.usefixtures("tasks_here")
 
 
 @pytest.fixture(scope="module")
@@ -45,18 +43,8 @@ def one_by_one(archive, tmp_path_factory):
     return folder
 
 
-def replayed(capsys, *arguments):
-    code = main(list(map(str, arguments)))
-    said = capsys.readouterr()
-    return code, said.out
-
-
-def hidden(folder):
-    return [entry.name for entry in folder.rglob(".*")]
-
-
 def test_an_archive_gives_the_bytes_of_single_replays(archive, one_by_one, tmp_path, capsys):
-    code, said = replayed(capsys, archive, "--output", tmp_path / "new" / "out", "--jobs", 2)
+    code, said = replayed(capsys, archive, "--output", tmp_path / "new" / "out")
     assert code == 2
     results = outcomes(said)
     assert {name: results.pop(name) for name in BAGS} == dict.fromkeys(BAGS, "tracked")
@@ -257,59 +245,6 @@ def test_errors_that_concern_all_recordings_are_reported_first(tmp_path, monkeyp
     said = capsys.readouterr()
     assert said.out == "" and said.err.count("\n") == 1 and expected in said.err
     assert sorted(os.listdir()) == ["x", "y"] and os.listdir("x") == ["a"]
-
-
-@pytest.fixture(scope="module")
-def long_archive(tmp_path_factory):
-    return write_archive(tmp_path_factory.mktemp("long") / "bags", long=1)
-
-
-@needs_proc
-def test_a_recording_whose_process_is_killed_is_repeated(long_archive, tmp_path, capsys):
-    output = tmp_path / "out"
-    with killed_writers(output / "z_long0_tracked", 1) as killed:
-        code, said = replayed(capsys, long_archive, "--output", output, "--jobs", 2)
-    assert code == 2 and len(killed) == 1
-    results = outcomes(said)
-    assert results.pop("torn").startswith("failed: ") and set(results.values()) == {"tracked"}
-    assert hidden(output) == []
-    assert main([str(long_archive / "z_long0"), "--output", str(tmp_path / "alone")]) == 0
-    assert contents(output / "z_long0_tracked") == contents(tmp_path / "alone")
-
-
-@needs_proc
-def test_a_recording_that_kills_every_process_is_skipped(long_archive, tmp_path, capsys):
-    output = tmp_path / "out"
-    recordings = (long_archive / "z_long0", long_archive / "day1" / "wave")
-    with killed_writers(output / "z_long0_tracked", 3):
-        code, said = replayed(capsys, *recordings, "--output", output, "--jobs", 1)
-    assert code == 2 and outcomes(said) == {"z_long0": "failed: its process died 3 times", "wave": "tracked"}
-    assert os.listdir(output) == ["wave_tracked"]
-
-
-@needs_proc
-def test_processes_end_when_the_command_is_killed(long_archive, tmp_path):
-    running = start_replay(long_archive / "z_long0", long_archive / "squat.v2", "--output", tmp_path, "--jobs", 1)
-    worker = holder(running, tmp_path / "z_long0_tracked")
-    running.kill()
-    running.communicate(timeout=120)  # reads until the last process with the other end of the pipes has ended
-    assert not Path(f"/proc/{worker}/fd").is_dir() or not list(Path(f"/proc/{worker}/fd").iterdir())
-
-
-@needs_proc
-@pytest.mark.parametrize("number, send", [(signal.SIGTERM, os.kill), (signal.SIGINT, os.killpg)])
-def test_an_interrupted_archive_leaves_complete_outputs_and_can_continue(long_archive, tmp_path, capsys, number, send):
-    """SIGTERM for the command alone; SIGINT for all its processes, as from Ctrl-C in a terminal."""
-    running = start_replay(long_archive / "day1", long_archive / "z_long0", "--output", tmp_path, "--jobs", 1)
-    holder(running, tmp_path / "z_long0_tracked")
-    send(running.pid, number)
-    said, complained = running.communicate(timeout=120)
-    assert running.returncode == 130 and said == ""
-    done = "2 of 3 recordings are done; run the same command again to continue"
-    assert complained == f"lassokin replay: interrupted; {done}\n"
-    assert sorted(os.listdir(tmp_path)) == ["walk_tracked", "wave_tracked"]
-    code, said = replayed(capsys, long_archive / "day1", "--output", tmp_path)
-    assert code == 0 and outcomes(said) == {"walk": "done before", "wave": "done before"}
 
 
 def test_a_cluster_without_dask_names_the_extra_of_the_repository(monkeypatch):

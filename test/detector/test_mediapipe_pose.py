@@ -19,8 +19,6 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.detector import mediapipe_pose
 from lassokin_ros.detector.backend import Detected, DetectorError, make_detector
 from lassokin_ros.detector.mediapipe_pose import HAND_POINTS, MODEL, NETWORKS, REACH, hand_regions
-from lassokin_ros.video.command import parser
-from lassokin_ros.video.run_settings import settings_of
 from lassokin_ros.video.sources import open_source
 
 ROOT = Path(__file__).parents[2]
@@ -216,19 +214,7 @@ def test_a_model_that_fails_is_one_error(hands, monkeypatch):
         hands.detect(np.ones(SHAPE, np.uint8), 0.0)
 
 
-def test_track_takes_the_skeleton_of_the_detectors_layout(tmp_path):
-    """Unless a parameter names another one."""
-    mine = tmp_path / "mine.yaml"
-    mine.write_text("tracker:\n  ros__parameters:\n    skeleton: left_hand\n")
-    camera = SimpleNamespace(name="", source=SimpleNamespace(live=False))
-    cases = {
-        (): ("mediapipe", "mediapipe33", "anthropometric"),
-        ("--hands",): ("mediapipe_hands", "mediapipe75", "body_hands"),
-        ("--detector", "whole.onnx"): ("whole.onnx", "coco133", "body_hands"),
-        ("--hands", "--params-file", str(mine)): ("mediapipe_hands", "mediapipe75", "left_hand"),
-    }
-    for words, (name, layout, skeleton) in cases.items():
-        options = parser().parse_args(["walk.mp4", "--height", "1.7", *words])
-        assert options.detector == name
-        config, _ = settings_of(options, [camera], layout, several=False)
-        assert (config.landmarks, config.skeleton) == (layout, skeleton)
+def test_a_release_that_looks_up_a_host_is_refused(monkeypatch):
+    monkeypatch.setattr("importlib.metadata.version", lambda _: "0.10.35")
+    with pytest.raises(DetectorError, match="0.10.35 looks up a host when it runs, and images should not leave the"):
+        make_detector("mediapipe")

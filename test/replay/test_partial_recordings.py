@@ -259,12 +259,6 @@ def test_good_data_is_read_despite_wrong_metadata(recording, tmp_path, case):
     assert frames_read(folder) == FRAMES
 
 
-def test_a_recording_without_storage_identifier_is_tracked(recording, tmp_path, capsys):
-    folder = copy_of(recording, tmp_path)
-    edit(folder, WRONG["no storage identifier"])
-    assert tracked(folder, tmp_path, capsys) == FRAMES
-
-
 def without_definitions(folder):
     with sqlite3.connect(folder / "recording.db3") as connection:
         connection.execute("DELETE FROM message_definitions")
@@ -315,8 +309,7 @@ def test_an_unknown_type_without_definition_is_refused_with_advice(storage, advi
             list(bag.messages(bag.topics))
 
 
-@pytest.mark.parametrize("message_type", [HRI, YOLO, ZED])
-@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("message_type, storage", [(HRI, "sqlite3"), (YOLO, "mcap"), (ZED, "sqlite3")])
 def test_detectors_messages_need_no_definition_in_the_recording(message_type, storage, tmp_path, capsys, monkeypatch):
     info = ("/camera_info", "sensor_msgs/msg/CameraInfo", stamp_of(0), webcam_info(stamp_of(0)))
     _, (pixels, _) = people(LAYOUTS[message_type])

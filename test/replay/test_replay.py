@@ -2,11 +2,9 @@
 
 import os
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -30,14 +28,14 @@ from recordings import (  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.config import TYPICAL_HEIGHT  # noqa: E402
-from lassokin_ros.pipeline.outputs.urdf import joint_names  # noqa: E402
 from lassokin_ros.replay.bag_writer import BagWriter  # noqa: E402
 from lassokin_ros.replay.bags import BagError, BagReader, typestore  # noqa: E402
+from lassokin_ros.replay.exports.exports import is_inside_name  # noqa: E402
 from msg_adapters.backends import RosbagsBackend  # noqa: E402
 from msg_adapters.inputs import point_cloud  # noqa: E402
 
-ROOT = Path(__file__).resolve().parents[2]
 FRAMES, FEW = 60, 6
+CLOUD, INFO = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +67,7 @@ def test_each_frame_has_one_message_of_every_output_with_its_stamp(recording, re
     assert counts.pop("/diagnostics") == ("diagnostic_msgs/msg/DiagnosticArray", FRAMES // int(RATE) - 1)
     assert counts.pop("/tracker/state") == ("std_msgs/msg/String", 2)
     assert [message.data for _, message in read(replayed, "/tracker/state")] == ["lost", "tracking"]
-    cloud = "sensor_msgs/msg/PointCloud2"
-    topics = {**FRAME_TOPICS, "/tracker/people": cloud, "/tracker/skeletons": cloud}
+    topics = {**FRAME_TOPICS, "/tracker/people": CLOUD, "/tracker/skeletons": CLOUD}
     assert counts == {name: (kind, FRAMES) for name, kind in topics.items()}
     inputs = [(time_ns, stamp(message.header)) for time_ns, message in read(recording, "/keypoints")]
     for topic in topics:
@@ -80,75 +77,27 @@ def test_each_frame_has_one_message_of_every_output_with_its_stamp(recording, re
         assert {h.frame_id for h in headers} == {"camera_optical_frame"}
 
 
-def test_outputs_are_consistent(replayed):
-    """joint_states through the published URDF gives the published joints."""
-    pin = pytest.importorskip("pinocchio", reason="pinocchio (pip install pin) is a test-only dependency")
-    (_, description), *_ = read(replayed, "/tracker/robot_description")
-    model = pin.buildModelFromXML(description.data)
-    data = model.createData()
-    assert ElementTree.fromstring(description.data).find("link").get("name") == "camera_optical_frame"
-    names = ["tracker/" + joint.removesuffix("_x") for joint in joint_names_of(replayed) if joint.endswith("_x")][1:]
-    assert len(names) == 24
-    streams = (read(replayed, topic) for topic in ("/tracker/joint_states", "/tracker/joints", "/tracker/translation"))
-    for (_, state), (_, joints), (_, translation) in zip(*streams):
-        q = np.zeros(model.nq)
-        for name, value in zip(state.name, state.position):
-            q[model.joints[model.getJointId(name)].idx_q] = value
-        pin.framesForwardKinematics(model, data, q)
-        assert translation.point.x == state.position[0] and translation.point.z == joints.poses[0].position.z
-        for name, pose in zip(names, joints.poses):
-            placement = data.oMf[model.getFrameId(name, pin.FrameType.BODY)]
-            position = np.array([pose.position.x, pose.position.y, pose.position.z])
-            quaternion = pin.Quaternion(*(getattr(pose.orientation, k) for k in "wxyz"))
-            assert np.abs(placement.translation - position).max() < 1e-7
-            assert np.linalg.norm(pin.log3(placement.rotation.T @ quaternion.matrix())) < 1e-7
-
-
-def joint_names_of(replayed):
-    return read(replayed, "/tracker/joint_states")[0][1].name
-
-
-def test_joint_states_are_complete_and_continuous(replayed):
-    from lassokin_ros.core.body.skeleton import Skeleton
-
-    states = [message for _, message in read(replayed, "/tracker/joint_states")]
-    assert states[0].name == joint_names(Skeleton.load("anthropometric", 1.75)) and len(states[0].name) == 75
-    positions = np.array([s.position for s in states])
-    velocities = np.array([s.velocity for s in states])
-    assert np.abs(np.diff(positions, axis=0)).max() < 1.0
-    assert not velocities[0].any()
-    stamps = np.array([stamp(s.header) for s in states])
-    assert np.allclose(velocities[1:], np.diff(positions, axis=0) / (np.diff(stamps) * 1e-9)[:, None], rtol=1e-9)
-
-
 def test_the_same_recording_gives_the_same_bytes(few, tmp_path):
-    """In another process, too."""
-    code = (
-        "import sys; from lassokin_ros.cli.replay import main\n"
-        "sys.exit(max(main([sys.argv[1], '-o', f'{sys.argv[2]}/{s}', '--storage', s]) for s in ('mcap', 'sqlite3')))"
-    )
-    (tmp_path / "there").mkdir()
-    command = [sys.executable, "-c", code, str(few), str(tmp_path / "there")]
-    subprocess.run(command, check=True, capture_output=True, cwd=ROOT)
+    """In another process, too; and both storages have the same messages."""
+    command = [
+        sys.executable,
+        "-m",
+        "lassokin_ros.cli.replay",
+        str(few),
+        "--storage",
+        "mcap",
+        "-o",
+        str(tmp_path / "there"),
+    ]
+    assert Forked(command).wait(timeout=120) == 0
     for storage, file in (("mcap", "recording.mcap"), ("sqlite3", "recording.db3")):
         assert main([str(few), "--output", str(tmp_path / storage), "--storage", storage]) == 0
-        first, second = contents(tmp_path / "there" / storage), contents(tmp_path / storage)
-        assert set(first) == {"metadata.yaml", file} and first == second
-
-
-def test_sqlite_and_mcap_contain_the_same_messages(recording, replayed, tmp_path):
-    other = tmp_path / "other"
-    assert main([str(recording), "-o", str(other), "--storage", "sqlite3", "-p", "calibrate:=false"]) == 0
+        assert set(contents(tmp_path / storage)) == {"metadata.yaml", file}
+    assert contents(tmp_path / "there") == contents(tmp_path / "mcap")
     types = typestore()
     for topic, kind in FRAME_TOPICS.items():
-        a, b = ([types.serialize_cdr(m, kind) for _, m in read(path, topic)] for path in (replayed, other))
-        assert a == b
-
-
-def test_a_single_file_is_a_recording(recording, tmp_path):
-    file = next(recording.glob("*.mcap"))
-    assert main([str(file), "-o", str(tmp_path / "out")]) == 0
-    assert len(read(tmp_path / "out", "/tracker/joints")) == FRAMES
+        a, b = ([types.serialize_cdr(m, kind) for _, m in read(tmp_path / name, topic)] for name in ("mcap", "sqlite3"))
+        assert a == b and len(a) == FEW
 
 
 def test_metadata_has_the_format_of_rosbag2(replayed):
@@ -189,15 +138,17 @@ def test_a_recording_without_an_accepted_frame_is_reported_on_stderr(recording, 
     )
 
 
+def clouds(frames, topic="/keypoints"):
+    """Messages of the synthetic motion in a frame without camera_info."""
+    backend = RosbagsBackend(typestore())
+    for stamp_ns, *seen in zip(*synthetic_pixels(frames)):
+        yield topic, CLOUD, int(stamp_ns), point_cloud(backend, int(stamp_ns), "camera", *seen)
+
+
 def test_the_summary_states_why_camera_info_was_rejected(tmp_path, capsys):
-    stamps, pixels, confidence = synthetic_pixels(3)
-    backend, info = RosbagsBackend(typestore()), webcam_info()
+    info = webcam_info()
     info.k = np.zeros(9)
-    messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, info)]
-    for row in zip(stamps.tolist(), pixels, confidence):
-        cloud = point_cloud(backend, row[0], "camera", *row[1:])
-        messages.append(("/keypoints", "sensor_msgs/msg/PointCloud2", row[0], cloud))
-    recording = write_messages(tmp_path / "uncalibrated", messages)
+    recording = write_messages(tmp_path / "uncalibrated", [("/camera_info", INFO, START_NS - 1, info), *clouds(3)])
     assert main([str(recording), "-o", str(tmp_path / "out")]) == 0
     said = capsys.readouterr()
     assert "\nrejected first  camera_uncalibrated: " in said.out
@@ -205,16 +156,11 @@ def test_the_summary_states_why_camera_info_was_rejected(tmp_path, capsys):
 
 
 def test_unreadable_messages_are_counted(tmp_path, capsys):
-    stamps, pixels, confidence = synthetic_pixels(10)
-    types = typestore()
-    backend = RosbagsBackend(types)
-    kind = "sensor_msgs/msg/PointCloud2"
-    messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, webcam_info())]
-    messages += [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, b"\x00\x01\x00\x00\x07")]
-    for i, stamp_ns in enumerate(stamps.tolist()):
-        cloud = point_cloud(backend, stamp_ns, "camera", pixels[i], confidence[i])
+    types, messages = typestore(), [("/camera_info", INFO, START_NS - 1, webcam_info())]
+    messages += [("/camera_info", INFO, START_NS - 1, b"\x00\x01\x00\x00\x07")]
+    for i, (topic, kind, stamp_ns, cloud) in enumerate(clouds(10)):
         data = bytes(types.serialize_cdr(cloud, kind))
-        messages.append(("/keypoints", kind, stamp_ns, data[: len(data) // 2] if i % 3 == 2 else data))
+        messages.append((topic, kind, stamp_ns, data[: len(data) // 2] if i % 3 == 2 else data))
     recording = write_messages(tmp_path / "torn", messages)
     assert main([str(recording), "-o", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
@@ -223,135 +169,84 @@ def test_unreadable_messages_are_counted(tmp_path, capsys):
 
 def test_unstamped_keypoints_get_the_time_of_recording(tmp_path):
     stamps, pixels, confidence = synthetic_pixels(10)
-    backend = RosbagsBackend(typestore())
-    messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, webcam_info(frame_id="lens"))]
+    backend, kind = RosbagsBackend(typestore()), "std_msgs/msg/Float32MultiArray"
+    messages = [("/camera_info", INFO, START_NS - 1, webcam_info(frame_id="lens"))]
     for i, stamp_ns in enumerate(stamps.tolist()):
-        message = backend.make("std_msgs/msg/Float32MultiArray")
+        message = backend.make(kind)
         message.data = np.column_stack([pixels[i], confidence[i]]).astype(np.float32).ravel()
-        messages.append(("/keypoints", "std_msgs/msg/Float32MultiArray", stamp_ns, message))
+        messages.append(("/keypoints", kind, stamp_ns, message))
     recording = write_messages(tmp_path / "plain", messages)
-    options = ["-p", "keypoints_type:=std_msgs/Float32MultiArray"]
-    assert main([str(recording), "-o", str(tmp_path / "out"), *options]) == 0
+    assert main([str(recording), "-o", str(tmp_path / "out"), "-p", f"keypoints_type:={kind}"]) == 0
     headers = [message.header for _, message in read(tmp_path / "out", "/tracker/joint_states")]
     assert [stamp(h) for h in headers] == stamps.tolist() and {h.frame_id for h in headers} == {"lens"}
 
 
-def test_parameters_reach_the_tracker(recording, replayed, tmp_path):
-    file = tmp_path / "tall.yaml"
+def test_parameters_reach_the_tracker_and_a_single_file_is_a_recording(few, tmp_path):
+    tall, (data,) = tmp_path / "tall.yaml", few.glob("*.mcap")
     every = "/**:\n  ros__parameters:\n    height: 1.60\n    noise_px: 4\n"
-    file.write_text(every + "tracker:\n  ros__parameters:\n    height: 2\n")
-    for name, options in {
-        "file": ["--params-file", str(file)],
-        "both": ["--params-file", str(file), "-p", "height:=2.0", "-p", "noise_px:=8.0", "-p", "noise_px:=4.0"],
-    }.items():
-        assert main([str(recording), "-o", str(tmp_path / name), *options]) == 0
+    tall.write_text(every + "tracker:\n  ros__parameters:\n    height: 2\n")
+    for name, bag, options in (
+        ("default", data, ["-p", "calibrate:=false"]),
+        ("file", few, ["--params-file", str(tall)]),
+        ("both", few, ["--params-file", str(tall), *("-p height:=2.0 -p noise_px:=8.0 -p noise_px:=4.0".split())]),
+    ):
+        assert main([str(bag), "-o", str(tmp_path / name), *options]) == 0
     assert contents(tmp_path / "file") == contents(tmp_path / "both")
-    default, tall = (read(path, "/tracker/translation")[30][1].point.z for path in (replayed, tmp_path / "file"))
+    default, tall = (read(tmp_path / name, "/tracker/translation")[-1][1].point.z for name in ("default", "file"))
     assert tall / default == pytest.approx(2.0 / TYPICAL_HEIGHT, rel=0.03)
 
 
 def test_topics_of_other_names_are_found_or_named(tmp_path):
-    stamps, pixels, confidence = synthetic_pixels(8)
-    backend = RosbagsBackend(typestore())
-    kind = "sensor_msgs/msg/PointCloud2"
-    messages = [("/cam/info", "sensor_msgs/msg/CameraInfo", START_NS - 1, webcam_info())]
-    for i, stamp_ns in enumerate(stamps.tolist()):
-        cloud = point_cloud(backend, stamp_ns, "camera", pixels[i], confidence[i])
-        messages.append(("/detector/poses", kind, stamp_ns, cloud))
-    recording = write_messages(tmp_path / "one", messages)
-    assert main([str(recording), "-o", str(tmp_path / "a")]) == 0
-    recording = write_messages(tmp_path / "two", [*messages, ("/lidar", kind, stamp_ns, cloud)])
-    assert main([str(recording), "-o", str(tmp_path / "b"), "--keypoints-topic", "detector/poses"]) == 0
-    assert len(read(tmp_path / "a", "/tracker/joints")) == len(read(tmp_path / "b", "/tracker/joints")) == 8
-    usual = [(topic.replace("/detector/poses", "/detector/keypoints"), *rest) for topic, *rest in messages]
-    recording = write_messages(tmp_path / "three", [*usual, ("/lidar", kind, stamp_ns, cloud)])
-    assert main([str(recording), "-o", str(tmp_path / "c")]) == 0
+    info = ("/cam/info", INFO, START_NS - 1, webcam_info())
+    other, usual = list(clouds(8, "/detector/poses")), list(clouds(8, "/detector/keypoints"))
+    lidar = ("/lidar", *other[-1][1:])
+    named = ["--keypoints-topic", "detector/poses"]
+    for name, messages, options in (("a", other, []), ("b", [*other, lidar], named), ("c", [*usual, lidar], [])):
+        recording = write_messages(tmp_path / f"in_{name}", [info, *messages])
+        assert main([str(recording), "-o", str(tmp_path / name), *options]) == 0
+        assert len(read(tmp_path / name, "/tracker/joints")) == 8
 
 
-def test_the_default_output_is_in_the_current_folder_and_is_printed(few, tmp_path, monkeypatch, capsys):
+def test_an_output_is_kept_without_force_and_replaced_with_it(few, tmp_path, monkeypatch, capsys):
+    """By default it is in the current folder. The summary states a height that is to be measured."""
     monkeypatch.chdir(tmp_path)
     assert main([str(few)]) == 0
-    assert os.listdir(tmp_path) == ["walk_tracked"] and "-> walk_tracked (mcap)" in capsys.readouterr().out
-
-
-def test_the_summary_states_a_height_that_is_to_be_measured(few, tmp_path, capsys):
-    assert main([str(few), "-o", str(tmp_path / "out")]) == 0
-    assert "1.70 m, a mean of people: no depth was measured" in capsys.readouterr().out
-    assert main([str(few), "-o", str(tmp_path / "given"), "-p", "height:=1.75"]) == 0
-    assert "a mean of people" not in capsys.readouterr().out
-
-
-def test_an_existing_output_is_kept_without_force(few, tmp_path, capsys):
-    output = tmp_path / "out"
-    assert main([str(few), "-o", str(output), "-p", "height:=1.5"]) == 0
-    before = contents(output)
-    assert main([str(few), "-o", str(output)]) == 2
+    said, before = capsys.readouterr().out, contents(tmp_path)
+    assert os.listdir() == ["walk_tracked"] and "-> walk_tracked (mcap)" in said
+    assert "1.70 m, a mean of people: no depth was measured" in said
+    assert main([str(few)]) == 2
     assert "exists already; choose another output or add --force" in capsys.readouterr().err
-    assert contents(output) == before
-    assert main([str(few), "-o", str(output), "--force", "-p", "calibrate:=false"]) == 0
-    assert contents(output) != before and os.listdir(tmp_path) == ["out"]
-
-
-def test_force_replaces_recordings_only(few, tmp_path, capsys):
-    precious = tmp_path / "thesis"
-    precious.mkdir()
-    (precious / "chapter.tex").write_text("...")
-    assert main([str(few), "-o", str(precious), "--force"]) == 2
-    assert "is not a rosbag2 recording; it is not replaced" in capsys.readouterr().err
-    assert (precious / "chapter.tex").read_text() == "..."
-
-
-def test_force_does_not_replace_a_folder_with_other_files(few, tmp_path, capsys):
-    output = tmp_path / "out"
-    assert main([str(few), "-o", str(output), "--export", ".csv"]) == 0
-    own = contents(output)
-    for name in ("notes.txt", "labels/1.txt", "motion_of_mine.csv", ".hidden", "old.mcap"):
-        (output / name).parent.mkdir(exist_ok=True)
-        (output / name).write_text("mine")
-        before = contents(output)
-        capsys.readouterr()
-        assert main([str(few), "-o", str(output), "--force", "--export", ".csv"]) == 2
-        foreign = name.split("/")[0]
-        assert capsys.readouterr().err == (
-            f"lassokin replay: '{output}' is not replaced: it contains '{foreign}', which is not part of the "
-            "recording; move that away or choose another output\n"
-        )
-        assert contents(output) == before and os.listdir(tmp_path) == ["out"]
-        (output / name).unlink()
-        if name != foreign:
-            (output / foreign).rmdir()
-    assert contents(output) == own
-
-
-def test_files_added_to_an_old_output_are_kept(few, tmp_path):
-    output = tmp_path / "out"
-    assert main([str(few), "-o", str(output)]) == 0
-    expected = "contains 'notes.txt', which is not part"
-    with pytest.raises(BagError, match=expected), BagWriter(output, "mcap", typestore(), True):
-        (output / "notes.txt").write_text("mine")
-    assert (output / "notes.txt").read_text() == "mine" and os.listdir(tmp_path) == ["out"]
-
-
-def test_force_replaces_an_older_output_with_its_exports(few, tmp_path):
-    arguments = [str(few), "-o", str(tmp_path / "out"), "--force", "-p", "max_people:=2"]
-    every = [word for suffix in (".csv", ".npz", ".bvh", ".amass.npz") for word in ("--export", suffix)]
-    assert main([*arguments, *every]) == 0 and (tmp_path / "out" / "motion_p1.amass.npz").is_file()
-    assert main([*arguments, "--storage", "sqlite3"]) == 0
-    assert sorted(os.listdir(tmp_path / "out")) == ["metadata.yaml", "recording.db3"]
-
-
-def test_a_failed_replay_with_force_keeps_the_old_output(few, tmp_path):
-    output = tmp_path / "out"
-    assert main([str(few), "-o", str(output)]) == 0
-    before = contents(output)
-    with pytest.raises(RuntimeError), BagWriter(output, "mcap", typestore(), replace=True) as writer:
+    with pytest.raises(RuntimeError), BagWriter(Path("walk_tracked"), "mcap", typestore(), replace=True) as writer:
         writer.write_raw("/a", "std_msgs/msg/String", 0, b"")
         raise RuntimeError
-    assert contents(output) == before and os.listdir(tmp_path) == ["out"]
+    assert contents(tmp_path) == before  # also after a replacement that failed
+    every = [word for suffix in (".csv", ".npz", ".bvh", ".amass.npz") for word in ("--export", suffix)]
+    assert main([str(few), "--force", "-p", "height:=1.75", "-p", "max_people:=2", *every]) == 0
+    assert "a mean of people" not in capsys.readouterr().out and Path("walk_tracked/motion_p1.amass.npz").is_file()
+    assert main([str(few), "--force", "-p", "max_people:=2", "--storage", "sqlite3"]) == 0
+    assert sorted(os.listdir("walk_tracked")) == ["metadata.yaml", "recording.db3"] and len(os.listdir()) == 1
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_leaves_no_files(tmp_path, number):
+def test_force_does_not_replace_a_folder_with_other_files(few, tmp_path):
+    """Also if they are added while the recording is written."""
+    output, kept = tmp_path / "out", "out' is not replaced: it contains '{}', which is not part of the recording; move"
+    assert main([str(few), "-o", str(output), "--export", ".csv"]) == 0
+    for name in ("notes.txt", "motion_of_mine.csv", ".hidden", "old.mcap", "labels"):
+        (output / name).write_text("mine") if name != "labels" else (output / name).mkdir()
+        with pytest.raises(BagError, match=kept.format(name)):
+            BagWriter(output, "mcap", typestore(), True, is_inside_name)
+        (output / name).unlink() if name != "labels" else (output / name).rmdir()
+    own = contents(output)
+    with pytest.raises(BagError, match=kept.format("notes.txt")):
+        with BagWriter(output, "mcap", typestore(), True, is_inside_name):
+            (output / "notes.txt").write_text("mine")
+    assert contents(output) == own | {"notes.txt": b"mine"} and os.listdir(tmp_path) == ["out"]
+    (output / "metadata.yaml").unlink()
+    with pytest.raises(BagError, match="is not a rosbag2 recording; it is not replaced"):
+        BagWriter(output, "mcap", typestore(), True)
+
+
+def test_a_signal_leaves_no_files(tmp_path):
     recording = write_recording(tmp_path / "long", 900)
     command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(recording), "--output", str(tmp_path / "out")]
     process = Forked(command)
@@ -359,32 +254,23 @@ def test_a_signal_leaves_no_files(tmp_path, number):
     while not list(tmp_path.glob(".out.*.part/recording")):
         assert time.monotonic() < deadline and process.poll() is None
         time.sleep(0.01)
-    process.send_signal(number)
+    process.send_signal(signal.SIGTERM)
     said = process.communicate(timeout=120)[1]
     assert process.returncode == 130 and said == "lassokin replay: interrupted; nothing was written\n"
     assert os.listdir(tmp_path) == ["long"]
 
 
-def read_terminal(leader):
-    """The next characters on a terminal, empty after the last process has closed it."""
-    try:
-        return os.read(leader, 1000).decode()
-    except OSError:
-        return ""
-
-
-def test_progress_is_shown_on_a_terminal(few, tmp_path):
+def test_progress_is_shown_on_a_terminal(few, tmp_path, monkeypatch):
     import pty
 
     leader, follower = pty.openpty()
-    command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(few), "--output"]
-    process = subprocess.Popen([*command, str(tmp_path / "a")], cwd=ROOT, stdout=subprocess.PIPE, stderr=follower)
-    os.close(follower)
-    shown = "".join(iter(lambda: read_terminal(leader), ""))  # meanwhile: a terminal holds 4 kB
+    with os.fdopen(follower, "w") as terminal, monkeypatch.context() as shown:
+        shown.setattr(sys, "stderr", terminal)
+        assert main([str(few), "--output", str(tmp_path / "a")]) == 0
+        terminal.flush()
+        said = os.read(leader, 4000).decode()
     os.close(leader)
-    process.communicate()
-    assert process.returncode == 0
-    assert "messages" in shown and f"{2 * FEW}/{2 * FEW}" in shown and shown.endswith("\r\x1b[K")
+    assert "messages" in said and f"{2 * FEW}/{2 * FEW}" in said and said.endswith("\r\x1b[K")
 
 
 def test_the_summary_says_what_a_skeleton_lacks(few, tmp_path, capsys):

@@ -1,4 +1,4 @@
-"""The node on real DDS and `replay` give the same joints; and real detector output, played into the node."""
+"""The node on real DDS and `replay` give the same joints."""
 
 import numpy as np
 import pytest
@@ -75,6 +75,3 @@ def test_a_node_that_cannot_start_is_reported():
     with pytest.raises(LassokinError, match="the node has exited: tracker: skeleton 'nobody' is neither built in"):
         with LiveNode({"skeleton": "nobody"}, "/broken") as live:
             live._spin_while(lambda: True, "an answer")
-
-
-# Real detector output ------------------------------------------------------------------------------------------------

@@ -8,21 +8,13 @@ import pytest
 
 pytest.importorskip("cv2")
 
-from test_track import Standing, images  # noqa: E402, F401
-
 from lassokin_ros.core.body.rotations import exponential  # noqa: E402
 from lassokin_ros.pipeline.outputs.frame_messages import principal_axes  # noqa: E402
-from lassokin_ros.video import track as track_module  # noqa: E402
 from lassokin_ros.video.command import WINDOW, main, parser  # noqa: E402
 from lassokin_ros.video.rerun_scene import RerunScene, ViewError, turns_of_z  # noqa: E402
 
 
-@pytest.fixture
-def standing(monkeypatch):
-    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
-
-
-def test_a_recording_contains_image_skeleton_uncertainty_and_angles(images, standing, tmp_path, capsys):  # noqa: F811
+def test_a_recording_contains_image_skeleton_uncertainty_and_angles(images, tmp_path, capsys):
     pytest.importorskip("rerun", reason="--view needs rerun-sdk")
     file = tmp_path / "walk.rrd"
     assert main([str(images), "--height", "1.8", "--view", str(file)]) == 0
@@ -39,7 +31,7 @@ def test_a_recording_contains_image_skeleton_uncertainty_and_angles(images, stan
         assert entities[path] == 6, entities
 
 
-def test_a_missing_rerun_is_named_with_its_installation(images, standing, tmp_path, monkeypatch, capsys):  # noqa: F811
+def test_a_missing_rerun_is_named_with_its_installation(images, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "rerun", None)
     assert main([str(images), "--view", str(tmp_path / "walk.rrd")]) == 2
     assert (

@@ -100,12 +100,13 @@ def write_calibration(path, names, unit=1):
 
 
 def test_two_videos_give_one_motion_in_the_frame_of_the_calibration(short, capsys, tmp_path, monkeypatch):
-    """They are tracked backward, too."""
+    """They are tracked backward, too; page and video show the images of both with the skeleton."""
     given, use = [], Session.use_backward
-    monkeypatch.setattr(Session, "use_backward", lambda self, frames: (given.append(frames), use(self, frames)))
-    command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--export", "walk.npz"]
+    monkeypatch.setattr(Session, "use_backward", lambda *both: (given.append(both[1]), use(*both)))
+    files = ["--export", "walk.npz", "--report", "walk.html", "--video", "out.mp4"]
     (tmp_path / "robot.yaml").write_text(ROBOT, encoding="utf-8")
-    assert main([*command, "--params-file", "robot.yaml", "-p", "fixed_frame:=world"]) == 0
+    robot = ["--params-file", "robot.yaml", "-p", "fixed_frame:=world"]
+    assert main(["left", "right", "--cameras", "calib.toml", "--height", "1.75", *robot, *files]) == 0
     said, (frames,) = capsys.readouterr().out, given
     assert list(frames) == [None] and len(frames[None]) == SHORT
     assert "left (left), right (right)" in said and f"{2 * SHORT} in, " in said
@@ -116,6 +117,20 @@ def test_two_videos_give_one_motion_in_the_frame_of_the_calibration(short, capsy
     frames = np.round((stamps - stamps[0]) * 30e-9).astype(int) + SHORT - len(stamps)
     assert len(stamps) > SHORT - 4 and f"{2 * SHORT} in, {len(stamps)} instants tracked" in said
     assert np.median(np.linalg.norm(places - TRUTH.positions[frames], axis=-1)) < 0.02
+    page = Path("walk.html").read_text(encoding="utf-8")
+    images = json.loads(re.search(r'<script type="application/json" id="images">(.*?)</script>', page).group(1))
+    assert min(len(images["time"]), *(len(other["time"]) for other in images["others"])) > SHORT - 4
+    shown = [image.rgb for image in open_source("out.mp4").images]
+    assert len(shown) == SHORT
+    height = min(HEIGHT_OF_SEVERAL, HEIGHT)
+    width = round(WIDTH * height / HEIGHT)
+    assert abs(shown[0].shape[1] - (2 * width + height)) <= 2
+    for number, camera in enumerate(EYES):
+        points = pixels(camera, 0, TRUTH.landmarks[30], np.random.default_rng(0), 0.0) * height / HEIGHT
+        half = shown[30][:height, number * width : (number + 1) * width]
+        drawn = np.argwhere(half.max(axis=2) > 80)[:, ::-1]  # the images are black
+        apart = np.linalg.norm(points[:, None] - drawn[None], axis=-1).min(axis=1)
+        assert np.median(apart) < 3 and 300 < len(drawn) < 0.1 * half.shape[0] * half.shape[1]
 
 
 def test_without_a_calibration_the_places_are_found_and_written(rig, capsys, tmp_path):
@@ -172,7 +187,8 @@ def test_of_several_people_the_largest_in_each_video_is_tracked_all_the_time(sho
 
     monkeypatch.setattr(Knowing, "detect", both)
     monkeypatch.setattr(Knowing, "several", True)
-    assert main(["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--export", "walk.npz"]) == 0
+    command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--causal"]
+    assert main([*command, "--export", "walk.npz"]) == 0
     assert "2 people in the images of right, the first, largest one is tracked: 0.0 to" in capsys.readouterr().out
     with np.load("walk.npz") as motion:
         frames, pelvis = np.round(motion["stamp_ns"] * 30e-9).astype(int), motion["joint_positions"][:, 0]
@@ -272,30 +288,6 @@ def test_what_is_assumed_of_several_videos_is_on_the_page(short, monkeypatch):
             main(["left", "right", *lenses])
     (height, lens), nothing = (outputs.remarks for outputs in made)
     assert not nothing and "is taken to be 1.75 m tall" in height and "a field of view of 60 degrees is assumed" in lens
-
-
-def test_saving_the_cameras_of_one_video_is_refused(rig, capsys):
-    assert main(["left", "--save-cameras", "found.toml"]) == 2
-    assert "--save-cameras is for several videos" in capsys.readouterr().err
-
-
-def test_report_and_video_show_the_images_of_both_with_the_skeleton(short):
-    files = ["--report", "walk.html", "--video", "out.mp4"]
-    assert main(["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--causal", *files]) == 0
-    page = Path("walk.html").read_text(encoding="utf-8")
-    images = json.loads(re.search(r'<script type="application/json" id="images">(.*?)</script>', page).group(1))
-    assert min(len(images["time"]), *(len(other["time"]) for other in images["others"])) > SHORT - 4
-    shown = [image.rgb for image in open_source("out.mp4").images]
-    assert len(shown) == SHORT
-    height = min(HEIGHT_OF_SEVERAL, HEIGHT)
-    width = round(WIDTH * height / HEIGHT)
-    assert abs(shown[0].shape[1] - (2 * width + height)) <= 2
-    for number, camera in enumerate(EYES):
-        points = pixels(camera, 0, TRUTH.landmarks[30], np.random.default_rng(0), 0.0) * height / HEIGHT
-        half = shown[30][:height, number * width : (number + 1) * width]
-        drawn = np.argwhere(half.max(axis=2) > 80)[:, ::-1]  # the images are black
-        apart = np.linalg.norm(points[:, None] - drawn[None], axis=-1).min(axis=1)
-        assert np.median(apart) < 3 and 300 < len(drawn) < 0.1 * half.shape[0] * half.shape[1]
 
 
 def test_the_view_shows_the_skeleton_in_the_image_of_each_camera_and_where_the_cameras_are(short, tmp_path):

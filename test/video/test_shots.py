@@ -138,15 +138,15 @@ def test_people_of_several_shots_are_in_the_order_of_their_sizes():
     assert [one.pixels[0, 0] for one in (first.detected[0], first.detected[-1])] == [0, 400]
 
 
-def test_a_still_camera_changes_no_byte_of_the_outputs(tmp_path, monkeypatch):
+def test_a_still_camera_changes_no_byte_of_the_outputs(tmp_path, monkeypatch, use):
     (tmp_path / "images").mkdir()
     body, random = eye("a", 0).pose_at(0).into_camera(truth_at([0.0]).landmarks[0]), np.random.default_rng(0)
     points = body[:, :2] / body[:, 2:] * K[0, 0] + [SIZE[0] / 2, SIZE[1] / 2]
-    found = [Detected(points + 0.5 * random.normal(size=points.shape), np.full(17, 0.9)) for _ in range(12)]
+    found = [[Detected(points + 0.5 * random.normal(size=points.shape), np.full(17, 0.9))] for _ in range(12)]
     for number in range(12):
         cv2.imwrite(str(tmp_path / "images" / f"{number:03}.png"), shown(ROOMS[0]))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(track_module, "make_detector", lambda name: Knowing(found))
+    use(lambda seconds: found[round(30 * seconds)])
     command = ["images", "--height", "1.75", "--fov", "60"]
     own = track_module.Session
     for live in ([], ["--causal"]):
@@ -159,22 +159,7 @@ def test_a_still_camera_changes_no_byte_of_the_outputs(tmp_path, monkeypatch):
         assert all(followed_[name].tobytes() == plain[name].tobytes() for name in plain)
 
 
-class Knowing:
-    """A detector that knows what is in the images, in order."""
-
-    landmarks, several = "coco17", False
-
-    def __init__(self, found):
-        self._found = found
-
-    def detect(self, image, seconds):
-        return [self._found[round(30 * seconds)]]
-
-    def close(self):
-        pass
-
-
-def test_the_command_takes_out_a_pan_and_begins_a_take_at_a_cut(tmp_path, monkeypatch, capsys):
+def test_the_command_takes_out_a_pan_and_begins_a_take_at_a_cut(tmp_path, monkeypatch, use, capsys):
     """Somebody stands; the camera pans to and fro. Then another camera stands beside, with another room behind."""
     count, cut = 60, 36
     angles = np.where(np.arange(count) < cut, 8 * np.sin(np.arange(count) / 6), 0)
@@ -187,11 +172,11 @@ def test_the_command_takes_out_a_pan_and_begins_a_take_at_a_cut(tmp_path, monkey
         later = number >= cut
         seen = views[later] @ yaw(angle).T
         points = seen[:, :2] / seen[:, 2:] * K[0, 0] + [SIZE[0] / 2, SIZE[1] / 2]
-        found.append(Detected(points + 0.5 * random.normal(size=points.shape), np.full(17, 0.9)))
+        found.append([Detected(points + 0.5 * random.normal(size=points.shape), np.full(17, 0.9))])
         image = shown(ROOMS[int(later)], yaw(angle))
         cv2.imwrite(str(tmp_path / "images" / f"{number:03}.png"), image[..., ::-1])
 
-    monkeypatch.setattr(track_module, "make_detector", lambda name: Knowing(found))
+    use(lambda seconds: found[round(30 * seconds)])
     monkeypatch.chdir(tmp_path)
     fov = str(np.degrees(2 * np.arctan(0.5 * SIZE[0] / K[0, 0])))
     assert main(["images", "--height", "1.75", "--fov", fov, "--export", "out.npz"]) == 0

@@ -25,14 +25,29 @@ ONE = 1 << 16
 W = 1 << 30
 
 
-def record(file, image, fps=FPS):
-    """A video of one image (BGR)."""
+def record(file, *images, fps=FPS):
+    """A video of images (BGR); of one image, FRAMES times."""
     fourcc = "MJPG" if file.suffix == ".avi" else "mp4v"
-    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*fourcc), fps, image.shape[1::-1])
-    for _ in range(FRAMES):
+    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*fourcc), fps, images[0].shape[1::-1])
+    for image in images if len(images) > 1 else FRAMES * images:
         writer.write(image)
     writer.release()
     return file
+
+
+def record_with_pyav(file, first=0, ratio=1):
+    """A video by PyAV that begins with the time of image `first` at 25 Hz. ratio: width of a pixel by its height."""
+    av = pytest.importorskip("av", reason="PyAV writes such a file")
+    with av.open(str(file), "w") as container:
+        stream = container.add_stream("mjpeg", rate=25)
+        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuvj420p"
+        stream.codec_context.sample_aspect_ratio = Fraction(ratio)
+        for number in range(FRAMES):
+            frame = av.VideoFrame.from_ndarray(corner(), format="bgr24")
+            frame.pts, frame.time_base = first + number, Fraction(1, 25)
+            container.mux(stream.encode(frame.reformat(format="yuvj420p")))
+        container.mux(stream.encode())
+    return open_source(str(file))
 
 
 def corner(size=SIZE):
@@ -104,7 +119,7 @@ def test_times_with_a_variable_frame_rate_are_those_of_the_container(tmp_path):
 
 @pytest.mark.parametrize("fps", [25.0, 60.0, 1000 / 33])
 def test_a_constant_frame_rate_gives_even_times(fps, tmp_path):
-    source = open_source(str(record(tmp_path / "even.avi", corner(), fps)))
+    source = open_source(str(record(tmp_path / "even.avi", corner(), fps=fps)))
     assert np.allclose([image.seconds for image in source.images], np.arange(FRAMES) / fps, atol=2e-3)
     assert np.isclose(source.fps, fps, rtol=1e-3) and source.count == FRAMES and not source.live
 
@@ -112,19 +127,10 @@ def test_a_constant_frame_rate_gives_even_times(fps, tmp_path):
 @pytest.mark.skipif(not hasattr(cv2, "CAP_PROP_PTS"), reason="this OpenCV does not tell when the images begin")
 def test_a_file_whose_images_begin_late_counts_from_the_first_image(tmp_path):
     """As if its sound began 2 s before the images."""
-    av = pytest.importorskip("av", reason="PyAV writes a file with given times")
-    with av.open(str(tmp_path / "late.mkv"), "w") as file:
-        stream = file.add_stream("mjpeg", rate=30)
-        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuvj420p"
-        for number in range(FRAMES):
-            frame = av.VideoFrame.from_ndarray(np.zeros((SIZE[1], SIZE[0], 3), np.uint8), format="rgb24")
-            frame.pts, frame.time_base = 60 + number, Fraction(1, 30)
-            file.mux(stream.encode(frame.reformat(format="yuvj420p")))
-        file.mux(stream.encode())
-    source = open_source(str(tmp_path / "late.mkv"))
+    source = record_with_pyav(tmp_path / "late.mkv", first=50)
     seconds = [image.seconds for image in source.images]
     assert source.begin == pytest.approx(2.0, abs=0.04) and seconds[0] == 0 and len(seconds) == FRAMES
-    assert source.seconds == pytest.approx(source.begin + FRAMES / 30, abs=0.1)
+    assert source.seconds == pytest.approx(source.begin + FRAMES / 25, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -144,7 +150,7 @@ def test_times_that_no_camera_has_are_replaced_by_a_rate(file, fps, slow_motion,
     if file == "raw.mjpeg":  # images one after the other, without a container
         path.write_bytes(FRAMES * cv2.imencode(".jpg", corner())[1].tobytes())
     else:
-        record(path, np.tile(corner(), (4, 4, 1)), 600.0 if file == "fast.avi" else FPS)
+        record(path, np.tile(corner(), (4, 4, 1)), fps=600.0 if file == "fast.avi" else FPS)
     source = open_source(str(path), fps, slow_motion)
     times = [image.seconds for image in source.images]
     assert np.allclose(times, np.arange(FRAMES) / rate, atol=1e-3) and source.fps == pytest.approx(rate)
@@ -165,32 +171,22 @@ def test_ticks_are_not_the_rate_of_images(tmp_path):
     assert sources._rate_and_count(cv2, Ticks())[0] == 30.0
 
 
-@pytest.mark.parametrize("ratio, size", [((4, 3), (213, 96)), ((8, 9), (160, 108)), ((1, 50), (160, 96))])
+@pytest.mark.parametrize(
+    "ratio, size", [(Fraction(4, 3), (213, 96)), (Fraction(8, 9), (160, 108)), (Fraction(1, 50), (160, 96))]
+)
 def test_pixels_that_are_not_square_are_made_so(ratio, size, tmp_path):
-    av = pytest.importorskip("av", reason="PyAV writes a file with such pixels")
-    with av.open(str(tmp_path / "hdv.mkv"), "w") as file:
-        stream = file.add_stream("mjpeg", rate=25)
-        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuvj420p"
-        stream.codec_context.sample_aspect_ratio = Fraction(*ratio)
-        for _ in range(3):
-            frame = av.VideoFrame.from_ndarray(corner(), format="bgr24").reformat(format="yuvj420p")
-            file.mux(stream.encode(frame))
-        file.mux(stream.encode())
-    source = open_source(str(tmp_path / "hdv.mkv"))
+    source = record_with_pyav(tmp_path / "hdv.mkv", ratio=ratio)
     assert source.size == size and {image.rgb.shape for image in source.images} == {(size[1], size[0], 3)}
 
 
-def test_hidden_files_of_a_folder_are_no_images(tmp_path):
-    """macOS writes `._walk.png` beside walk.png on other file systems."""
-    cv2.imwrite(str(tmp_path / "walk.png"), corner())
-    (tmp_path / "._walk.png").write_bytes(b"\0\5\26\7")
-    assert open_source(str(tmp_path)).count == 1
-
-
-@pytest.mark.parametrize("factor", [0.0, -2.0, float("nan"), 1e6])
-def test_an_impossible_slow_motion_is_refused(factor, tmp_path):
-    with pytest.raises(SourceError, match="--slow-motion .*; expected a factor"):
-        open_source(str(tmp_path), None, factor)
+@pytest.mark.parametrize(
+    "options, said",
+    [((None, factor), "--slow-motion .*; expected a factor") for factor in (0.0, -2.0, float("nan"), 1e6)]
+    + [((fps,), "expected a rate above 0 and up to 1000 Hz") for fps in (-5.0, 0.0, float("nan"), float("inf"), 1e6)],
+)
+def test_an_impossible_rate_is_refused(options, said, tmp_path):
+    with pytest.raises(SourceError, match=said):
+        open_source(str(tmp_path), *options)
 
 
 def test_a_camera_has_its_own_times(tmp_path, monkeypatch):
@@ -208,13 +204,6 @@ def test_a_fisheye_has_its_field_of_view_between_the_sides():
     lens = Lens(camera.K, camera.D, camera.model)
     right = lens.normalise(np.array([[400.0 + 400.5, 300.0], [400.0 + 200.25, 300.0]]))
     assert np.allclose(np.degrees(np.arctan(right[:, 0])), [59.0, 29.5], atol=1e-6)
-
-
-@pytest.mark.parametrize("fps", [-5.0, 0.0, float("nan"), float("inf"), 1e6])
-def test_an_impossible_rate_of_a_folder_is_refused(fps, tmp_path):
-    cv2.imwrite(str(tmp_path / "0.png"), corner())
-    with pytest.raises(SourceError, match="expected a rate above 0 and up to 1000 Hz"):
-        open_source(str(tmp_path), fps)
 
 
 def test_a_folder_whose_name_is_a_number_is_no_webcam(tmp_path, monkeypatch):
@@ -242,14 +231,11 @@ def test_names_that_crash_opencv_are_refused(tmp_path):
         open_source("x" * 300 + ".mp4")
 
 
-def test_a_portrait_video_has_its_field_of_view_along_its_height(tmp_path):
+def test_the_field_of_view_is_along_the_longer_side_without_black_bars(tmp_path):
     source = open_source(str(record(tmp_path / "portrait.mp4", corner((96, 160)))))
     assert source.size == source.content == (96, 160)
     K = from_fov(90.0, source.size, source.content).K
     assert np.allclose([K[0, 0], K[0, 2], K[1, 2]], [80, 47.5, 79.5])
-
-
-def test_black_bars_do_not_count_for_the_field_of_view(tmp_path):
     image = np.random.default_rng(0).integers(0, 255, (96, 160, 3), dtype=np.uint8)
     image[:, :53] = image[:, -53:] = 0
     source = open_source(str(record(tmp_path / "bars.mp4", image)))
@@ -276,10 +262,7 @@ def test_bars_are_what_is_black_in_the_whole_file(tmp_path, folder, case, expect
         for number, image in enumerate(images):
             cv2.imwrite(str(path / f"{number}.png"), image)
     else:
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), FPS, (160, 96))
-        for image in images:
-            writer.write(image)
-        writer.release()
+        record(path, *images)
     source = open_source(str(path))
     assert np.abs(np.subtract(source.content, expected)).max() <= 4
     assert [int(image.seconds * FPS + 0.5) for image in source.images][:3] == [0, 1, 2] or folder
@@ -330,6 +313,7 @@ def test_a_disconnected_camera_is_one_line(monkeypatch):
 def test_numbers_in_names_are_in_natural_order(tmp_path):
     for number in range(12):
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((8, 8, 3), 20 * number, np.uint8))
+    (tmp_path / "._1.png").write_bytes(b"\0\5\26\7")  # macOS writes such files on other file systems
     shown = [int(image.rgb[0, 0, 0]) // 20 for image in open_source(str(tmp_path)).images]
     assert shown == list(range(12))
     names = ["b2", "B10", "a", "frame_9_2", "frame_10_1", "09", "9", "10", ""]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -170,8 +169,8 @@ class FrameData:
 
     def held(self, anchors: np.ndarray, stiffness: np.ndarray) -> FrameData:
         """The frame with feet that stand still."""
-        held = copy(self)  # with the cached properties, other than by `replace`
-        held.__dict__.update(anchors=anchors, stiffness=stiffness)
+        held = FrameData.__new__(FrameData)  # with the cached properties, other than by `replace`
+        held.__dict__.update(self.__dict__, anchors=anchors, stiffness=stiffness)
         return held
 
     def with_weights(self, weights: Iterable[np.ndarray]) -> FrameData:

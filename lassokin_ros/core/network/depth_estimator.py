@@ -90,7 +90,7 @@ class DepthEstimator:
         self.use_lengths(kinematics.skeleton, not has_built_in_proportions(kinematics.skeleton))
         self._history, self._roll = History(), ImageRoll(NAMES)
         self._mount: np.ndarray | None = None
-        self._level = np.eye(3)
+        self._level: np.ndarray | None = None
         self.reset()
 
     @staticmethod
@@ -131,7 +131,7 @@ class DepthEstimator:
             self._mount, self._level = mount, _upright_image(mount)
         level, canonical = self._level, points.take(self._index, axis=0)
         self._history.add(stamp, canonical, shown)
-        self._roll.update(stamp, canonical @ level[:2, :2].T, shown)
+        self._roll.update(stamp, canonical if level is None else canonical @ level[:2, :2].T, shown)
         self.places = self.joint_depths = None
         if np.count_nonzero(shown) < LEAST_SEEN:
             return
@@ -139,22 +139,23 @@ class DepthEstimator:
         if self._roll.turned:
             turn = np.eye(3)
             turn[:2, :2] = self._roll.turn
-            level, up = turn @ level, None
-        past = past @ level[:2, :2].T
-        vertical = np.zeros(3) if up is None else level @ up
+            level, up = turn if level is None else turn @ level, None
+        if level is not None:
+            past, up = past @ level[:2, :2].T, up if up is None else level @ up
+        vertical = np.zeros(3) if up is None else up
         scene = Scene(past, known, vertical, np.array(up is not None), self._lengths, self._lengths_known)
         places, depths, whitening, rotation = self._network.estimate(scene, self._kinematics.skeleton.height)
-        rotation = rotation @ level
+        rotation = rotation if level is None else rotation @ level
         self.places, self.joint_depths = places @ rotation, JointDepths(rotation[2], depths, whitening)
 
 
-def _upright_image(up: np.ndarray) -> np.ndarray:
+def _upright_image(up: np.ndarray) -> np.ndarray | None:
     """(3, 3) rotation about the optical axis after which the vertical (3,) points up in the image, to -y.
 
-    The identity if the camera looks straight up or down.
+    None if it does so already, or if the camera looks straight up or down.
     """
     size = float(np.hypot(up[0], up[1]))
-    if size < 0.1:
-        return np.eye(3)
+    if size < 0.1 or (up[0] == 0 and up[1] < 0):
+        return None
     s, c = up[0] / size, -up[1] / size
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -12,13 +12,17 @@ def motion_of(skeleton, stamps_ns, rotations, places, person="", **more):
     """
     count, joints = rotations.shape[:2]
     seen, nothing, zeros = np.ones((count, joints), dtype=bool), np.zeros(count), np.zeros((count, joints, 3))
+    figures = ("reprojection_px", "relative_duality_gap", "support_size")
     frames = {
+        **dict.fromkeys(figures, nothing),
+        "landmark_positions": zeros[:, :0],
+        "detected_px": zeros[:, :0, :2],
+        "initialised": nothing > 0,
         "stamp_ns": np.asarray(stamps_ns, dtype=np.int64),
         "joint_positions": np.tile(places[:, None], (1, joints, 1)),
         "joint_rotations": rotations,
         "translation": places,
         "joint_angles": zeros,
-        "reprojection_px": nothing,
         "joint_deviations": zeros[..., 0],
         "rotation_deviations": np.full((count, joints), 0.25),
         "joint_observed": seen,

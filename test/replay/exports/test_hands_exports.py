@@ -1,5 +1,6 @@
 """Fingers in the exports and the pictures: the same motion in all, bends under the names of hand surgeons."""
 
+from importlib.util import find_spec
 from io import BytesIO
 
 import numpy as np
@@ -18,6 +19,7 @@ from lassokin_ros.pipeline.people.joint_angles import JointAngleReader  # noqa: 
 from lassokin_ros.replay.body import capsules  # noqa: E402
 from lassokin_ros.replay.exports.amass import write_amass  # noqa: E402
 from lassokin_ros.replay.exports.bvh import write_bvh  # noqa: E402
+from lassokin_ros.replay.exports.exports import PERSONS, TABLES  # noqa: E402
 from lassokin_ros.replay.exports.named_angles import finger_angles  # noqa: E402
 from lassokin_ros.replay.exports.tables import write_csv  # noqa: E402
 
@@ -70,6 +72,16 @@ def motion():
 
 
 MOTION = motion()
+
+
+@pytest.mark.parametrize("suffix", [s for s in (*TABLES, *PERSONS) if s != ".c3d" or find_spec("ezc3d")])
+def test_equal_motions_give_equal_bytes_and_are_not_changed(suffix):
+    before, files = {name: values.copy() for name, values in MOTION.frames.items()}, []
+    for _ in range(2):
+        files.append(BytesIO())
+        (TABLES[suffix]([MOTION], files[-1]) if suffix in TABLES else PERSONS[suffix](MOTION, files[-1]))
+    assert files[0].getvalue() == files[1].getvalue() != b""
+    assert all(np.array_equal(MOTION[name], values, equal_nan=True) for name, values in before.items())
 
 
 def test_bends_have_the_names_of_hand_surgeons():

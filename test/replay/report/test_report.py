@@ -14,12 +14,18 @@ pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 from recordings import START_NS, read, synthetic_pixels, webcam_info, write_messages, write_recording  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
+from lassokin_ros.common.atomic_files import AtomicFiles  # noqa: E402
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.observation import Rejection  # noqa: E402
 from lassokin_ros.doubt.pose_events import FailureModel  # noqa: E402
 from lassokin_ros.pipeline.concerns.rejections import REASONS  # noqa: E402
+from lassokin_ros.pipeline.session import Session  # noqa: E402
+from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from lassokin_ros.replay.bags import typestore  # noqa: E402
+from lassokin_ros.replay.frames import FrameTable  # noqa: E402
+from lassokin_ros.replay.playback import NodeMessages, Playback  # noqa: E402
 from lassokin_ros.replay.report import page_json as data  # noqa: E402
-from lassokin_ros.replay.report.report import PLOTLY  # noqa: E402
+from lassokin_ros.replay.report.report import PLOTLY, Report, ReportError  # noqa: E402
 from msg_adapters.backends import RosbagsBackend  # noqa: E402
 from msg_adapters.inputs import point_cloud  # noqa: E402
 
@@ -60,7 +66,7 @@ def unpacked(packed):
     return np.where(counts == data.MISSING, np.nan, counts * packed["step"])
 
 
-def recording(path, spoil=None, times=None, late=0, uncalibrated=False, frames=FRAMES):
+def messages(spoil=None, times=None, late=0, uncalibrated=False, frames=FRAMES):
     """Messages with keypoints of the synthetic motion, changed by spoil(stamps, pixels, confidence).
 
     times: of recording. late: number of messages before the first camera_info. uncalibrated: one without K precedes
@@ -81,7 +87,21 @@ def recording(path, spoil=None, times=None, late=0, uncalibrated=False, frames=F
         info = webcam_info(frame_id="lens")
         info.k = np.zeros(9)
         before = [("/camera_info", "sensor_msgs/msg/CameraInfo", int(times[0]), info)]
-    return write_messages(path, [*before, *clouds[:late], camera, *clouds[late:]])
+    return [*before, *clouds[:late], camera, *clouds[late:]]
+
+
+def concluded(**how):
+    """[(level, sentence)] of the findings about such messages, and the table of frames."""
+    session = Session(TrackerConfig(height=1.75), NodeSettings())
+    playback, table = Playback(session, NodeMessages(session, typestore(), lambda *_: None)), FrameTable(session)
+    playback.listeners.append(table.add)
+    for topic, _, time_ns, message in messages(**how):
+        (playback.keypoints if topic == "/keypoints" else playback.camera_info)(message, time_ns)
+    playback.finish()
+    report = Report(None, session, table)
+    topics = ("/keypoints", "/camera_info")
+    report.write(AtomicFiles(False, ReportError), "walk", topics, warnings=playback.warnings.found)
+    return [(one.level, one.sentence.replace("`", "")) for one in report.findings], table
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +167,7 @@ def test_the_page_is_reproducible_except_for_times(clean, tmp_path):
 
 
 def test_images_without_people_count_as_such_with_several_people(tmp_path):
-    page = report(recording(tmp_path / "bag", absent(20, 60)), "-p", "max_people:=2")
+    page = report(write_messages(tmp_path / "bag", messages(absent(20, 60))), "-p", "max_people:=2")
     assert figure(page, "Keypoint messages").startswith(f"{FRAMES} in")
     without = int(figure(page, "Without a skeleton"))
     assert 40 <= without <= 44  # people who appear are no people yet
@@ -155,28 +175,28 @@ def test_images_without_people_count_as_such_with_several_people(tmp_path):
     assert figure(page, "People").endswith(f"{FRAMES - without} skeletons in total")
 
 
-def test_the_exports_mark_the_frames_that_the_page_marks(tmp_path):
+def test_the_summary_lists_the_problems_and_doubts_of_the_page(tmp_path, capsys):
+    """The doubts have spans for the slider and the plots; an export marks their frames."""
+
     def spoil(stamps, pixels, confidence):
         exchanged(stamps, pixels, confidence)
-        stamps[:] = START_NS + np.arange(FRAMES) * 50_000_000  # a sign is in the middle of 11 frames exactly
+        confidence[2:20] = 0
 
-    page = report(recording(tmp_path / "bag", spoil), "--export", str(tmp_path / "motion.npz"))
+    bag = write_messages(tmp_path / "bag", messages(spoil))
+    page = report(bag, "--export", str(tmp_path / "motion.npz"))
+    expected = [(level, html.unescape(text)) for level, text in said(page) if level in ("problem", "doubt")]
+    lines = [line.replace("`", "") for line in capsys.readouterr().out.splitlines()]
+    assert not any(line.startswith("warned") for line in lines)  # the page has them
+    found = [line.partition(" ") for line in lines if line.startswith(("problem ", "doubt "))]
+    assert [(level, text.strip()) for level, _, text in found] == expected
+    assert {level for level, _ in expected} == {"problem", "doubt"}
     (person,) = drawn(page)["people"]
-    times = np.array(person["time"])
-    spans = [(start, end) for start, end, _ in person["wrong"]]
-    marked = np.any([(times >= start - 0.002) & (times <= end + 0.002) for start, end in spans], axis=0)
+    spans = [(start, end) for start, end, why in person["wrong"] if "the detector exchanges left and right" in why]
+    assert spans and all(any(start <= time <= end for start, end in spans) for time in (1.0, 2.0))
+    times = np.array(person["time"])[[why is None for why in person["refused"]]]
+    marks = np.any([(times >= start - 0.002) & (times <= end + 0.002) for start, end, _ in person["wrong"]], axis=0)
     with np.load(tmp_path / "motion.npz") as motion:
-        assert np.array_equal(motion["likely_wrong"], marked) and 10 < marked.sum() < FRAMES
-
-
-def test_the_summary_lists_the_problems_of_the_page(tmp_path, capsys):
-    problems = [
-        text for level, text in said(report(recording(tmp_path / "dark", absent(0, FRAMES)))) if level == "problem"
-    ]
-    printed = capsys.readouterr().out.splitlines()
-    lines = [line.replace("`", "") for line in printed if line.startswith("problem  ")]
-    assert not any(line.startswith("warned") for line in printed)  # the page has them
-    assert len(lines) > 1 and [line.partition(" ")[2].strip() for line in lines] == problems
+        assert np.array_equal(motion["likely_wrong"], marks) and 10 < marks.sum() < len(times)
 
 
 def absent(first, last):
@@ -331,37 +351,24 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", sorted(CASES))
-def test_errors_are_reported(case, tmp_path):
+def test_errors_are_reported(case):
     how, *expected = CASES[case]
-    page = report(recording(tmp_path / "bag", **how))
-    sentences = said(page)
+    sentences, table = concluded(**how)
     print(sentences)
     for level, start in expected:
         pattern = re.escape(start).replace(r"\\d", r"\d")
         assert any(level == one and re.match(pattern, text) for one, text in sentences), start
     assert not any(level == "good" for level, _ in sentences) or expected[0][0] == "note"
-    time = drawn(page)["people"][0]["time"]
-    assert time == sorted(time) and drawn(page)["duration"] <= 12.6  # one wrong stamp does not stretch the axis
+    times = table.columns("")["time"].tolist()
+    assert times == sorted(times)  # one wrong stamp does not stretch the axis
+    assert max(message.time for message in table.messages) <= 12.6
 
 
-def test_doubts_have_spans_for_the_slider_and_the_plots(tmp_path, capsys):
-    page = report(recording(tmp_path / "bag", exchanged))
-    (person,) = drawn(page)["people"]
-    spans = [(start, end) for start, end, why in person["wrong"] if "the detector exchanges left and right" in why]
-    assert spans and all(any(start <= time <= end for start, end in spans) for time in (1.0, 2.0))
-    doubts = [html.unescape(text) for level, text in said(page) if level == "doubt"]
-    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("doubt ")]
-    assert [line.partition(" ")[2].strip() for line in lines] == doubts and doubts
-
-
-def test_the_good_line_names_what_it_does_not_judge(tmp_path):
-    (good,) = [text for level, text in said(report(recording(tmp_path / "bag", without_legs))) if level == "good"]
+def test_the_good_line_names_what_it_does_not_judge(monkeypatch):
+    (good,) = [text for level, text in concluded(spoil=without_legs)[0] if level == "good"]
     assert good.endswith("nothing suggests a wrong pose. The left leg and right leg cannot be judged: hardly seen.")
-
-
-def test_the_good_line_does_not_speak_for_marked_spans(tmp_path, monkeypatch):
     monkeypatch.setattr(FailureModel, "update", lambda self, stamp, *figures: 0.3 if stamp < 0.39 else 0.01)
-    good, *notes = said(report(write_recording(tmp_path / "bag", FRAMES)))
+    good, *notes = concluded()[0]
     assert good == (
         "good",
         "100.0% of the frames were tracked, and outside of the marked spans nothing suggests a wrong pose.",

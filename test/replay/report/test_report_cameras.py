@@ -4,7 +4,6 @@ import base64
 import json
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from recordings import write_messages  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.demo.synthetic import DISTANCE  # noqa: E402
-from lassokin_ros.replay.report.findings import distance  # noqa: E402
 from msg_adapters.inputs import rgb_image  # noqa: E402
 
 BACKEND, START_NS, FRAMES = rosbags_backend(), 1_700_000_000_000_000_000, 30
@@ -117,13 +115,6 @@ def test_a_person_far_from_the_origin_of_the_map_is_drawn_and_has_the_distance_t
     assert "<td>Without a skeleton</td><td>0</td>" in text
 
 
-@pytest.mark.parametrize("cameras, word", [([""], "`--camera-info`"), (["left", "right"], "translations are m")])
-def test_an_unlikely_distance_names_what_gives_the_scale(cameras, word):
-    facts = SimpleNamespace(skeletons=1, median=lambda name: 0.2, sizes=cameras, own_keypoints=True)
-    (finding,) = distance(facts)
-    assert "is 0.2 m: check" in finding.text and word in finding.text
-
-
 def test_each_camera_has_its_own_images(rig):
     _, page = rig
     images = held(page, "images")
@@ -134,7 +125,9 @@ def test_each_camera_has_its_own_images(rig):
 
 
 def test_the_browser_switches_between_the_cameras(rig):
-    _, path = rig
+    phase, path = rig
+    if phase:
+        pytest.skip("the same page but for the times of the images")
     with browser() as running:
         page = Page(running, path)
         page.page.fill("#slider", "20")

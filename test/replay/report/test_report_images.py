@@ -57,17 +57,17 @@ def bag(tmp_path_factory):
     return write_messages(tmp_path_factory.mktemp("images") / "walk", messages)
 
 
-def test_an_archive_says_that_a_page_is_kept_without_the_images(bag, tmp_path, capsys, forked_workers):
+def test_an_archive_says_that_a_page_is_kept_without_the_images(bag, tmp_path, capsys, tasks_here):
     command = [str(bag), str(bag / "none"), "--output", str(tmp_path), "--report", str(tmp_path / "pages")]
-    main([*command, "--jobs", "1"])
+    main([*command])
     page = tmp_path / "pages" / f"{bag.name}.html"
     before = page.read_bytes()
     capsys.readouterr()
     for export, outcome in (([], "done before"), (["--export", ".csv"], "tracked")):
-        main([*command, *export, "--jobs", "1", "--image-topic", "image_raw"])
+        main([*command, *export, "--image-topic", "image_raw"])
         kept = f"{outcome}: the page exists and is kept, with the images it has; add --force"
         assert kept in capsys.readouterr().out and page.read_bytes() == before
-    main([*command, "--jobs", "1", "--image-topic", "image_raw", "--force"])
+    main([*command, "--image-topic", "image_raw", "--force"])
     assert "the page exists" not in capsys.readouterr().out and page.read_bytes() != before
 
 

@@ -1,4 +1,4 @@
-"""Findings about videos: nobody is there, people who lie, and words that agree with each other."""
+"""Rules of the page: nobody is there, people who lie, an unlikely distance; and spans of a wrong pose."""
 
 from collections import Counter
 from types import SimpleNamespace
@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from lassokin_ros.doubt.doubt import Doubt
 from lassokin_ros.replay.report import findings
 from lassokin_ros.replay.report.facts import landmark_errors
+from lassokin_ros.replay.spans import marked, wrong_spans
 
 LANDMARKS = ("left_shoulder", "right_shoulder", "left_hip", "right_hip", "left_ankle", "right_ankle")
 
@@ -74,3 +76,24 @@ def test_a_landmark_that_is_placed_but_hardly_seen_does_not_count_as_seen():
     facts = Facts(time=np.arange(4), detected=places + 1, reprojected=places, visible=visible)
     middle, seen = landmark_errors(facts)
     assert np.allclose(middle, np.sqrt(2)) and seen.tolist() == [1, 1, 1, 1, 0, 1]
+
+
+@pytest.mark.parametrize("cameras, word", [([""], "`--camera-info`"), (["left", "right"], "translations are m")])
+def test_an_unlikely_distance_names_what_gives_the_scale(cameras, word):
+    facts = SimpleNamespace(skeletons=1, median=lambda name: 0.2, sizes=cameras, own_keypoints=True)
+    (finding,) = findings.distance(facts)
+    assert "is 0.2 m: check" in finding.text and word in finding.text
+
+
+def doubts(count, signs, figures=()):
+    return [Doubt(reversed=i in signs, probability=0.9 if i in figures else 0.0) for i in range(count)]
+
+
+def test_spans_lie_around_signs_and_at_figures_and_are_joined():
+    times = np.arange(40) / 10
+    spans = wrong_spans(times, doubts(40, (0, 10, 14, 30), (20, 21)))
+    ends = [(0.0, 0.25), (0.75, 1.65), (2.0, 2.1), (2.75, 3.25)]
+    assert np.allclose([(span.start, span.end) for span in spans], ends)
+    assert [span.certain_sign for span in spans] == [True, True, False, True]
+    assert np.flatnonzero(marked(times, spans)).tolist() == [0, 1, 2, *range(8, 17), 20, 21, *range(28, 33)]
+    assert wrong_spans(times, doubts(40, ())) == wrong_spans(times[:0], []) == [] and not marked(times, []).any()
