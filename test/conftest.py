@@ -8,6 +8,7 @@ import os
 import sys
 import tempfile
 import time
+from importlib.util import cache_from_source
 from pathlib import Path
 
 import pytest
@@ -110,6 +111,30 @@ def pytest_ignore_collect(collection_path, config):
     if config.option.markexpr == "not slow" and collection_path.suffix == ".py" and is_slow(collection_path):
         return True
     return None
+
+
+def has_bytecode(folder):
+    """True if the test files of a folder are compiled, with pytest's assertions."""
+    return any(Path(cache_from_source(TESTS / folder / "x.py")).parent.glob("*-pytest-*.pyc"))
+
+
+COMPILED = sys.dont_write_bytecode or has_bytecode("viewer")
+"""Whether there is nothing to wait for at the start; the folder is the last one that is collected."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection(session):
+    """Let one of the processes compile the tests, 15 s: each of the others would do it again, at the same time."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
+    done = Path(tempfile.gettempdir(), f"lassokin_ros_collected_{os.environ.get('PYTEST_XDIST_TESTRUNUID')}")
+    end = time.monotonic() + 120
+    while worker not in ("", "gw0") and not (COMPILED or done.exists() or time.monotonic() > end):
+        time.sleep(0.1)
+    result = yield
+    if worker == "gw0" and not COMPILED:
+        done.touch()
+        session.config.add_cleanup(done.unlink)
+    return result
 
 
 @pytest.hookimpl(tryfirst=True)  # before the hook of pytest-xdist, which reads the marks

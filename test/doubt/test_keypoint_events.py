@@ -1,7 +1,5 @@
 """Events of the keypoints: exchanged sides, and another person."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -90,13 +88,6 @@ def test_missing_points_are_left_out():
     assert exchanges(np.full((5, len(NAMES), 2), np.nan)) == {}
 
 
-def test_a_layout_without_pairs_has_no_events():
-    meter, exchange = MotionMeter(("nose", "neck")), SideExchange(("nose", "neck"))
-    meter.update(0.0, np.zeros((2, 2)))
-    motion = meter.update(0.03, np.ones((2, 2)))
-    assert motion is None and exchange.update(motion) == ""
-
-
 def test_a_camera_that_turns_fast_shows_no_other_person():
     places = np.random.default_rng(2).uniform([-0.5, -1.0, 2.9], [0.5, 1.0, 3.1], (len(NAMES), 3))
     turns = [exponential(np.array([0.0, 0.2 * max(0, min(frame - 5, 3)), 0.0])) for frame in range(12)]  # 6 rad/s
@@ -115,13 +106,3 @@ def test_a_layout_may_have_one_side_of_a_pair():
     points[10:] = points[10:, SWAP]
     found = [exchange.update(meter.update(frame / 30, each)) for frame, each in enumerate(points[:, kept])]
     assert found == [""] * 10 + ["body"] + [""] * 9
-
-
-@pytest.mark.parametrize("turn", [0.0, 0.7, -1.9])
-def test_motion_is_measured_in_lengths_of_the_trunk_wherever_the_person_is(turn):
-    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    meter, trunk = MotionMeter(NAMES), 60.0
-    shown = [STANDING @ rotation.T + place for place in ([300.0, 200.0], [306.0, 208.0])]
-    meter.update(0.0, shown[0])
-    motion = meter.update(0.1, shown[1])
-    assert np.allclose(motion.straight, 10.0 / trunk) and math.isclose(motion.trunk, trunk)

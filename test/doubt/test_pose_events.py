@@ -86,11 +86,6 @@ def test_a_jump_of_the_pelvis_is_reported_once():
     assert [jump.update(frame / FPS, depth) for frame, depth in enumerate(depths)] == [None] * 5 + [3.0] + [None] * 4
 
 
-def test_a_pelvis_that_nobody_sees_may_move():
-    jump = Change(JUMP_S, is_jump)
-    assert jump.update(0.0, 3.0) is None and jump.update(0.8, 2.2) is None
-
-
 def test_running_is_no_jump():
     jump = Change(JUMP_S, is_jump)
     assert not any(jump.update(frame / FPS, 4.0 - 5.0 / FPS * frame) for frame in range(12))  # 5 m/s towards the camera

@@ -20,7 +20,7 @@ from lassokin_ros.core.output.uncertainty import ObservedJoints
 from lassokin_ros.core.output.walking_velocity import WalkingVelocity
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.doubt.doubt import NO_TURN, Signs, signs_of
-from lassokin_ros.doubt.monitor import LiveDoubts
+from lassokin_ros.doubt.monitor import DoubtMonitor
 from lassokin_ros.pipeline.concerns.rejections import frozen_text, rejection_text
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.messages import Repeats
@@ -79,7 +79,7 @@ class TrackedPerson:
         self._repeats: dict[str, Repeats] = {}
         layout, skeleton = self.tracker.layout, self.tracker.skeleton
         observed = ObservedJoints(skeleton, layout.joints)
-        self._doubts = LiveDoubts(layout.names, skeleton.joint_names, observed.from_visible)
+        self._doubts = DoubtMonitor(layout.names, skeleton.joint_names, observed.from_visible)
         self.reset()
 
     def reset(self, same_camera: bool = False) -> None:

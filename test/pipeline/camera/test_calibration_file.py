@@ -5,13 +5,10 @@ import sys
 
 import numpy as np
 import pytest
+from messages import rosbags_backend
 
-pytest.importorskip("rosbags", reason="rosbags makes the messages")
-
-from messages import rosbags_backend  # noqa: E402
-
-from lassokin_ros.core.errors import CameraError  # noqa: E402
-from lassokin_ros.pipeline.camera.calibration_file import (  # noqa: E402
+from lassokin_ros.core.errors import CameraError
+from lassokin_ros.pipeline.camera.calibration_file import (
     Calibration,
     camera_names,
     read_calibration,

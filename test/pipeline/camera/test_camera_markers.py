@@ -1,36 +1,24 @@
 """The places of the cameras on ~/markers."""
 
 import numpy as np
-import pytest
-from camera_rig import MAP, eye, keypoints, tf_of, truth_at, turning_eye
-from messages import FOCAL, HEIGHT, WIDTH, camera_info, rosbags_backend
+from camera_rig import MAP, START_NS, Play, eye, turning_eye
+from messages import FOCAL, HEIGHT, WIDTH, rosbags_backend
 from scipy.spatial.transform import Rotation
 
-from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.outputs.scene_messages import MARKERS_EVERY_S, CameraMarkers
-from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
-pytest.importorskip("rosbags")
-BACKEND, START_NS = rosbags_backend(), 1_700_000_000_000_000_000
+BACKEND = rosbags_backend()
 
 
-def seen_by(eyes, settings, seconds, session=None, tf=True):
-    """A session after the images of the eyes at these times, and the results of the last one."""
-    frames, random = [], np.random.default_rng(0)
-    if session is None:
-        session = Session(TrackerConfig(height=1.75), settings)
-        for name, one in zip(session.cameras, eyes):
-            session.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
+def seen_by(eyes, settings, seconds, play=None, tf=True):
+    """Cameras after their images at these times, s."""
+    play = play or Play(eyes, settings)
     for now in seconds:
-        for name, one in zip(session.cameras, eyes):
-            if tf:
-                session.placement.transforms.add(tf_of(BACKEND, one, START_NS, now), static=False)
-            message = keypoints(BACKEND, one, START_NS, now, truth_at([now]).landmarks[0], random)
-            frames = session.frames(message, START_NS + round(1e9 * now), name) or frames
-    return session, frames
+        play.run(1 / 30, begin=now, tf=tf)
+    return play
 
 
 def pyramid(marker):
@@ -44,8 +32,8 @@ def pyramid(marker):
 def test_each_camera_has_a_pyramid_of_its_field_of_view_and_its_name():
     eyes = [eye("left", 0), eye("right", 90)]
     settings = NodeSettings(cameras=("left", "right"), fixed_frame=MAP)
-    session, frames = seen_by(eyes, settings, np.arange(3) / 30)
-    message = CameraMarkers(BACKEND, session).build(START_NS, 0.0)
+    play = seen_by(eyes, settings, np.arange(3) / 30)
+    message = CameraMarkers(BACKEND, play.session).build(START_NS, 0.0)
     assert [(one.ns, one.id, one.text) for one in message.markers] == [
         ("cameras", 0, ""),
         ("camera_names", 0, "left"),
@@ -58,32 +46,32 @@ def test_each_camera_has_a_pyramid_of_its_field_of_view_and_its_name():
         seen = one.pose_at(0).into_camera(pyramid(marker))
         assert np.allclose(seen[4], 0, atol=1e-9) and (seen[:4, 2] > 0.1).all()
         assert np.allclose(seen[:4, :2] / seen[:4, 2:] * FOCAL + [WIDTH / 2, HEIGHT / 2], corners, atol=1e-6)
-    people = FrameMessages(BACKEND, session.tracker.skeleton, config=settings)
-    ((_, skeleton),) = people.build(frames[0], {topics.MARKERS})
+    people = FrameMessages(BACKEND, play.session.tracker.skeleton, config=settings)
+    ((_, skeleton),) = people.build(play.results[-1].frame, {topics.MARKERS})
     taken = {(one.ns, one.id) for one in skeleton.markers}
     assert taken and not taken & {(one.ns, one.id) for one in message.markers}
 
 
 def test_a_camera_that_moves_is_followed_and_one_without_a_pose_is_left_out():
     robot = turning_eye("camera", 0.5)
-    session, _ = seen_by([robot], NodeSettings(fixed_frame=MAP), [0.0])
-    markers = CameraMarkers(BACKEND, session)
+    play = seen_by([robot], NodeSettings(fixed_frame=MAP), [0.0])
+    markers = CameraMarkers(BACKEND, play.session)
     places = [pyramid(markers.build(START_NS, 0.0).markers[0]).copy()]
-    seen_by([robot], None, [0.1, 0.2, 0.3], session)
+    seen_by([robot], None, [0.1, 0.2, 0.3], play)
     assert markers.build(START_NS, 0.9 * MARKERS_EVERY_S) is None  # not yet due
     places.append(pyramid(markers.build(START_NS, 1.1 * MARKERS_EVERY_S).markers[0]))
     turn = np.linalg.norm(places[1][:4] - places[0][:4], axis=1)
     assert 0.02 < turn.min() and turn.max() < 0.1  # 0.15 rad at 0.3 m and more
     assert np.allclose(robot.pose_at(0.3).into_camera(places[1])[4], 0, atol=1e-6)
-    seen_by([robot], None, [5.0], session, tf=False)
+    seen_by([robot], None, [5.0], play, tf=False)
     assert markers.build(START_NS, 1.0) is None
 
 
 def test_cameras_without_a_fixed_frame_are_in_that_of_the_first_and_one_alone_has_no_marker():
     eyes = [eye("left", 0), eye("right", 90)]
-    session, _ = seen_by(eyes, NodeSettings(cameras=("left", "right")), [0.0])
-    message = CameraMarkers(BACKEND, session).build(START_NS, 0.0)
+    play = seen_by(eyes, NodeSettings(cameras=("left", "right")), [0.0])
+    message = CameraMarkers(BACKEND, play.session).build(START_NS, 0.0)
     assert {one.header.frame_id for one in message.markers} == {eyes[0].frame}
     assert np.allclose(pyramid(message.markers[0])[4], 0)
-    alone, _ = seen_by(eyes[:1], NodeSettings(), [0.0], tf=False)
-    assert CameraMarkers(BACKEND, alone).build(START_NS, 0.0) is None
+    alone = seen_by(eyes[:1], NodeSettings(), [0.0], tf=False)
+    assert CameraMarkers(BACKEND, alone.session).build(START_NS, 0.0) is None

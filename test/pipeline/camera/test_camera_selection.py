@@ -2,16 +2,13 @@
 
 import numpy as np
 import pytest
+from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend, set_header
 
-pytest.importorskip("rosbags", reason="rosbags makes the messages")
-
-from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend, set_header  # noqa: E402
-
-from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.pipeline.camera.camera_selection import LASTING, STEADY  # noqa: E402
-from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH  # noqa: E402
-from lassokin_ros.pipeline.session import Session  # noqa: E402
-from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.pipeline.camera.camera_selection import LASTING, STEADY
+from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH
+from lassokin_ros.pipeline.session import Session
+from lassokin_ros.pipeline.settings import NodeSettings
 
 BACKEND = rosbags_backend()
 PIXELS = pixels_of_motion(30, 30.0)
@@ -26,9 +23,7 @@ def session():
     "fx, fy, cx, cy, text",
     [
         (1200, 1200, 520, 300, "another resolution"),
-        (300, 300, 200, 150, "binned image"),
         (600, 400, 320, 240, "fx and fy differ"),
-        (400, 600, 320, 240, "fx and fy differ"),
     ],
 )
 def test_an_unlikely_matrix_is_a_warning_with_numbers(session, fx, fy, cx, cy, text):
@@ -41,13 +36,7 @@ def test_an_unlikely_matrix_is_a_warning_with_numbers(session, fx, fy, cx, cy, t
     "fx, fy, cx, cy, size, text",
     [
         (460, 460, 320, 180, (1280, 720), "K is that of an image of half the size"),
-        (465, 455, 328, 176, (1280, 720), "K is that of an image of half the size"),
-        (614, 614, 427, 240, (1280, 720), "two thirds of"),
-        (1380, 1380, 960, 540, (1280, 720), "1.5 times"),
-        (920, 920, 1280, 720, (1280, 720), "the principal point is outside of the image"),
         (920, 920, -5, 360, (1280, 720), "the principal point is outside of the image"),
-        (920, 920, 0, 0, (1280, 720), "the principal point is outside of the image"),
-        (380, 380, 640, 360, (1280, 720), "no camera has so short a focal length"),
         (0.72, 1.28, 0.5, 0.5, (1280, 720), "no camera has so short a focal length"),
         (13000, 13000, 640, 360, (1280, 720), "a field of view below 6 degrees"),
     ],
@@ -57,13 +46,6 @@ def test_a_matrix_that_is_certainly_wrong_is_refused_with_numbers(session, fx, f
     assert session.set_camera(message) == "camera_uncalibrated"
     assert text in session.inputs.camera_fault and f"fx = {fx:g}" in session.inputs.camera_fault
     assert not session.inputs.has_camera
-
-
-def test_a_fisheye_has_a_short_focal_length(session):
-    fisheye = {"distortion_model": "equidistant", "d": np.zeros(4), "width": 1280, "height": 720}
-    assert (
-        session.set_camera(camera_info(BACKEND, k=np.array([250, 0, 640, 0, 250, 360, 0, 0, 1.0]), **fisheye)) is None
-    )
 
 
 def test_two_cameras_with_one_frame_are_named_and_the_first_one_stays(session):
@@ -85,13 +67,6 @@ def test_two_cameras_with_one_frame_are_named_and_the_first_one_stays(session):
     assert session.first.camera.view.intrinsics.K[0, 0] == 400.0
 
 
-def test_a_second_camera_that_publishes_seldom_is_noticed(session):
-    for i in range(150):
-        session.set_camera(camera_info(BACKEND, 400.0 if i % 30 == 29 else 600.0))
-    assert "camera_info of two cameras with the frame_id" in session.first.camera.warning
-    assert session.first.camera.view.intrinsics.K[0, 0] == 600.0
-
-
 def test_a_zoom_is_no_second_camera(session):
     for step in range(40):
         assert session.set_camera(camera_info(BACKEND, 600.0 + 5.0 * step)) is None
@@ -104,7 +79,7 @@ def images(session, count, start=0):
     return [session.process(message, 0).lens.K[0, 0] for message in sent]
 
 
-@pytest.mark.parametrize("publishers, latched", [(0, True), (1, False), (2, True), (2, False)])
+@pytest.mark.parametrize("publishers, latched", [(0, True), (2, False)])
 def test_a_zoom_to_and_fro_is_followed_at_each_change(session, latched, publishers):
     session.first.camera.publishers = publishers
     for cycle in range(8):
@@ -158,7 +133,7 @@ def test_two_slow_publishers_are_noticed_by_their_number(session, publishers, no
 
 
 @pytest.mark.parametrize("publishers", [0, 1], ids=["a recording", "a player"])
-@pytest.mark.parametrize("apart_s, noticed", [(0.1, True), (0.3, True), (1.5, False)])
+@pytest.mark.parametrize("apart_s, noticed", [(0.3, True), (1.5, False)])
 def test_two_slow_cameras_in_a_recording_are_noticed_by_their_stamps(session, publishers, apart_s, noticed):
     """No zoom goes to and fro so fast."""
     session.first.camera.publishers = publishers
@@ -191,15 +166,6 @@ def test_a_leading_slash_makes_no_other_camera(session):
     assert frame.accepted and frame.frame_id == FRAME and frame.lens.K[0, 0] == 600.0
     frame = session.process(cloud(BACKEND, 2 * 10**9, PIXELS[1], frame_id=f"/{FRAME}"), 0)
     assert frame.accepted and frame.frame_id == FRAME and session.counts[LEADING_SLASH] == 1
-
-
-def test_a_usual_matrix_is_no_warning(session):
-    session.set_camera(camera_info(BACKEND, k=np.array([610.0, 0, 300, 0, 590, 260, 0, 0, 1])))
-    assert session.first.camera.warning == ""
-    window = camera_info(BACKEND)
-    window.roi.x_offset, window.roi.y_offset, window.roi.width, window.roi.height = 400, 300, 200, 100
-    session.set_camera(window)
-    assert session.first.camera.warning == ""
 
 
 @pytest.mark.parametrize("others", [1, 3])

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
+from messages import camera_info, rosbags_backend
 
-pytest.importorskip("rosbags", reason="rosbags makes the messages")
-
-from messages import camera_info, rosbags_backend  # noqa: E402
-
-from lassokin_ros.pipeline.camera.camera_selection import ALTERNATIONS, MOST_CAMERAS, STEADY, Camera  # noqa: E402
-from msg_adapters.errors import AdapterError  # noqa: E402
-from msg_adapters.output_messages.builders import set_header  # noqa: E402
+from lassokin_ros.pipeline.camera.camera_selection import ALTERNATIONS, MOST_CAMERAS, STEADY, Camera
+from msg_adapters.errors import AdapterError
+from msg_adapters.output_messages.builders import set_header
 
 BACKEND = rosbags_backend()
 SECOND = 10**9
@@ -76,19 +73,13 @@ def test_of_a_rectified_image_only_p_counts(raw):
     assert focal(camera.at(None)) == 500 and not camera.fault and not camera.warning
 
 
-def test_a_p_that_is_not_of_its_image_is_refused():
-    camera = Camera(True)
-    with pytest.raises(AdapterError, match="the principal point is outside of the image"):
-        camera.update(info(p=np.array([500.0, 0, 1280, 0, 0, 500, 200, 0, 0, 0, 1, 0])))
-
-
-def test_an_unusable_lens_is_refused_with_its_reason():
+def test_a_p_that_is_none_or_not_of_its_image_is_refused_with_its_reason():
     camera = Camera(True)
     with pytest.raises(AdapterError, match="'rectified' needs a rectified camera's P") as error:
         camera.update(info(p=np.zeros(12)))
     assert error.value.reason == "camera_unusable" and "rectified" in camera.fault
-    camera.update(info(p=np.array([500.0, 0, 300, 0, 0, 500, 200, 0, 0, 0, 1, 0])))
-    assert focal(camera.at(None)) == 500
+    with pytest.raises(AdapterError, match="the principal point is outside of the image"):
+        camera.update(info(p=np.array([500.0, 0, 1280, 0, 0, 500, 200, 0, 0, 0, 1, 0])))
 
 
 @pytest.mark.parametrize(
@@ -163,11 +154,6 @@ def test_several_cameras_on_a_topic_are_detected_by_their_alternation(camera):
     for _ in range(STEADY + 1):
         camera.update(info("a"))
     assert camera.warning == ""  # one camera is left
-
-
-def test_a_suspicious_matrix_is_reported(camera):
-    camera.update(info(focal=600.0, width=900, height=700))
-    assert "another resolution" in camera.warning
 
 
 def outside(camera, points):

@@ -1,8 +1,6 @@
 """`cameras` with a single name: the same results and topics as of a camera without a name."""
 
 import numpy as np
-import pytest
-from camera_rig import MAP, eye, keypoints, tf_of, truth_at
 from depth_camera import depth_message, render
 from detector_messages import HRI, detector_types, hri_skeleton
 from messages import FRAME, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion, rosbags_backend
@@ -17,7 +15,6 @@ from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RosbagsBackend
 
-pytest.importorskip("rosbags")
 BACKEND, START_NS, PERIOD_NS = rosbags_backend(), 1_700_000_000_000_000_000, 33_333_333
 
 
@@ -25,17 +22,6 @@ def made(frame_id=FRAME, **settings):
     result = Session(TrackerConfig(height=1.75), NodeSettings(**settings))
     assert result.set_camera(camera_info(BACKEND, frame_id=frame_id), result.first.name) is None
     return result
-
-
-def test_it_is_tracked_in_a_fixed_frame():
-    left = eye("left", 0)
-    session = made(left.frame, cameras=("left",), fixed_frame=MAP)
-    session.placement.transforms.add(tf_of(BACKEND, left, START_NS, 0.0), static=True)
-    random, truth = np.random.default_rng(0), truth_at(np.arange(10) / 30)
-    for index in range(10):
-        message = keypoints(BACKEND, left, START_NS, index / 30, truth.landmarks[index], random)
-        (frame,) = session.frames(message, START_NS, "left")
-        assert frame.accepted and frame.frame_id == MAP and frame.camera.name == "left"
 
 
 def test_it_gives_the_results_and_the_topics_of_a_camera_without_a_name():

@@ -17,7 +17,6 @@ from lassokin_ros.pipeline.concerns.period import Period
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
-pytest.importorskip("rosbags")
 BACKEND, START_NS = rosbags_backend(), 1_700_000_000_000_000_000
 
 

@@ -22,7 +22,6 @@ from lassokin_ros.pipeline.camera.transforms import LONGEST_NAME, MOST_FRAMES, M
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
-pytest.importorskip("rosbags")
 BACKEND = rosbags_backend()
 BASE, SECOND = "base_footprint", 1_000_000_000
 DOWN = np.radians(30)

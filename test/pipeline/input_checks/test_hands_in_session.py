@@ -29,7 +29,6 @@ from msg_adapters.backends import RosbagsBackend
 from msg_adapters.detectors import point_cloud2
 from msg_adapters.keypoints import Keypoints
 
-pytest.importorskip("rosbags")
 BACKEND = rosbags_backend()
 FRAMES, BAD_FROM = 12, 4
 MEAN_MM, MOST_MM, STEP_MM = 5.0, 25.0, 10.0

@@ -2,20 +2,17 @@
 
 import numpy as np
 import pytest
+from detector_messages import YOLO, ZED, backend, yolo_detections, zed_objects
+from messages import FRAME, camera_info, cloud
 
-pytest.importorskip("rosbags", reason="rosbags knows message types that are not installed")
-
-from detector_messages import YOLO, ZED, backend, yolo_detections, zed_objects  # noqa: E402
-from messages import FRAME, camera_info, cloud  # noqa: E402
-
-from lassokin_ros.core.body.kinematics import Kinematics  # noqa: E402
-from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
-from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
-from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.core.image.projection import project  # noqa: E402
-from lassokin_ros.demo.synthetic import motion  # noqa: E402
-from lassokin_ros.pipeline.session import Session  # noqa: E402
-from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.demo.synthetic import motion
+from lassokin_ros.pipeline.session import Session
+from lassokin_ros.pipeline.settings import NodeSettings
 
 BACKEND = backend()
 SIZE, FOCAL, HZ, COUNT = np.array([1920, 1080]), 1050.0, 30.0, 15

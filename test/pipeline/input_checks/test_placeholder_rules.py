@@ -118,12 +118,6 @@ def test_a_detector_that_rounds_may_place_three_points_below_each_other(step):
             assert removed(points) == [False] * 17
 
 
-def test_a_coordinate_is_shared_within_one_person_only():
-    points = person(12)
-    points[3:7, 1] = 99.5
-    assert removed(points, persons=[9, 9, *range(12)]) == [False] * 12
-
-
 def test_each_person_of_a_message_is_shown_by_points_of_their_own():
     """Nobody is written as one position; two people as their numbers tell, whatever these are."""
     xy = np.random.default_rng(0).uniform(100, 300, (12, 2))
@@ -163,27 +157,12 @@ def test_rounded_ones_outside_of_the_image_from_three_on(axis, value, outside):
     assert is_shared(xy, IMAGE).tolist() == [outside] * 3 + [False] * 9
 
 
-def test_without_a_size_only_negative_ones_are_outside():
-    for value, shared in ((-5.0, True), (9000.0, False)):
-        xy = points(12, 1.0)
-        xy[:3, 0] = value
-        assert is_shared(xy, (0, 0)).any() == shared
-
-
 @pytest.mark.parametrize("total", [7, 8, 10, 11, 12])
 def test_rounded_ones_inside_from_half_of_the_points_on(total):
     for count in range(3, total):
         xy = points(total, 1.0)
         xy[:count, 1] = 100.0
         assert is_shared(xy, IMAGE).any() == (count >= max(FEWEST_ROUNDED, total / 2)), count
-
-
-def test_few_rounded_points_with_one_coordinate_are_placeholders_only_if_all_have_it():
-    xy = points(4, 1.0)
-    xy[:3, 0] = 200.0
-    assert not is_shared(xy, IMAGE).any()
-    xy[:, 0] = 200.0
-    assert is_shared(xy, IMAGE).all()
 
 
 def test_positions_that_agree_by_chance_are_those_of_a_detector_that_rounds():
@@ -195,9 +174,3 @@ def test_positions_that_agree_by_chance_are_those_of_a_detector_that_rounds():
     xy[:3, 0] = 123.4
     xy[5, 1] = xy[6, 1]  # in the other coordinate
     assert is_shared(xy, IMAGE)[:3].all()
-
-
-def test_several_values_in_one_coordinate():
-    xy = points(12)
-    xy[:3, 1], xy[3:7, 1] = -10.0, -20.0
-    assert is_shared(xy, IMAGE).tolist() == [True] * 7 + [False] * 5

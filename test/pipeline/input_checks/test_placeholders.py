@@ -2,20 +2,17 @@
 
 import numpy as np
 import pytest
+from messages import HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion, rosbags_backend
 
-pytest.importorskip("rosbags", reason="rosbags makes the messages")
-
-from messages import FOCAL, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
-
-from lassokin_ros.core.body.kinematics import BodyState, Kinematics  # noqa: E402
-from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
-from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
-from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.core.image.projection import project  # noqa: E402
-from lassokin_ros.demo.synthetic import motion  # noqa: E402
-from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS  # noqa: E402
-from lassokin_ros.pipeline.session import Session  # noqa: E402
-from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.demo.synthetic import motion
+from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
+from lassokin_ros.pipeline.session import Session
+from lassokin_ros.pipeline.settings import NodeSettings
 
 BACKEND = rosbags_backend()
 COUNT = 24
@@ -113,14 +110,6 @@ def test_ordinary_points_are_no_placeholders():
     for change in (to_x(WIDTH + 7.5 + apart), to_x(7.5 + apart), to_y(HEIGHT - 6.0 - apart), lambda xy: xy[[0, 0, 2]]):
         _, session = track(change)
         assert session.counts[PLACEHOLDERS] == 0
-
-
-def test_small_people_may_have_equal_rounded_points():
-    session = Session(TrackerConfig(height=1.75), NodeSettings())
-    session.set_camera(camera_info(BACKEND, focal=FOCAL))
-    small = np.round((PIXELS[0] - [WIDTH / 2, HEIGHT / 2]) * 0.05) + [WIDTH / 2 + 20, HEIGHT / 2 + 20]
-    session.process(cloud(BACKEND, 10**9, small), 0)
-    assert session.counts[PLACEHOLDERS] == 0
 
 
 @pytest.mark.parametrize("score", [2.5, 90.0, np.inf])

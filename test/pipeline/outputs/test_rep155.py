@@ -20,7 +20,6 @@ from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RosbagsBackend
 
-pytest.importorskip("rosbags")
 BACKEND = RosbagsBackend(detector_types())
 SKELETON = Skeleton.load("anthropometric", 1.75)
 CONFIG = NodeSettings(rep155=True, max_people=2, publish_tf="all")

@@ -14,7 +14,7 @@ from lassokin_ros.core.observation import CameraPose, Status
 from lassokin_ros.doubt.doubt import Doubt
 from lassokin_ros.doubt.monitor import Judgement
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.outputs.body_frames import BodyFrames, hip_joints
+from lassokin_ros.pipeline.outputs.body_frames import BodyFrames
 from lassokin_ros.pipeline.outputs.frame_messages import certificate_status, principal_axes
 from lassokin_ros.pipeline.outputs.scene_messages import PeopleMessages, PresenceState, confidence, person_report
 from lassokin_ros.pipeline.people.roster import Presence
@@ -114,9 +114,9 @@ def test_who_is_not_seen_when_the_frame_jumps_is_moved_with_it(people):
     once, twice = turn @ [1, 2, 3] + shift, turn @ (turn @ [1, 2, 3] + shift) + shift
     assert np.allclose(places, [once, twice, twice])
     people.update([], ["p2"], again)
-    assert list(people._moved) == ["p2"]
+    assert list(people._newest) == ["p2"]
     people.forget()
-    assert not people._moved
+    assert not people._newest
 
 
 def small():
@@ -148,13 +148,6 @@ def test_frames_of_a_body(rep155, publish):
         assert sorted(frames.names[4:]) == [(links[1], "l_hip_p1"), (links[2], "r_hip_p1")] and not positions[4:].any()
     else:
         assert len(frames.names) == 4
-
-
-def test_hips_are_a_pair():
-    assert hip_joints(small()) == [1, 2]
-    alone = Skeleton("one", ("pelvis", "left_hip"), np.array([-1, 0]), np.zeros((2, 3)), ("xzy",) * 2, 1.7)
-    assert hip_joints(alone) == []
-    assert BodyFrames(alone, NodeSettings(rep155=True), "node").names == [("", "node/body")]
 
 
 def test_principal_axes_are_right_handed():
@@ -208,17 +201,6 @@ def test_the_line_of_a_certificate(kkt1, level, words):
         "doubtful for [s]": "0.75",
         "limbs not seen": "left leg, right leg",
     }
-
-
-@pytest.mark.parametrize(("after_s", "expected"), [(1.999, "lost"), (2.0, "nobody")])
-def test_a_lost_person_is_remembered_until_forgotten(after_s, expected):
-    state = PresenceState()
-    assert state.update(Presence(Status.TRACKING), 0, 1.0, 3.0) and state.value == "tracking"
-    assert state.update(Presence(Status.LOST), 5 * SECOND, 1.0, 3.0) and state.value == "lost"
-    state.update(Presence(Status.LOST), 5 * SECOND + round(after_s * SECOND), 1.0, 3.0)
-    assert state.value == expected
-    fresh = PresenceState()
-    assert fresh.update(Presence(Status.LOST), 0, 1.0, 3.0) and fresh.value == "nobody"
 
 
 def test_nobody_is_said_only_if_it_is_known():

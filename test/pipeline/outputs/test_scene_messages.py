@@ -29,7 +29,6 @@ from msg_adapters.backends import RosbagsBackend
 from msg_adapters.output_messages.clouds import SKELETON_POINT, SKELETONS_POINT, SkeletonsCloudBuilder
 from msg_adapters.output_messages.people import CLOUD_TYPE, DETECTIONS_TYPE, PEOPLE_TYPE, POINT, TYPES
 
-pytest.importorskip("rosbags")
 START_NS, SECOND = 5_000_000_000, 1_000_000_000
 PIXELS = pixels_of_motion(8)
 BACKEND = rosbags_backend()

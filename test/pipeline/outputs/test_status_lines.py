@@ -286,12 +286,16 @@ def test_the_measured_height_of_people_who_are_there(session, diagnostics):
     assert figures == {"p1 height [m]": "1.679", "p1 height: deviation [m]": "0.051"}
 
 
-@pytest.mark.parametrize(("behind_s", "level"), [(-2.0, WARN), (-0.5, OK), (3599, OK), (3601, WARN)])
-def test_stamps_of_another_clock(diagnostics, behind_s, level):
+@pytest.mark.parametrize(
+    ("behind_s", "level"), [(-2.0, WARN), (-0.5, OK), (0.49, OK), (0.51, WARN), (61, OK), (3599, OK), (3601, WARN)]
+)
+def test_stamps_of_another_clock_and_late_keypoints(diagnostics, behind_s, level):
     for i in range(3):
         stamp_ns = SECOND if i else 10**5 * SECOND
         diagnostics.count_message([frame(stamp_ns)], SECOND + int(behind_s * SECOND), 10.5, 0.001)
     assert said(diagnostics)[0] == level
+    diagnostics.count_message([frame(SECOND)], 0, 10.5, 0.001)  # a simulated clock that has not started
+    assert said(diagnostics) == (OK, "tracking")
 
 
 def test_figures_of_a_period(session, diagnostics):

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from camera_rig import MAP, Eye, eye, keypoints, tf_of, truth_at
+from camera_rig import LEFT, MAP, RIGHT, START_NS, Eye, Play, keypoints, tf_of, truth_at
 from depth_camera import depth_message
-from messages import camera_info, cloud, crowd, rosbags_backend
+from messages import camera_info, crowd, rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import CameraPose
@@ -16,46 +16,28 @@ from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.builders import ERROR, OK, WARN
 
-pytest.importorskip("rosbags")
-BACKEND, START_NS, HZ = rosbags_backend(), 1_700_000_000_000_000_000, 30
-EYES = {"left": eye("left", 0), "right": eye("right", 90)}
+BACKEND = rosbags_backend()
+HZ = 30
+EYES = {"left": LEFT, "right": RIGHT}
 TRUTH = truth_at(np.arange(HZ) / HZ)
 
 
-class Scene:
-    """Cameras that see a person, and the status once per second."""
+class Scene(Play):
+    """Cameras with static transforms; the status after each second."""
 
-    def __init__(self, eyes=EYES, old_s=0.0, **settings):
-        self.eyes, self.old_ns = eyes, round(1e9 * old_s)
-        self.session = Session(
-            TrackerConfig(height=1.75), NodeSettings(cameras=tuple(eyes), fixed_frame=MAP, **settings)
-        )
-        for name, one in eyes.items():
-            assert self.session.set_camera(camera_info(BACKEND, frame_id=one.frame), name) is None
+    def __init__(self, eyes=EYES, late=0.0, px=None, **settings):
+        settings = NodeSettings(cameras=tuple(eyes), fixed_frame=MAP, **settings)
+        super().__init__(list(eyes.values()), settings, late=late, px=px)
+        for one in self.eyes:
             self.session.placement.transforms.add(tf_of(BACKEND, one, START_NS, 0.0), static=True)
-        self.diagnostics, self.random, self.index = (
-            Diagnostics(self.session, "tracker", 0.0),
-            np.random.default_rng(0),
-            0,
-        )
+        self.seconds = 0
 
-    def second(self, sends=lambda name, index: True, shift=lambda name: 0.0, work=lambda name, stamp_ns: None):
-        """Return the status after a second. sends: whether a camera sends this image; shift: px."""
-        for _ in range(HZ):
-            now, stamp_ns = self.index / HZ, START_NS + round(1e9 * self.index / HZ)
-            for name, one in self.eyes.items():
-                if sends(name, self.index):
-                    work(name, stamp_ns)
-                    landmarks = TRUTH.landmarks[self.index % HZ]
-                    message = keypoints(BACKEND, one, START_NS, now, landmarks, self.random)
-                    if shift(name):
-                        points = one.pose_at(0).into_camera(landmarks)
-                        pixels = 600 * points[:, :2] / points[:, 2:] + [320, 240] + shift(name)
-                        message = cloud(BACKEND, stamp_ns, pixels, frame_id=one.frame)
-                    frames = self.session.frames(message, stamp_ns + self.old_ns, name)
-                    self.diagnostics.count_message(frames, stamp_ns + self.old_ns, now, 0.001)
-            self.index += 1
-        return self.diagnostics.line(self.index / HZ)
+    def second(self, sends=lambda name, index: True):
+        """sends: whether a camera sends an image."""
+        silent = lambda number, seconds: not sends(self.names[number], round(HZ * seconds))  # noqa: E731
+        self.run(1.0, HZ, tf=False, silent=silent, begin=self.seconds)
+        self.seconds += 1
+        return self.line(self.seconds)
 
 
 def test_a_camera_that_never_sends_is_reported():
@@ -99,7 +81,7 @@ def test_nobody_is_in_view_of_the_camera_that_still_sends_after_simulated_time_j
 
 
 def test_an_old_recording_of_cameras_with_different_rates_has_one_clock():
-    scene = Scene(old_s=30 * 86400.0)
+    scene = Scene(late=30 * 86400.0)
     lines = [scene.second(sends=lambda name, index: name == "left" or index % 2 == 0) for _ in range(3)]
     assert not any("arrive" in line.message for line in lines)
     jumped = [scene.session.cameras[name].delay_s for name in EYES]
@@ -118,23 +100,20 @@ def test_an_odd_camera_info_is_that_of_its_camera(name="right"):
 
 def test_a_camera_without_depth_images_is_named(name="right"):
     scene = Scene(depth="depth")
-
-    def work(sender, stamp_ns):
-        if sender != name:
-            noise = 0.01 * scene.random.normal(size=(48, 64))
-            message = depth_message(BACKEND, stamp_ns, 3.2 + noise, frame_id=EYES[sender].frame)
-            scene.session.cameras[sender].depth.add(message, stamp_ns)
-
-    line = scene.second(work=work)
+    for index in range(HZ):
+        stamp_ns = START_NS + round(1e9 * index / HZ)
+        message = depth_message(BACKEND, stamp_ns, 3.2 + 0.01 * scene.random.normal(size=(48, 64)), EYES["left"].frame)
+        scene.session.cameras["left"].depth.add(message, stamp_ns)
+    line = scene.second()
     assert f"camera '{name}': no depth images on {name}/depth" in line.message and line.message.count("no depth") == 1
 
 
 def test_keypoints_outside_the_image_are_those_of_their_camera(name="right"):
     """Half of all messages: those of one camera."""
-    scene = Scene()
+    scene = Scene(px={1: 900.0})
     info = camera_info(BACKEND, frame_id=EYES[name].frame, width=800, height=600)
     scene.session.set_camera(info, name)
-    line = scene.second(shift=lambda sender: 900.0 if sender == name else 0.0)
+    line = scene.second()
     assert f"camera '{name}': keypoints lie outside the image of 800 x 600 px" in line.message
     assert line.message.count("outside the image") == 1
 

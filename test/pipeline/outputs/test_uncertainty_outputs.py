@@ -18,7 +18,6 @@ from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.output_messages.clouds import SKELETONS_POINT
 
-pytest.importorskip("rosbags")
 START_NS = 5_000_000_000
 FIELDS = ["x", "y", "z", "joint", "deviation", "xx", "xy", "xz", "yy", "yz", "zz"]
 
