@@ -206,8 +206,9 @@ def learn(make: Make, play: Play, config: TrackerConfig) -> Known:
 
     def keep_bodies(frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         """Keep the newest body of each person: a tracker forgets it when the person leaves."""
-        for person in sorted({frame.person for frame in frames if frame.accepted} & session.trackers.keys()):
-            tracker = session.trackers[person]
+        trackers = session.roster.trackers
+        for person in sorted({frame.person for frame in frames if frame.accepted} & trackers.keys()):
+            tracker = trackers[person]
             height, body = tracker.learned.height, tracker.skeleton
             if tracker.learned.lengths.kept_motion < LEAST_MOTION:
                 if height is None:
@@ -230,7 +231,7 @@ def _backward(
     """Return the frames backward in time, of each person; none if the fixed frame's motion is not in what was kept."""
     if session.counts[JUMPS] or not kept.usable:
         return {}
-    extrinsics = session.extrinsics
+    extrinsics = session.roster.extrinsics
 
     def placed(observations: Sequence[Observation]) -> list[Observation]:
         """At the places of the cameras as they were known at the end."""
