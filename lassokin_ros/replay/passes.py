@@ -208,8 +208,9 @@ class _Learned:
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         """Keep those of the people in the frames; a listener of Playback."""
-        for person in sorted({frame.person for frame in frames if frame.accepted} & self._session.trackers.keys()):
-            tracker = self._session.trackers[person]
+        trackers = self._session.roster.trackers
+        for person in sorted({frame.person for frame in frames if frame.accepted} & trackers.keys()):
+            tracker = trackers[person]
             height, body = tracker.learned.height, tracker.skeleton
             if tracker.learned.lengths.kept_motion < LEAST_MOTION:
                 if height is None:
@@ -240,7 +241,7 @@ def _backward(
     """
     if session.counts[JUMPS] or not kept.usable:
         return {}
-    extrinsics = session.extrinsics
+    extrinsics = session.roster.extrinsics
 
     def placed(observations: Sequence[Observation]) -> list[Observation]:
         """At the places of the cameras as they were known at the end."""

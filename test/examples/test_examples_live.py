@@ -1,71 +1,28 @@
-"""The examples as processes on real DDS, with and without a person."""
+"""The examples as processes on real DDS, beside a tracker's outputs that the test sends."""
 
-import importlib.util
-import signal
-import subprocess
-import sys
-import threading
 import time
-from contextlib import contextmanager
-from dataclasses import replace
-from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
-rclpy = pytest.importorskip("rclpy")
+pytest.importorskip("rclpy")
 
-from geometry_msgs.msg import (  # noqa: E402
-    PointStamped,
-    Pose,
-    PoseArray,
-    PoseWithCovarianceStamped,
-    TransformStamped,
-)
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
-from rclpy.signals import SignalHandlerOptions  # noqa: E402
-from sensor_msgs.msg import PointCloud2  # noqa: E402
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped  # noqa: E402
+from rcl_interfaces.msg import Log  # noqa: E402
+from robots import BACKEND, DEADLINE_S, Robot, example, person_of, running, skeleton  # noqa: E402
+from sensor_msgs.msg import JointState, PointCloud2  # noqa: E402
+from simulated.hands import posture  # noqa: E402
 
 from lassokin_ros import joints as indices  # noqa: E402
-from msg_adapters.backends import RclpyBackend  # noqa: E402
-from msg_adapters.output_messages.clouds import (  # noqa: E402
-    JointsReport,
-    LimbCloudBuilder,  # noqa: E402
-    SkeletonCloudBuilder,
-)
-from msg_adapters.output_messages.people import PersonReport, people_builder  # noqa: E402
+from lassokin_ros.core.body.rotations import to_quaternion  # noqa: E402
+from lassokin_ros.core.output.hand_points import hand_axes  # noqa: E402
+from lassokin_ros.gestures import GESTURES  # noqa: E402
+from msg_adapters.output_messages.clouds import HandCloudBuilder, HandReport, LimbCloudBuilder  # noqa: E402
 
-ROOT = Path(__file__).resolve().parents[2]
-DEADLINE_S = 60.0
-
-
-class Robot:
-    """Publishes the tracker's outputs, and receives those of an example."""
-
-    def __init__(self):
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
-        self.node = rclpy.create_node("robot", context=self.context)
-        self._executor = SingleThreadedExecutor(context=self.context)
-        self._executor.add_node(self.node)
-        self.got = []
-
-    def listen(self, message_type, topic):
-        self.node.create_subscription(message_type, topic, self.got.append, 10)
-
-    def spin_until(self, condition, what, act=lambda: None):
-        """Spin, and repeat `act`, until the condition holds."""
-        end = time.monotonic() + DEADLINE_S
-        while not condition():
-            assert time.monotonic() < end, f"{what} did not come"
-            act()
-            self._executor.spin_once(timeout_sec=0.05)
-
-    def close(self):
-        self._executor.shutdown()
-        self.node.destroy_node()
-        self.context.try_shutdown()
+HANDS = HandCloudBuilder(BACKEND, 2)
+TO_MANO = np.array([[0, 0, -1], [-1, 0, 0], [0, 1, 0]])
 
 
 @pytest.fixture
@@ -75,62 +32,16 @@ def robot():
     result.close()
 
 
-@contextmanager
-def script(*command):
-    """The process of a Python script, killed if it has not ended."""
-    process = subprocess.Popen(
-        [sys.executable, *command], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
+class Sender:
+    """Sends an output of the tracker, and ~/people with its person."""
 
+    def __init__(self, robot, output, tracker="/tracker"):
+        self.output = robot.publisher(PointCloud2, f"{tracker}/{output}")
+        self.people = robot.publisher(PointCloud2, f"{tracker}/people")
 
-@contextmanager
-def example(name, robot, act=lambda: None, arguments=()):
-    """The process of an example; at SIGINT, while `act` is repeated, it must end with exit code 0."""
-    with script(f"examples/{name}.py", *arguments) as process:
-        yield process
-        process.send_signal(signal.SIGINT)
-        robot.spin_until(lambda: process.poll() is not None, "the end", act)
-        assert process.returncode == 0, process.stdout.read()
-
-
-def joints(frame_id="camera", **places):
-    """A PoseArray of 24 joints; places: index=(x, y, z) by name joint_<index>."""
-    message = PoseArray(poses=[Pose() for _ in range(24)])
-    message.header.frame_id = frame_id
-    for name, (x, y, z) in places.items():
-        position = message.poses[int(name.removeprefix("joint_"))].position
-        position.x, position.y, position.z = x, y, z
-    return message
-
-
-CLOUD = SkeletonCloudBuilder(RclpyBackend(), 24)
-PEOPLE = people_builder(RclpyBackend(), "sensor_msgs/msg/PointCloud2")
-
-
-def skeleton(places, deviation=(0.05, 0.05, 0.05), seen=True, late_s=0.0, frame_id="camera"):
-    """A ~/skeleton of now. places: (24, 3) m; deviation: (3,) m, along x, y and z; late_s: s, age of its stamp."""
-    stamp_ns, doubt = time.time_ns() - round(1e9 * late_s), np.tile(np.diag(np.square(deviation)), (24, 1, 1))
-    flags, rest = (np.full(24, seen), np.zeros(24), np.zeros(24)), (np.ones(24), np.ones(24))
-    report = JointsReport(1, places, np.zeros((24, 3)), doubt, *flags, *rest, np.zeros((24, 4)), np.ones(3))
-    return CLOUD.fill(stamp_ns, frame_id, report)
-
-
-def person_of(message, flag=""):
-    """A ~/people with the person of an image. flag: "guessed" or "doubtful" for such a person."""
-    person = PersonReport(
-        "p1", True, 0.9, np.ones(3), np.array([0, 0, 0, 1.0]), np.zeros(3), np.eye(6), np.ones((1, 3))
-    )
-    stamp = message.header.stamp
-    return PEOPLE.fill(
-        stamp.sec * 10**9 + stamp.nanosec,
-        message.header.frame_id,
-        [replace(person, **{flag: True}) if flag else person],
-    )
+    def __call__(self, message, flag=""):
+        self.output.publish(message)
+        self.people.publish(person_of(message, flag))
 
 
 OPTICAL = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
@@ -139,51 +50,49 @@ OPTICAL = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 
 @pytest.mark.parametrize("axes", [OPTICAL, np.eye(3)], ids=["optical", "fixed"])
 def test_a_raised_hand_is_logged_once(robot, axes):
-    tracker = robot.node.create_publisher(PointCloud2, "/tracker/skeleton", 10)
-    people = robot.node.create_publisher(PointCloud2, "/tracker/people", 10)
-    places, lines = np.tile([6.0, 4.0, 1.0], (24, 1)), []
+    robot.listen(Log, "/rosout")
+    send = Sender(robot, "skeleton")
+    places = np.tile([6.0, 4.0, 1.0], (24, 1))
     places[indices.HEAD, 2] = 1.6
-    hanging, raised, late = places.copy(), places.copy(), places.copy()
+    hanging, raised = places.copy(), places.copy()
     hanging[indices.LEFT_WRIST] = 6.3, 4.2, 0.7
-    raised[indices.LEFT_WRIST] = late[indices.LEFT_WRIST] = 6.3, 4.2, 1.9
+    raised[indices.LEFT_WRIST] = 6.3, 4.2, 1.9
 
-    def send(body, flag="", **options):
-        tracker.publish(message := skeleton(body @ axes.T, frame_id="any", **options))
-        people.publish(person_of(message, flag))
+    def body(places, **options):
+        return skeleton(places @ axes.T, frame_id="any", **options)
 
-    with example("raised_hand", robot) as process:
-        reader = threading.Thread(target=lambda: [lines.append(line) for line in process.stdout])
-        reader.start()
-        robot.spin_until(lambda: tracker.get_subscription_count(), "the example")
+    def logged():
+        return sum(log.name == "raised_hand" and "left hand raised" in log.msg for log in robot.got)
+
+    with example("raised_hand", robot):
+        robot.spin_until(send.output.get_subscription_count, "the example")
         for _ in range(5):
-            send(hanging)
-            send(raised, late_s=1.5)
-            send(raised, "doubtful")
-        robot.spin_until(lambda: tracker.wait_for_all_acked(), "the acknowledgement")
-        assert not any("raised" in line for line in lines)
-        # the first ones may be lost
-        robot.spin_until(lambda: any("raised" in line for line in lines), "the line", lambda: send(raised))
+            send(body(hanging))
+            send(body(raised, late_s=1.5))
+            send(body(raised), "doubtful")
+        robot.spin_until(send.output.wait_for_all_acked, "the acknowledgement")
+        robot.spin_for(0.2)
+        assert not logged()
+        robot.spin_until(logged, "the line", lambda: send(body(raised)))  # the first ones may be lost
         for _ in range(3):
-            send(raised)
+            send(body(raised))
         for _ in range(3):
-            send(hanging)
-            send(raised, seen=False)
-        robot.spin_until(lambda: tracker.wait_for_all_acked(), "the acknowledgement")
-    reader.join(DEADLINE_S)
-    assert sum("left hand raised" in line for line in lines) == 1
+            send(body(hanging))
+            send(body(raised, seen=False))
+        robot.spin_until(send.output.wait_for_all_acked, "the acknowledgement")
+        robot.spin_for(0.2)
+    assert logged() == 1
 
 
 def test_a_hand_is_published_while_it_is_visible_certain_still_and_new(robot):
     """The least certain direction may be any one: in a fixed frame it is not z."""
     robot.listen(PointStamped, "/robot/hand")
-    tracker = robot.node.create_publisher(PointCloud2, "/robot/tracker/skeleton", 10)
-    people = robot.node.create_publisher(PointCloud2, "/robot/tracker/people", 10)
+    sent = Sender(robot, "skeleton", "/robot/tracker")
 
     def send(mark=0.0, flag="", **options):
         """A hand that holds still within 0.01 m; mark: whose offset in mm tells which message it was."""
         places = np.full((24, 3), 3.0 + mark / 1000) + np.arange(24)[:, None]
-        tracker.publish(message := skeleton(places, **options))
-        people.publish(person_of(message, flag))
+        sent(skeleton(places, **options), flag)
 
     with example("hand_over", robot, send, ("--ros-args", "-r", "__ns:=/robot")):  # it is publishing at SIGINT
         robot.spin_until(lambda: robot.got, "a hand", send)
@@ -211,15 +120,12 @@ def test_a_hand_is_published_while_it_is_visible_certain_still_and_new(robot):
 def test_the_target_of_an_arm_is_in_a_frame_of_the_robot_or_in_none(robot, frame):
     """~/limbs has the frame_id of the camera, and the person's right_shoulder has other axes than the trunk."""
     robot.listen(PoseWithCovarianceStamped, "arm_target")
-    tracker = robot.node.create_publisher(PointCloud2, "/tracker/limbs", 10)
-    people = robot.node.create_publisher(PointCloud2, "/tracker/people", 10)
-    cloud = LimbCloudBuilder(RclpyBackend(), [indices.RIGHT_WRIST], [indices.RIGHT_SHOULDER])
+    sent, cloud = Sender(robot, "limbs"), LimbCloudBuilder(BACKEND, [indices.RIGHT_WRIST], [indices.RIGHT_SHOULDER])
 
     def send():
         place, doubt, seen = np.array([[1.0, 0.2, -0.4]]), 1e-4 * np.eye(3)[None], np.array([True])
         for count, flag in enumerate(("doubtful", "guessed", "")):
-            tracker.publish(message := cloud.fill(time.time_ns(), "camera", (1.0 - count / 4) * place, doubt, seen))
-            people.publish(person_of(message, flag))
+            sent(cloud.fill(time.time_ns(), "camera", (1.0 - count / 4) * place, doubt, seen), flag)
 
     arguments = ("--ros-args", "-p", f"shoulder_frame:={frame}") if frame else ()
     with example("imitate_arm", robot, send, arguments):
@@ -253,33 +159,86 @@ run(Signalled)
 
 def test_a_signal_does_not_interrupt_a_callback():
     """With rclpy's own handler the context would end at once, and the callback could not publish."""
-    with script("-c", SIGNALLED) as process:
+    with running("", script=("-c", SIGNALLED)) as process:
         said = process.communicate(timeout=2 * DEADLINE_S)[0]
     assert (process.returncode, said) == (0, "published\n")
 
 
-@pytest.mark.skipif(
-    not all(importlib.util.find_spec(name) for name in ("tf2_ros", "tf2_geometry_msgs")),
-    reason="tf2_ros and tf2_geometry_msgs are not installed",
+def hands(places, gesture="other", ray=(0.0, 0.6, -0.8), seen=True):
+    """A ~/hands of now with two hands at the same places (21, 3) m."""
+    axes = hand_axes(places)
+    along, quaternion = (places - places[0]) @ axes, to_quaternion(axes)
+    shared = np.tile(1e-6 * np.eye(3), (21, 1, 1)), np.full(21, seen), places[0], quaternion, np.array(ray), 0.05
+    shared += GESTURES.index(gesture), 0.9
+    return HANDS.fill(time.time_ns(), "map", [HandReport(side, 1, along, *shared) for side in (0, 1)])
+
+
+def test_the_place_on_the_floor_is_published_while_a_hand_points(robot):
+    robot.listen(PoseWithCovarianceStamped, "pointed_at")
+    send = Sender(robot, "hands")
+    pointing, fist = posture("pointing") + [0, 0, 1.2], posture("fist") + [0, 0, 1.2]
+    with example("pointing", robot, lambda: send(hands(pointing, "pointing"))):
+        robot.spin_until(lambda: robot.got, "a place", lambda: send(hands(pointing, "pointing")))
+        for _ in range(3):
+            send(hands(fist, "fist"))
+            send(hands(fist, "pointing"), "doubtful")
+            send(hands(fist, "pointing", seen=False))
+    tip = pointing[8]
+    place, covariance = robot.got[0].pose.pose.position, robot.got[0].pose.covariance.reshape(6, 6)
+    assert robot.got[0].header.frame_id == "map" and place.z == 0
+    assert (place.x, place.y) == pytest.approx((tip[0], tip[1] + 0.75 * tip[2]), abs=1e-4)
+    assert {target.pose.pose.position.y for target in robot.got} == {place.y}
+    across = 0.05 * tip[2] / 0.8
+    assert np.allclose(covariance[:2, :2], np.diag([across**2, (across / 0.8) ** 2]), rtol=1e-3)
+
+
+HAND = """<robot name="hand"><link name="palm"/>{}</robot>"""
+TURNS = '<axis xyz="{axis}"/><limit lower="-1.6" upper="1.6" effort="1" velocity="1"/>'
+FINGER = (
+    '<link name="{n}1"/><joint name="{n}a" type="revolute"><parent link="palm"/><child link="{n}1"/>'
+    f'<origin xyz="{{xyz}}"/>{TURNS}</joint>'
+    '<link name="{n}2"/><joint name="{n}b" type="revolute"><parent link="{n}1"/><child link="{n}2"/>'
+    f'<origin xyz="{{first}}"/>{TURNS}</joint>'
+    '<link name="{n}_tip"/><joint name="{n}c" type="fixed"><parent link="{n}2"/><child link="{n}_tip"/>'
+    '<origin xyz="{second}"/></joint>'
 )
-def test_the_wrist_is_published_in_base_link(robot):
-    from tf2_msgs.msg import TFMessage
 
-    robot.listen(PointStamped, "right_wrist")
-    tracker = robot.node.create_publisher(PoseArray, "/tracker/joints", 10)
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    tf = robot.node.create_publisher(TFMessage, "/tf_static", latched)
 
-    def send():
-        message = joints(joint_21=(0.1, 0.2, 3.0))
-        message.header.stamp = robot.node.get_clock().now().to_msg()
-        tracker.publish(message)
+def urdf_of(places):
+    """A hand of two fingers with the person's lengths, straight at rest, in the axes of `retarget_hand`."""
+    along = (places - places[0]) @ hand_axes(places) @ TO_MANO
+    fingers = ""
+    for name, (root, middle, tip) in {"index": (5, 6, 8), "middle": (9, 10, 12)}.items():
+        direction = along[root] / np.linalg.norm(along[root])
+        axis = np.cross(direction, np.cross(along[5], along[9]))
+        lengths = np.linalg.norm(along[middle] - along[root]), np.linalg.norm(along[tip] - along[middle])
+        numbers = dict(xyz=along[root], axis=axis / np.linalg.norm(axis))
+        numbers |= dict(first=lengths[0] * direction, second=lengths[1] * direction)
+        fingers += FINGER.format(n=name, **{key: " ".join(f"{v:.9g}" for v in value) for key, value in numbers.items()})
+    return HAND.format(fingers)
 
-    with example("wrist_in_base", robot):
-        robot.spin_until(lambda: tracker.get_subscription_count(), "the example")
-        send()  # without TF: no point
-        mount = TransformStamped(child_frame_id="camera")
-        mount.header.frame_id, mount.transform.translation.z, mount.transform.rotation.w = "base_link", 1.0, 1.0
-        tf.publish(TFMessage(transforms=[mount]))
-        robot.spin_until(lambda: robot.got, "a point", send)
-        assert robot.got[-1].header.frame_id == "base_link" and robot.got[-1].point.z == pytest.approx(4.0)
+
+def test_the_fingertips_of_a_robots_hand_follow(robot, tmp_path):
+    pin = pytest.importorskip("pinocchio", reason="pinocchio (pip install pin) is needed")
+    robot.listen(JointState, "hand_joints")
+    send, bent = Sender(robot, "hands"), posture("grasp")
+    file = tmp_path / "hand.urdf"
+    file.write_text(urdf_of(posture("open palm")))
+    with example("retarget_hand", robot, lambda: send(hands(bent)), (str(file), "index_tip", "8", "middle_tip", "12")):
+        robot.spin_until(lambda: robot.got, "a posture", lambda: send(hands(bent)))
+        count = len(robot.got)
+        robot.spin_until(lambda: len(robot.got) > count + 1, "more", lambda: send(hands(bent)))
+    state = SimpleNamespace(**dict(zip(robot.got[-1].name, robot.got[-1].position)))
+    assert vars(state).keys() == {"indexa", "indexb", "middlea", "middleb"}
+    model = pin.buildModelFromUrdf(str(file))
+    data, wanted = model.createData(), (bent - bent[0]) @ hand_axes(bent) @ TO_MANO
+    found = np.array([getattr(state, name) for name in list(model.names)[1:]])
+
+    def apart(angles, tip, point):
+        pin.framesForwardKinematics(model, data, angles)
+        return data.oMf[model.getFrameId(tip)].translation - wanted[point]
+
+    for tip, point in (("index_tip", 8), ("middle_tip", 12)):  # as near as two parallel axes allow
+        nearest = least_squares(apart, found, bounds=(-1.6, 1.6), args=(tip, point))
+        assert np.linalg.norm(nearest.fun) < 0.03
+        assert np.linalg.norm(apart(found, tip, point)) < np.linalg.norm(nearest.fun) + 0.002

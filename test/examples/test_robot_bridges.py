@@ -1,8 +1,6 @@
 """The examples that hand motions to simulations, arms and GMR: their parts without ROS, and loaders' forms."""
 
-import importlib.util
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,21 +11,14 @@ from lassokin_ros import joints
 
 pytest.importorskip("rclpy")
 
-ROOT = Path(__file__).resolve().parents[2]
-
-
-def example(name):
-    spec = importlib.util.spec_from_file_location(name, ROOT / "examples" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+from robots import load  # noqa: E402
 
 
 @pytest.fixture(scope="module")
 def mujoco_example():
     pytest.importorskip("mujoco", reason="needs mujoco: pip install mujoco '.[robot]'")
     pytest.importorskip("pink", reason="needs the extra robot: pip install lassokin_ros[robot]")
-    return example("humanoid_in_mujoco")
+    return load("humanoid_in_mujoco")
 
 
 def test_mujoco_shows_commands_at_once(mujoco_example):
@@ -50,7 +41,7 @@ def test_mujoco_follows_commands_with_torques(mujoco_example):
 
 def test_an_arm_of_one_chain_goes_to_its_target_within_its_limits():
     pytest.importorskip("pink", reason="needs the extra robot: pip install lassokin_ros[robot]")
-    example_of_arm = example("imitate_arm_joints")
+    example_of_arm = load("imitate_arm_joints")
     links = ['<robot name="arm"><link name="base"/>']
     for index, (axis, x) in enumerate((("0 0 1", 0.0), ("0 1 0", 0.0), ("0 1 0", 0.3), ("0 1 0", 0.25))):
         parent = f"link_{index - 1}" if index else "base"
@@ -86,7 +77,7 @@ def seen_person(turn):
 
 def test_gmr_gets_places_with_z_up_and_a_scale_from_the_pelvis():
     pytest.importorskip("pink", reason="needs the extra robot: pip install lassokin_ros[robot]")
-    gmr = example("gmr_live")
+    gmr = load("gmr_live")
     images = [gmr.human(seen_person(Rotation.from_rotvec([0.4, 0.1, 2.0])))] * 3
     floor, pelvis = gmr.pelvis_height(images)
     assert 0.8 < pelvis < 1.0  # m, of a person of 1.7 m
@@ -133,7 +124,7 @@ def test_a_bvh_with_nokovs_names_has_what_gmr_reads():
     angles[1, 3 * 1] = 30.0  # the first rotation, about z, of the joint after the root
     rows = "\n".join(" ".join(str(v) for v in (0.1, 0.9, -3.0, *frame)) for frame in angles)
     text = f"{hierarchy(skeleton)}MOTION\nFrames: 2\nFrame Time: 0.033333333\n{rows}\n"
-    names, parents, offsets, order, frames = read_as_lafan(example("nokov_bvh").renamed(text))
+    names, parents, offsets, order, frames = read_as_lafan(load("nokov_bvh").renamed(text))
     assert {"Hips", "LeftUpLeg", "LeftFoot", "LeftToeBase", "RightToeBase", "LeftForeArm", "Head"} <= set(names)
     assert not {name for name in names if "_" in name or name in joints.NAMES} and order == "ZYX"
     assert np.allclose(frames[:, :3], [10.0, 90.0, -300.0]) and np.allclose(frames[:, 3:], angles)
