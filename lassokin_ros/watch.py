@@ -154,8 +154,8 @@ class IntoFrame:
     """Moves people into a frame by TF. It reads TF from the first message on that is in another frame."""
 
     def __init__(self, node: Node, frame: str, stale_s: float) -> None:
-        """frame: the frame to move into; stale_s: s, largest age of a transform. Static ones have no age."""
-        self._node, self._frame, self._stale_s = node, frame, stale_s
+        """frame: to move into; empty: none. stale_s: s, largest age of a transform. Static ones have no age."""
+        self._node, self.frame, self._stale_s = node, frame, stale_s
         self._buffer: Any = None
         self._ahead_ns = 0  # ns, stamp of the newest transform that was ahead of the time
 
@@ -164,12 +164,12 @@ class IntoFrame:
 
         The newest transform is used: a person stays in place in a fixed frame while the robot moves on.
         """
-        if len(people) == 0 or source == self._frame:
+        if len(people) == 0 or self.frame in ("", source):
             return people
         transform, fault = self._newest(source)
         if transform is None:
             self._node.get_logger().warning(
-                f"people are in the frame '{source}', expected '{self._frame}' (in some examples the parameter "
+                f"people are in the frame '{source}', expected '{self.frame}' (in some examples the parameter "
                 f"camera_frame: an optical frame on the robot), or a fresh transform between them in TF: {fault}",
                 throttle_duration_sec=LOG_PERIOD_S,
             )
@@ -186,7 +186,7 @@ class IntoFrame:
             self._buffer = Buffer()
             self._listener = TransformListener(self._buffer, self._node)
         try:
-            found = self._buffer.lookup_transform(self._frame, source, Time())
+            found = self._buffer.lookup_transform(self.frame, source, Time())
         except TransformException as error:
             return None, str(error)
         stamp_ns = Time.from_msg(found.header.stamp).nanoseconds
@@ -210,8 +210,7 @@ class PeopleWatch:
         """
         self._node, self._tracker = node, tracker
         self._clock, self._stale_s = node.get_clock(), stale_s
-        self._into = IntoFrame(node, frame, stale_s) if frame else None
-        self._frame = frame
+        self._into = IntoFrame(node, frame, stale_s)
         self._people: PointCloud2 | None = None
         self._state = LOST
         self._heard = self._sure = False  # since the last look at silence: ~/people, and one with a certain person
@@ -289,12 +288,8 @@ class PeopleWatch:
         return dict(self._certain).get(Time.from_msg(message.header.stamp).nanoseconds)
 
     def joints(self, message: PointCloud2) -> np.ndarray | None:
-        """Return the points of ~/skeleton or ~/skeletons in the frame of the watch; None, with a warning, without TF.
-
-        The newest transform is used: a person stays in place in a fixed frame while the robot moves on.
-        """
-        found = points(message)
-        return found if self._into is None else self._into.move(found, message.header.frame_id)
+        """Return the points of ~/skeleton or ~/skeletons in the frame of the watch, see `IntoFrame.move`."""
+        return self._into.move(points(message), message.header.frame_id)
 
     def _on_state(self, message: String) -> None:
         self._state = message.data
@@ -323,7 +318,7 @@ class PeopleWatch:
         """Frame of the positions: `frame`, or that of the newest message, the camera's optical frame (x right, y down,
         z forward) or the tracker's `fixed_frame` (z up); empty before a message.
         """
-        return self._frame or ("" if self._people is None else str(self._people.header.frame_id))
+        return self._into.frame or ("" if self._people is None else str(self._people.header.frame_id))
 
     @property
     def stamp(self) -> Time | None:
@@ -350,8 +345,7 @@ class PeopleWatch:
         """Return the people (k,) of the newest message in the wanted frame; None if they are not known."""
         if self._people is None or not self.fresh(self._people.header):
             return None
-        people = points(self._people)
-        return people if self._into is None else self._into.move(people, self._people.header.frame_id)
+        return self._into.move(points(self._people), self._people.header.frame_id)
 
     def everybody(self) -> np.ndarray:
         """Return all people of the newest message, also those who are lost, the nearest one first; none if not known.

@@ -23,7 +23,6 @@ from lassokin_ros.archive.tasks import (
     TRACKED,
     ArchiveError,
     Result,
-    Runner,
     Task,
     check_files,
 )
@@ -53,10 +52,11 @@ def replay_archive(options: argparse.Namespace) -> int:
     check_files(options)
     tasks = tasks_of(options)
     origin_of(tasks[0].options)  # raises once for unusable settings, before any work starts
+    runner = in_processes(options.jobs) if options.scheduler is None else on_cluster(options.scheduler)
     progress = Progress(len(tasks), "recordings")
     results: dict[str, Result] = {}
     try:
-        with closing(_runner(options)(tasks)) as outcomes:
+        with closing(runner(tasks)) as outcomes:
             for result in outcomes:
                 results[result.name] = result
                 progress.advance(note=f"{result.name}: {result.outcome}")
@@ -68,10 +68,6 @@ def replay_archive(options: argparse.Namespace) -> int:
         progress.close()
     print_summary(table([results[task.name] for task in tasks]))
     return 0 if all(result.succeeded for result in results.values()) else FAILED
-
-
-def _runner(options: argparse.Namespace) -> Runner:
-    return in_processes(options.jobs) if options.scheduler is None else on_cluster(options.scheduler)
 
 
 def tasks_of(options: argparse.Namespace) -> list[Task]:

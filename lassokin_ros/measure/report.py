@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from html import escape
 from typing import Any
@@ -39,23 +39,22 @@ HEADER = f"{'':>3} {'bottom':>8} {'time':>6} {'left knee':>10} {'right knee':>11
 def gait_lines(gait: Gait) -> list[str]:
     """Return the lines of the table."""
     knees = ", ".join(f"{side} {_known(gait.knee_range[side])} deg" for side in SIDES)
-    lines = {
-        "strides": f"{gait.strides}",
-        "cadence": f"{_known(gait.cadence)} steps/min",
-        "stride": f"{gait.stride_m:.2f} m, {gait.stride_s:.2f} s",
-        "speed": f"{gait.speed:.2f} m/s",
-        **{name: sides_text(name, sides) for name, sides in gait.sides.items()},
-        "both feet down": support_text(gait),
-        "knee range": knees,
-    }
+    sides = {name: sides_text(name, sides) for name, sides in gait.sides.items()}
+    lines = {"strides": f"{gait.strides}", **_general(gait), **sides, "knee range": knees}
     return [*(f"{name:<15} {words}" for name, words in lines.items()), *_doubt([gait.doubtful])]
 
 
-def support_text(gait: Gait) -> str:
-    """Return the double support; of a run, the time in the air."""
+def _general(gait: Gait) -> dict[str, str]:
+    """Return the measures of both sides together, by name."""
+    support = f"{_known(100 * gait.double_support)} % of a stride"
     if gait.double_support < 0:
-        return f"never; in the air for {-100 * gait.double_support:.0f} % of a stride"
-    return f"{_known(100 * gait.double_support)} % of a stride"
+        support = f"never; in the air for {-100 * gait.double_support:.0f} % of a stride"
+    return {
+        "cadence": f"{_known(gait.cadence)} steps/min",
+        "stride": f"{gait.stride_m:.2f} m, {gait.stride_s:.2f} s",
+        "speed": f"{gait.speed:.2f} m/s",
+        "both feet down": support,
+    }
 
 
 FEW = 0.3
@@ -66,14 +65,17 @@ UNITS = {TIME: (1.0, 2, "s"), LENGTH: (1.0, 2, "m"), STANCE: (100.0, 0, "%")}
 
 def sides_text(name: str, sides: Sides) -> str:
     """Return a measure of both sides with deviations, and what it says of their difference."""
-    scale, digits, unit = UNITS[name]
-    words = [
-        f"{side} {_known(scale * mean, digits)} +- {scale * deviation:.{digits + 1}f} {unit} ({count})"
-        if count
-        else f"{side} -"
-        for side, mean, deviation, count in zip(SIDES, sides.mean, sides.deviation, sides.count)
-    ]
+    words = [f"{side} {value}" for side, value in zip(SIDES, _values(name, sides))]
     return "; ".join([", ".join(words), asymmetry_text(sides)])
+
+
+def _values(name: str, sides: Sides) -> list[str]:
+    """Return a measure of each side: '0.55 +- 0.036 s (9)' with the number of steps, - without any."""
+    scale, digits, unit = UNITS[name]
+    return [
+        f"{_known(scale * mean, digits)} +- {scale * deviation:.{digits + 1}f} {unit} ({count})" if count else "-"
+        for mean, deviation, count in zip(sides.mean, sides.deviation, sides.count)
+    ]
 
 
 def asymmetry_text(sides: Sides) -> str:
@@ -171,28 +173,39 @@ def gait_plot(gait: Gait, title: str) -> str:
 
 
 def squat_plot(squats: Sequence[Squat], poses: Poses, title: str) -> str:
-    """Return the flexion of the knees over time, with the bottoms of the squats."""
-    flexion = {side: angles_of(poses.names, poses.positions)[f"{side}_knee flexion"] for side in SIDES}
-    axes = _axes(title, "time (s)", (0, float(poses.seconds[-1])), list(flexion.values()))
-    for number, side in enumerate(SIDES):
-        for piece in poses.pieces(poses.shown(side)):
-            bend = angles_of(piece.names, piece.positions)[f"{side}_knee flexion"]
-            axes.line(np.column_stack([piece.seconds, bend]), COLOURS[side], 2)
-        seen = [one for one in squats if np.isfinite(one.knees[number])]
-        axes.dots(np.array([[one.bottom, one.knees[number]] for one in seen]).reshape(-1, 2), COLOURS[side], 5)
-    return document(SIZE, [axes.svg(), *_key()])
+    """Return the flexion of the knees over time where their leg is shown, with the bottoms of the squats."""
+    dots = {
+        COLOURS[side]: [(one.bottom, one.knees[number]) for one in squats if np.isfinite(one.knees[number])]
+        for number, side in enumerate(SIDES)
+    }
+    return _flexion_plot(poses, "knee", title, dots, {side: poses.pieces(poses.shown(side)) for side in SIDES})
 
 
 def repetition_plot(found: Sequence[Repetition], poses: Poses, what: str, title: str) -> str:
     """Return the flexion of elbows or knees over time, with a dot at each turn."""
     angles = angles_of(poses.names, poses.positions)
-    flexion = {side: angles[f"{side}_{JOINT[what]} flexion"] for side in SIDES}
-    axes = _axes(title, "time (s)", (0, float(poses.seconds[-1])), list(flexion.values()), f"{JOINT[what]}s")
+    mean = 0.5 * sum(angles[f"{side}_{JOINT[what]} flexion"] for side in SIDES)
+    dots = {"#444": [(one.turn, float(np.interp(one.turn, poses.seconds, mean))) for one in found]}
+    return _flexion_plot(poses, JOINT[what], title, dots, {side: [poses] for side in SIDES})
+
+
+def _flexion_plot(
+    poses: Poses,
+    joint: str,
+    title: str,
+    dots: Mapping[str, Sequence[tuple[float, float]]],
+    drawn: Mapping[str, Sequence[Poses]],
+) -> str:
+    """Return the plot of a joint over time. dots: s and degrees, by colour. drawn: the parts of each side."""
+    angles = angles_of(poses.names, poses.positions)
+    flexion = [angles[f"{side}_{joint} flexion"] for side in SIDES]
+    axes = _axes(title, "time (s)", (0, float(poses.seconds[-1])), flexion, f"{joint}s")
     for side in SIDES:
-        axes.line(np.column_stack([poses.seconds, flexion[side]]), COLOURS[side], 2)
-    turns = np.array([one.turn for one in found])
-    mean = np.interp(turns, poses.seconds, 0.5 * (flexion["left"] + flexion["right"]))
-    axes.dots(np.column_stack([turns, mean]), "#444", 5)
+        for piece in drawn[side]:
+            bend = angles_of(piece.names, piece.positions)[f"{side}_{joint} flexion"]
+            axes.line(np.column_stack([piece.seconds, bend]), COLOURS[side], 2)
+    for colour, places in dots.items():
+        axes.dots(np.array(places).reshape(-1, 2), colour, 5)
     return document(SIZE, [axes.svg(), *_key()])
 
 
@@ -214,8 +227,6 @@ def _key() -> list[str]:
     return parts
 
 
-# The page -----------------------------------------------------------------------------------------------------------
-
 STYLE = """
 @page { size: A4; margin: 16mm }
 body { font: 11pt/1.4 sans-serif; color: #222; max-width: 178mm; margin: 8mm auto }
@@ -232,17 +243,13 @@ PAGE_SIZE, PAGE_PLACE, PAGE_EXTENT = (860, 240), (70, 20), (760, 170)
 
 def gait_page(gait: Gait, title: str, remarks: Sequence[str]) -> str:
     """Return the HTML text. remarks: sentences about what the figures rest on."""
-    rows = [
-        ("Cadence", f"{_known(gait.cadence, 0)} steps per minute"),
-        ("Stride", f"{gait.stride_m:.2f} m in {gait.stride_s:.2f} s ({gait.strides} strides)"),
-        ("Speed", f"{gait.speed:.2f} m/s"),
-        ("Both feet on the floor", support_text(gait)),
-    ]
-    general = "".join(f"<tr><th>{name}</th><td>{words}</td></tr>" for name, words in rows)
+    rows = {**_general(gait), "strides": f"{gait.strides}"}
+    general = "".join(f"<tr><th>{name.capitalize()}</th><td>{words}</td></tr>" for name, words in rows.items())
     sides = "".join(_row(gait, name) for name in DEVIATIONS)
-    knees = "".join(f'<td class="n {side}">{_known(gait.knee_range[side], 0)}&deg;</td>' for side in SIDES)
+    knees = "".join(f'<td class="n {side}">{_known(gait.knee_range[side])}&deg;</td>' for side in SIDES)
     notes = "".join(f"<li>{escape(one[0].upper() + one[1:])}.</li>" for one in remarks)
-    plots = [f"<h2>{NAMES[name]}, step by step</h2>{_steps(gait, name)}" for name in (TIME, LENGTH) if _has(gait, name)]
+    seen = [name for name in (TIME, LENGTH) if any(gait.steps[name].values())]
+    plots = [f"<h2>{NAMES[name]}, step by step</h2>{_steps(gait, name)}" for name in seen]
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{escape(title)} - gait</title><style>{STYLE}</style></head><body>
 <div class="sheet"><h1>Gait</h1><p>{escape(title)}</p><table>{general}</table>
@@ -260,17 +267,12 @@ treatment on it, and compare only recordings that were filmed in the same way.</
 
 
 def _row(gait: Gait, name: str) -> str:
-    sides, (scale, digits, unit) = gait.sides[name], UNITS[name]
+    sides = gait.sides[name]
     cells = [
-        f'<td class="n {side}">{_known(scale * mean, digits)} &plusmn; {_known(scale * deviation, digits + 1)} '
-        f"{unit} ({count})</td>"
-        for side, mean, deviation, count in zip(SIDES, sides.mean, sides.deviation, sides.count)
+        f'<td class="n {side}">{value.replace("+-", "&plusmn;")}</td>'
+        for side, value in zip(SIDES, _values(name, sides))
     ]
     return f"<tr><th>{NAMES[name]}</th>{''.join(cells)}<td>{escape(asymmetry_text(sides))}</td></tr>"
-
-
-def _has(gait: Gait, name: str) -> bool:
-    return any(gait.steps[name][side] for side in SIDES)
 
 
 def _steps(gait: Gait, name: str) -> str:

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lassokin_ros.core.errors import LassokinError
-from lassokin_ros.core.yaml_files import load_mapping, read_text
-from lassokin_ros.replay.recording_files import METADATA, BagError
+from lassokin_ros.replay.recording_files import METADATA, BagError, read_metadata
 
 FILE_NAME = "recording"
 """Stem of the data file in a recording's folder. It is fixed, so that the bytes do not depend on the folder's name."""
@@ -54,27 +53,23 @@ class BagWriter:
         self._waiting: list[tuple[str, str, int, bytes, bool]] = []  # arguments of `write_raw`
 
     def __enter__(self) -> BagWriter:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+
         try:
             prefix = f".{self.path.name}."
             self._temporary = Path(tempfile.mkdtemp(prefix=prefix, suffix=PART_SUFFIX, dir=self.path.parent))
         except OSError as error:
             raise BagError(f"'{self.path}' cannot be written: {error.strerror}") from None
         try:
-            self._open()
-        except BaseException:  # includes Interrupted
+            plugin = StoragePlugin.MCAP if self._storage == "mcap" else StoragePlugin.SQLITE3
+            self._writer = Writer(self.folder, version=9, storage_plugin=plugin)
+            self._writer.open()
+        except BaseException as error:  # OSError, an exception of the storage library, or Interrupted
             shutil.rmtree(self._temporary, ignore_errors=True)
+            if isinstance(error, Exception):
+                raise BagError(f"'{self.path}' cannot be written: {error}") from None
             raise
         return self
-
-    def _open(self) -> None:
-        from rosbags.rosbag2 import StoragePlugin, Writer
-
-        plugin = StoragePlugin.MCAP if self._storage == "mcap" else StoragePlugin.SQLITE3
-        self._writer = Writer(self._temporary / FILE_NAME, version=9, storage_plugin=plugin)
-        try:
-            self._writer.open()
-        except Exception as error:  # OSError, or an exception of the storage library
-            raise BagError(f"'{self.path}' cannot be written: {error}") from None
 
     def write(self, topic: str, message_type: str, time_ns: int, message: Any, latched: bool = False) -> None:
         """Append a message, or one that is serialised already.
@@ -95,14 +90,12 @@ class BagWriter:
         try:
             for topic, message_type, time_ns, data, latched in waiting:
                 if topic not in self._connections:
-                    self._connections[topic] = self._connect(topic, message_type, latched)
+                    qos, add = [_latched_qos()] if latched else [], self._writer.add_connection
+                    made = add(topic, message_type, typestore=self._types, offered_qos_profiles=qos)
+                    self._connections[topic] = made
                 self._writer.write(self._connections[topic], time_ns, data)
         except Exception as error:  # OSError, or an exception of the storage library; most likely the disk is full
             raise BagError(f"'{self.path}' cannot be written: {error}") from None
-
-    def _connect(self, topic: str, message_type: str, latched: bool) -> Any:
-        qos = [_latched_qos()] if latched else []
-        return self._writer.add_connection(topic, message_type, typestore=self._types, offered_qos_profiles=qos)
 
     @property
     def folder(self) -> Path:
@@ -129,7 +122,7 @@ class BagWriter:
                     raise BagError(f"'{self.path}' was created during the replay; it is not replaced")
                 refuse_foreign_files(self.path, self._may_replace)
                 self.path.rename(self._temporary / "replaced")
-            (self._temporary / FILE_NAME).rename(self.path)
+            self.folder.rename(self.path)
         except LassokinError:
             raise
         except Exception as error:
@@ -142,22 +135,14 @@ def refuse_foreign_files(path: Path, may_replace: Callable[[str], bool]) -> None
         entries = sorted(path.iterdir())
     except OSError as error:
         raise BagError(f"'{path}' cannot be replaced: {error.strerror}") from None
-    own = {METADATA, *_data_files(path)}
+    metadata = read_metadata(path)
+    own = {METADATA, *(() if metadata is None else metadata.files)}
     for entry in entries:
         if entry.is_dir() or not (entry.name in own or may_replace(entry.name)):
             raise BagError(
                 f"'{path}' is not replaced: it contains '{entry.name}', which is not part of the recording; move that "
                 "away or choose another output"
             )
-
-
-def _data_files(path: Path) -> list[str]:
-    """Return the data files named in a recording's metadata; empty if the metadata cannot be read."""
-    try:
-        data = load_mapping(read_text(path / METADATA, BagError), str(path), BagError)
-        return [str(name) for name in data["rosbag2_bagfile_information"]["relative_file_paths"]]
-    except (BagError, KeyError, TypeError):
-        return []
 
 
 def remove_leftovers(path: Path) -> None:
@@ -173,14 +158,5 @@ def _latched_qos() -> Any:
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     forever = QosTime(9223372036, 854775807)  # the value that ROS 2 writes for an infinite duration
-    return Qos(
-        QosHistory.KEEP_LAST,
-        1,
-        QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL,
-        forever,
-        forever,
-        QosLiveliness.AUTOMATIC,
-        forever,
-        False,
-    )
+    kinds = QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL
+    return Qos(*kinds, forever, forever, QosLiveliness.AUTOMATIC, forever, False)

@@ -60,25 +60,31 @@ def recorded_cameras(bag: BagReader, options: argparse.Namespace, config: NodeSe
 
     Raises BagError, CameraError.
     """
-    kind, names = full_type_name(config.keypoints_type), config.camera_names
-    if names == ("",):
-        keypoints = bag.find(kind, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
-        return [_only_camera(bag, options, config.rectified, keypoints)]
-    for option, given in (("--keypoints-topic", options.keypoints_topic), (OPTION, options.camera_info_topic)):
+    kind, names, file = full_type_name(config.keypoints_type), config.camera_names, options.camera_info
+    topic, info_topic, several = options.keypoints_topic, options.camera_info_topic, names != ("",)
+    for option, given in (("--keypoints-topic", topic), (OPTION, info_topic)) if several else ():
         if given is not None:
             raise CameraError(f"{option} '{given}' with several cameras; their topics are <name>/keypoints, and so on")
-    in_file = {} if options.camera_info is None else read_cameras(options.camera_info, names)
+    if file is not None and info_topic is not None:
+        raise CameraError(f"{OPTION} and {FILE_OPTION} exclude each other; expected one of them")
+    in_file: dict[str, tuple[Calibration, CameraPose | None]] = {}
+    if file is not None:
+        in_file = {**read_cameras(file, names)} if several else {"": (read_calibration(file), None)}
     cameras = []
     for name in in_file or names:
-        keypoints = bag.find(kind, full_name(bag, topics.of_camera(topics.KEYPOINTS, name)), "", "-p cameras:=")
+
+        def find(kind: str, given: str | None, usual: str, option: str, instead: str = "") -> RecordedTopic:
+            if several:
+                return bag.find(kind, full_name(bag, topics.of_camera(usual, name)), "", "-p cameras:=")
+            return bag.find(kind, given, usual, option, instead)
+
+        keypoints = find(kind, topic, topics.KEYPOINTS, "--keypoints-topic")
         if in_file:
-            calibration, pose = in_file[name]
-            camera = _of_file(bag, options.camera_info, calibration, name, config.rectified, keypoints, pose)
+            cameras.append(_of_file(bag, file, name, *in_file[name], config.rectified, keypoints))
         else:
-            info = full_name(bag, topics.of_camera(topics.CAMERA_INFO, name))
-            found = bag.find(topics.CAMERA_INFO_TYPE, info, "", "-p cameras:=")
-            camera = _of_topic(bag, name, keypoints, found)
-        cameras.append(camera)
+            instead = f"give the calibration with {FILE_OPTION} FILE"
+            found = find(topics.CAMERA_INFO_TYPE, info_topic, topics.CAMERA_INFO, OPTION, instead)
+            cameras.append(_of_topic(bag, name, keypoints, found))
     return cameras
 
 
@@ -94,31 +100,14 @@ def full_name(bag: BagReader, topic: str) -> str:
     return found[0] if found else topic
 
 
-def _only_camera(
-    bag: BagReader, options: argparse.Namespace, rectified: bool, keypoints: RecordedTopic
-) -> RecordedCamera:
-    """Return the only camera. The file of the options replaces camera_info of the recording.
-
-    rectified: the parameter of the tracker. keypoints: their topic. Raises BagError, CameraError.
-    """
-    file, chosen = options.camera_info, options.camera_info_topic
-    if file is None:
-        instead = f"give the calibration with {FILE_OPTION} FILE"
-        topic = bag.find(topics.CAMERA_INFO_TYPE, chosen, topics.CAMERA_INFO, OPTION, instead=instead)
-        return _of_topic(bag, "", keypoints, topic)
-    if chosen is not None:
-        raise CameraError(f"{OPTION} and {FILE_OPTION} exclude each other; expected one of them")
-    return _of_file(bag, file, read_calibration(file), "", rectified, keypoints)
-
-
 def _of_file(
     bag: BagReader,
     file: Path,
-    calibration: Calibration,
     name: str,
+    calibration: Calibration,
+    pose: CameraPose | None,
     rectified: bool,
     keypoints: RecordedTopic,
-    pose: CameraPose | None = None,
 ) -> RecordedCamera:
     try:
         info = calibration.message(RosbagsBackend(bag.types), 0, name, rectified)

@@ -10,6 +10,7 @@ from pathlib import Path
 from lassokin_ros.common.atomic_files import Named, real_path, refuse_existing, refuse_shared
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.pipeline.camera.calibration_file import split_camera
+from lassokin_ros.replay.exports.exports import target_of
 
 OUTPUT = "the output"
 
@@ -79,12 +80,9 @@ def _places(options: argparse.Namespace) -> Iterator[Named]:
 
 def exported_files(wanted: Sequence[Path]) -> Iterator[Named]:
     """Yield (option, path) of the exports, once each, without those into the output folder. Raises ExportError."""
-    if wanted:
-        from lassokin_ros.replay.exports.exports import target_of
-
-        for target in dict.fromkeys(map(target_of, wanted)):
-            if target.folder is not None:
-                yield "--export", target.path(Path())
+    for target in dict.fromkeys(map(target_of, wanted)):
+        if target.folder is not None:
+            yield "--export", target.path(Path())
 
 
 def _refuse_inside(places: Sequence[Named]) -> None:

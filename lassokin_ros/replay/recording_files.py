@@ -117,17 +117,14 @@ class Metadata:
         for file in files:
             for connection in file.reader.connections:
                 found[connection.topic] += connection.msgcount
+        read = {file.path.name: file.reader.message_count for file in files}
         for name in names:
             if found[name] < self.topics.get(name, 0):
-                short = [file.path.name for file in files if file.reader.message_count < self._count(file.path.name)]
-                where = ", ".join(short or [file.path.name for file in files])
+                where = ", ".join([file for file, count in read.items() if count < self.counts.get(file, 0)] or read)
                 raise BagError(
                     f"{path} is damaged: only {found[name]} of its {self.topics[name]} messages of {name} can be read "
                     f"from {where}; to track what is left, replay the file itself, or run: ros2 bag reindex {path}"
                 )
-
-    def _count(self, name: str) -> int:
-        return self.counts.get(name, 0)
 
 
 def read_metadata(folder: Path) -> Metadata | None:

@@ -134,7 +134,7 @@ class Run:
                     stood = False
                     _note(f"the camera turns from {image.seconds:.1f} s on; its rotation is taken out")
                 tracker.keypoints(camera.keypoints(image.seconds, people, self._many), stamp_of(image.seconds))
-                progress.advance(note=tracker.session.status.value)
+                progress.advance(note=tracker.session.roster.status.value)
             tracker.finish()
         self._stopped = bool(stopped)
 
@@ -246,7 +246,7 @@ class Run:
                 tracker.begin_take()
             keypoints = camera.keypoints(seconds, people, self._node.several_people)
             tracker.keypoints(keypoints, stamp_of(seconds), camera.name)
-            progress.advance(note=f"{title}, {tracker.session.status.value}")
+            progress.advance(note=f"{title}, {tracker.session.roster.status.value}")
         tracker.finish()
         progress.close()
 
@@ -285,7 +285,7 @@ class Run:
     def _places(self) -> Iterator[tuple[str, str]]:
         """Yield where the cameras were found, or by how much their given places are off."""
         session, first = self._tracker.session, self._cameras[0]
-        places, extrinsics = session.placement.places, session.extrinsics
+        places, extrinsics = session.placement.places, session.roster.extrinsics
         for camera in self._cameras[1:]:
             if self._unplaced and places is not None and camera.name in places.newest:
                 yield f"camera {camera.name}", where_in_words(places.newest[camera.name], first.pose)
@@ -296,7 +296,7 @@ class Run:
         """Return the height. Without one, sizes and distances are those of a person of the default height."""
         session = self._tracker.session
         learned = self._known.heights if self._known else {}
-        if measured := list(learned.values()) or list(map(height_in_words, session.heights().values())):
+        if measured := list(learned.values()) or list(map(height_in_words, session.roster.heights().values())):
             return "; ".join(measured)
         if height_given(self._options) or self._options.cameras is not None:
             return session.tracker.config.height_text

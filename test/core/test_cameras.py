@@ -61,18 +61,13 @@ def test_a_camera_pose_maps_points_and_knows_its_centre():
 
 
 NOT_ROTATIONS = {
-    "zeros": np.zeros((3, 3)),
-    "scaled": 2 * np.eye(3),
     "slightly scaled": 1.02 * np.eye(3),
     "mirrored": np.diag([1.0, 1.0, -1.0]),
     "an axis exchanged": np.eye(3)[[1, 0, 2]],
     "NaN": np.full((3, 3), np.nan),
-    "infinite": np.diag([1.0, np.inf, 1.0]),
     "2 x 2": np.eye(2),
-    "3 x 4": np.eye(3, 4),
     "sheared": np.array([[1.0, 0, 0], [0.6, 0.8, 0], [0, 0, 0.8]]),
     "a list": np.eye(3).tolist(),
-    "a quaternion": np.array([0.0, 0.0, 0.0, 1.0]),
     "nothing": None,
 }
 
@@ -202,16 +197,20 @@ def test_rows_of_a_second_camera_are_derivatives_of_its_image():
 
 def test_two_cameras_observe_depth():
     truth, front, side, observe = scene(2.0)
-    errors = {}
-    for name, cameras in (("one", [front]), ("two", [front, side])):
+    errors, stated = [], []
+    for cameras in ([front], [front, side]):
         tracker, own = Tracker(CONFIG), []
         for frame in range(len(truth.positions)):
             estimate = tracker.track([observe(camera, frame) for camera in cameras])
             assert estimate.accepted and estimate.certificate.kkt_residual < 1e-6
             assert estimate.cameras == len(cameras)
             own.append(np.linalg.norm(estimate.pose.positions - truth.positions[frame], axis=-1).mean())
-        errors[name] = np.median(own)
-    assert errors["two"] < 0.03 and errors["two"] < 0.5 * errors["one"]
+        errors.append(np.median(own))
+        stated.append(tracker.uncertainty(estimate).deviation[1:].mean())
+    apart = estimate.pose.positions - truth.positions[frame]
+    relative = np.linalg.norm(apart - apart[0], axis=1)[1:].mean()
+    assert errors[1] < 0.03 and errors[1] < 0.5 * errors[0]
+    assert stated[1] < 0.65 * stated[0] and 0.5 * relative < stated[1] < 8 * relative
 
 
 def test_images_in_turn_are_a_lasso_each_and_the_other_camera_is_predicted():
@@ -361,39 +360,17 @@ def test_a_depth_of_the_surface_may_be_announced_and_missing():
     assert tracker.track(replace(observe(front, 1), depth_of_surface=True)).accepted
 
 
-def test_two_cameras_state_a_smaller_error_than_one():
-    truth, front, side, observe = scene(1.0)
-    stated, errors = [], []
-    for cameras in ([front], [front, side]):
-        tracker = Tracker(CONFIG)
-        for frame in range(int(RATE)):
-            estimate = tracker.track([observe(camera, frame) for camera in cameras])
-        deviation = tracker.uncertainty(estimate).deviation[1:]
-        apart = estimate.pose.positions - truth.positions[int(RATE) - 1]
-        stated.append(deviation.mean())
-        errors.append(np.linalg.norm(apart - apart[0], axis=1)[1:].mean())
-    assert stated[1] < 0.65 * stated[0]
-    assert 0.5 * errors[1] < stated[1] < 5 * errors[1]
-
-
-@pytest.fixture
-def blind_first():
-    """(tracker, its first estimate, place of the camera that sees the person): the first camera sees nobody."""
+def test_the_line_of_sight_is_that_of_the_camera_that_sees_the_person():
+    """Also in the first frame, which needs no search: the network of that camera sees the pose."""
     _, front, side, observe = scene(0.1)
     tracker = Tracker(CONFIG)
+    tracker._starts.initialiser.fit = lambda frame: pytest.fail("searched")
     nothing = replace(observe(front, 0), confidence=np.zeros(tracker.kinematics.landmark_count))
-    searches = []
-    search = tracker._starts.initialiser.fit
-    tracker._starts.initialiser.fit = lambda frame: searches.append(frame) or search(frame)
-    return tracker, tracker.track([nothing, observe(side, 0)]), side, searches
-
-
-def test_the_line_of_sight_is_that_of_the_camera_that_sees_the_person(blind_first):
-    tracker, estimate, side, _ = blind_first
+    estimate = tracker.track([nothing, observe(side, 0)])
     assert estimate.accepted and estimate.cameras == 1 and len(tracker._cameras) == 2
-    assert np.allclose(estimate.frame.seeing.camera.centre, side.centre)
-    sight = estimate.pose.positions[0] - side.centre
-    assert estimate.frame.seeing.joint_depths.sight @ sight > 0.99 * np.linalg.norm(sight)
+    view, sight = estimate.frame.seeing, estimate.pose.positions[0] - side.centre
+    assert np.allclose(view.camera.centre, side.centre)
+    assert view.joint_depths.sight @ sight > 0.99 * np.linalg.norm(sight)
 
 
 def test_a_camera_that_joins_late_has_the_given_lengths_and_not_the_learned_ones():
@@ -406,8 +383,8 @@ def test_a_camera_that_joins_late_has_the_given_lengths_and_not_the_learned_ones
     tracker.learned.lengths.lengths = np.linspace(-0.1, 0.1, len(tracker.learned.lengths.lengths))
     tracker._use_body()
     tracker.track([observe(front, 1), observe(side, 1)])
-    first, second = (camera.network._lengths for camera in tracker._cameras)
-    assert np.array_equal(first, second)
+    first, second = (camera.network for camera in tracker._cameras)
+    assert np.array_equal(first._lengths, second._lengths) and first._lengths_known and second._lengths_known
 
 
 def test_a_camera_without_a_place_does_not_get_the_mount_of_the_first_one():

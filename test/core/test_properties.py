@@ -4,12 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from sequences import CONFIG, WITHOUT_NETWORK, detected
 from test_who_sees import UP, A, B, Scene
 
 from lassokin_ros.core.body.proportions import partners
-from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.core.tracker import Tracker
 
 SETTINGS = {"network": CONFIG, "no network": WITHOUT_NETWORK}
@@ -85,14 +83,3 @@ def test_a_mirrored_person_has_mirrored_poses(seen, settings, tolerance):
     one = answers(tracker, seen[:60])
     two = answers(other, [mirrored(frame, names) for frame in seen[:60]])[:, joints] * [-1.0, 1.0, 1.0]
     assert apart(one, two) < tolerance
-
-
-def test_the_answers_turn_with_the_fixed_frame():
-    scene, turn = Scene(1.0), Rotation.from_euler("zyx", [0.7, -0.5, 0.9]).as_matrix()
-    shift, frames, moved = np.array([4.0, -2.0, 1.0]), [], []
-    for index in range(len(scene.times)):
-        images = [scene.seen(index, camera) for camera in (A, B)]
-        frames.append(images)
-        moved.append([replace(one, camera=one.camera.after(CameraPose("", turn, shift).inverse)) for one in images])
-    there = answers(Tracker(CONFIG, up=turn @ UP), moved)
-    assert apart(answers(Tracker(CONFIG, up=UP), frames) @ turn.T + shift, there) < 1e-4  # float32

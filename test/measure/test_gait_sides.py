@@ -127,10 +127,13 @@ def test_a_video_is_tracked_with_the_options_of_track(tmp_path, capsys, monkeypa
 
 def test_options_that_do_not_go_together_are_refused(tmp_path, capsys):
     file = saved(tmp_path / "walk.npz", ("", walk()))
+    (tmp_path / "walk.csv").write_text("stamp [s],person\n")
     for words, text in (
         (["gait", file, "--height", "1.7"], "is tracked already; expected no --height"),
         (["squat", file, file], "several motions and --page are for gait"),
         (["gait", file, "--page", str(tmp_path / "page.txt")], "expected a name that ends in .html"),
+        (["gait", file, "--plot", str(tmp_path / "gait.png")], "expected a name that ends in .svg"),
+        (["gait", str(tmp_path / "walk.csv")], "lassokin track: "),  # another export
     ):
         assert main(words) == 2 and text in capsys.readouterr().err
     assert main(["gait", file, file, "--json", str(tmp_path / "g.json")]) == 0

@@ -5,7 +5,6 @@ import signal
 import sys
 import time
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -29,7 +28,6 @@ from recordings import (  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.config import TYPICAL_HEIGHT  # noqa: E402
-from lassokin_ros.pipeline.outputs.urdf import joint_names  # noqa: E402
 from lassokin_ros.replay.bag_writer import BagWriter  # noqa: E402
 from lassokin_ros.replay.bags import BagError, BagReader, typestore  # noqa: E402
 from lassokin_ros.replay.exports.exports import is_inside_name  # noqa: E402
@@ -77,47 +75,6 @@ def test_each_frame_has_one_message_of_every_output_with_its_stamp(recording, re
         headers = [m.markers[0].header if topic == "/tracker/markers" else m.header for _, m in outputs]
         assert [(time_ns, stamp(h)) for (time_ns, _), h in zip(outputs, headers)] == inputs
         assert {h.frame_id for h in headers} == {"camera_optical_frame"}
-
-
-def test_outputs_are_consistent(replayed):
-    """joint_states through the published URDF gives the published joints."""
-    pin = pytest.importorskip("pinocchio", reason="pinocchio (pip install pin) is a test-only dependency")
-    (_, description), *_ = read(replayed, "/tracker/robot_description")
-    model = pin.buildModelFromXML(description.data)
-    data = model.createData()
-    assert ElementTree.fromstring(description.data).find("link").get("name") == "camera_optical_frame"
-    names = ["tracker/" + joint.removesuffix("_x") for joint in joint_names_of(replayed) if joint.endswith("_x")][1:]
-    assert len(names) == 24
-    streams = (read(replayed, topic) for topic in ("/tracker/joint_states", "/tracker/joints", "/tracker/translation"))
-    for (_, state), (_, joints), (_, translation) in zip(*streams):
-        q = np.zeros(model.nq)
-        for name, value in zip(state.name, state.position):
-            q[model.joints[model.getJointId(name)].idx_q] = value
-        pin.framesForwardKinematics(model, data, q)
-        assert translation.point.x == state.position[0] and translation.point.z == joints.poses[0].position.z
-        for name, pose in zip(names, joints.poses):
-            placement = data.oMf[model.getFrameId(name, pin.FrameType.BODY)]
-            position = np.array([pose.position.x, pose.position.y, pose.position.z])
-            quaternion = pin.Quaternion(*(getattr(pose.orientation, k) for k in "wxyz"))
-            assert np.abs(placement.translation - position).max() < 1e-7
-            assert np.linalg.norm(pin.log3(placement.rotation.T @ quaternion.matrix())) < 1e-7
-
-
-def joint_names_of(replayed):
-    return read(replayed, "/tracker/joint_states")[0][1].name
-
-
-def test_joint_states_are_complete_and_continuous(replayed):
-    from lassokin_ros.core.body.skeleton import Skeleton
-
-    states = [message for _, message in read(replayed, "/tracker/joint_states")]
-    assert states[0].name == joint_names(Skeleton.load("anthropometric", 1.75)) and len(states[0].name) == 75
-    positions = np.array([s.position for s in states])
-    velocities = np.array([s.velocity for s in states])
-    assert np.abs(np.diff(positions, axis=0)).max() < 1.0
-    assert not velocities[0].any()
-    stamps = np.array([stamp(s.header) for s in states])
-    assert np.allclose(velocities[1:], np.diff(positions, axis=0) / (np.diff(stamps) * 1e-9)[:, None], rtol=1e-9)
 
 
 def test_the_same_recording_gives_the_same_bytes(few, tmp_path):

@@ -35,34 +35,15 @@ from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import CameraPose  # noqa: E402
 from lassokin_ros.core.recording import WHOLE_FILE  # noqa: E402
 from lassokin_ros.core.tracker import Tracker  # noqa: E402
-from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion  # noqa: E402
+from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.frame_result import FrameResult  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from lassokin_ros.replay import passes  # noqa: E402
-from lassokin_ros.replay.keypoint_recording import write_keypoint_recording  # noqa: E402
 from lassokin_ros.replay.passes import KeptObservations  # noqa: E402
 from msg_adapters.keypoints import Keypoints  # noqa: E402
 
 FRAMES = 150
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    """A person with long arms and short shanks."""
-    skeleton = Skeleton.load("anthropometric", 1.75)
-    scales = np.ones(skeleton.joint_count)
-    for joint, factor in (("elbow", 1.2), ("wrist", 1.2), ("ankle", 0.85), ("knee", 1.12)):
-        scales[[skeleton.index(f"{side}_{joint}") for side in ("left", "right")]] = factor
-    own = skeleton.with_bone_scales(scales)
-    kinematics = Kinematics(own, Layout.load("coco17", own))
-    times = np.arange(FRAMES) / RATE
-    states = motion(own, times)
-    pixels, confidence = detections(exact_pixels(kinematics, states), RATE, 0)
-    path = tmp_path_factory.mktemp("two_pass") / "walk"
-    stamps = START_NS + np.round(times * 1e9).astype(np.int64)
-    write_keypoint_recording(path, stamps, pixels, confidence, WEBCAM.K, WEBCAM.D, WEBCAM.size)
-    return path, kinematics.pose(states).positions
 
 
 def arms(path, person=""):
@@ -75,21 +56,6 @@ def arms(path, person=""):
     skeleton = Skeleton.load("anthropometric", 1.75)
     ends = [skeleton.index(f"left_{joint}") for joint in ("shoulder", "elbow")]
     return np.linalg.norm(joints[:, ends[1]] - joints[:, ends[0]], axis=-1), joints
-
-
-def test_the_first_frame_has_the_lengths_learned_by_the_last_frame(recording, tmp_path):
-    bag, truth = recording
-    for name, options in (("one", []), ("two", ["--two-pass"])):
-        assert main([str(bag), "-o", str(tmp_path / name), *options]) == 0
-    (one, _), (two, joints) = arms(tmp_path / "one"), arms(tmp_path / "two")
-    true = np.linalg.norm(np.diff(truth[0, [16, 18]], axis=0))
-    assert abs(two[0] - one[-1]) < 0.002 and abs(two[0] - true) < 0.75 * abs(one[0] - true)
-    assert len(joints) == FRAMES
-
-
-def test_two_passes_need_calibration(recording, tmp_path, capsys):
-    assert main([str(recording[0]), "-o", str(tmp_path / "out"), "--two-pass", "-p", "calibrate:=false"]) == 2
-    assert "needs calibration" in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
 def test_several_people_have_the_lengths_learned_by_the_last_frame(tmp_path, capsys):
@@ -145,10 +111,12 @@ def smoothed():
 
 
 def test_a_short_recording_keeps_its_lengths_and_its_root_is_between_the_tracks_forward_and_backward(
-    tmp_path, monkeypatch
+    tmp_path, monkeypatch, capsys
 ):
     """It is too short for calibration; a second time it gives the same bytes."""
     bag, found, height = write_recording(tmp_path / "short", 20), [], ["-p", "height:=1.75"]
+    assert main([str(bag), "-o", str(tmp_path / "nix"), "--two-pass", "-p", "calibrate:=false"]) == 2
+    assert "needs calibration" in capsys.readouterr().err and not (tmp_path / "nix").exists()
     backward = passes._backward
     monkeypatch.setattr(passes, "_backward", lambda *given: found.append(backward(*given)) or found[0])
     assert main([str(bag), "-o", str(tmp_path / "one"), *height, *smoothed()]) == 0
@@ -191,7 +159,7 @@ def test_people_whose_heights_are_not_given_are_tracked_backward_with_those_of_t
     }
     assert set(known.heights) == {"p1", "p2"} and "a mean of people" in known.heights["p1"]
     session = known.session(make)
-    assert [one.tracker.config.height for one in session._trackable] == [1.7, 1.7]
+    assert [one.tracker.config.height for one in session.roster.bodies] == [1.7, 1.7]
     assert passes._backward(Kept([None, 7]), make, session, TrackerConfig(), known.bodies) == {}
 
 

@@ -1,13 +1,11 @@
 """Good frames for the core's tracker, with the true motion."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
@@ -57,10 +55,3 @@ def aligned_error(estimate, truth):
 
 def same(a: BodyState, b: BodyState) -> bool:
     return np.array_equal(a.rotations, b.rotations) and np.array_equal(a.translation, b.translation)
-
-
-def published_by(output_filter, state, pose, omega, x, step, speed, time, several=False):
-    """The state that an OutputFilter publishes for a solved state, after the increment (omega, x)."""
-    return output_filter.filtered(
-        EvaluatedState(state, pose, None), SimpleNamespace(omega=omega, x=x), step, speed, time, several_cameras=several
-    )

@@ -18,6 +18,7 @@ from lassokin_ros.core.image.frame_data import View
 from lassokin_ros.core.image.projection import MEDIAN_OF_NORMAL
 from lassokin_ros.core.learned.height import SizeCheck
 from lassokin_ros.core.observation import CameraPose
+from lassokin_ros.core.rig.setup import rays, sampson
 
 GIVEN_DEVIATION = np.array([0.035, 0.035, 0.035, 0.03, 0.03, 0.03])
 """rad and m: standard deviation of a given pose, for rotation and translation."""
@@ -94,14 +95,8 @@ class EpipolarFit:
         """Return (f, l) distances from epipolar lines in standard deviations, and what `_log_size` returns."""
         weights, turn = pairs.weights, exponential(correction[None, :3])[0]
         R, t = turn @ pairs.rotation, pairs.translation @ turn.T + correction[3:]
-        ones = np.ones((*weights.shape, 1))
-        x, y = np.concatenate([pairs.a, ones], -1), np.concatenate([pairs.b, ones], -1)
-        turned = x @ R.swapaxes(1, 2)
-        line_b = np.cross(t[:, None], turned)
-        line_a = np.cross(y, t[:, None]) @ R
-        scale = np.sqrt((line_b[..., :2] ** 2).sum(-1) + (line_a[..., :2] ** 2).sum(-1))
-        distances = weights * (y * line_b).sum(-1) / np.maximum(scale, 1e-9)
-        return distances, *self._log_size(turned, y, t, weights > 0)
+        x, y = rays(pairs.a), rays(pairs.b)
+        return weights * sampson(x, y, R, t), *self._log_size(x @ R.swapaxes(1, 2), y, t, weights > 0)
 
     def _log_size(self, turned: np.ndarray, y: np.ndarray, t: np.ndarray, seen: np.ndarray) -> tuple[float, float]:
         """Return the median logarithm of measured / given length of the limbs, and the share of limbs before both

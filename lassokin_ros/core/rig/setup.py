@@ -228,8 +228,8 @@ class SetUpCheck:
         if not float(np.median(base)) > 0:
             return None
         extent = float(np.median([_extent(points, known) for points in (x, y)]))
-        u, v = _rays(x), _rays(y)
-        distance = _sampson(u, v, rotation, translation / np.maximum(base, 1e-12)[..., None])[known]
+        u, v = rays(x), rays(y)
+        distance = np.abs(sampson(u, v, rotation, translation / np.maximum(base, 1e-12)[..., None]))[known]
         u, v = u @ Ra, v @ Rb
         cosine = (u * v).sum(-1) / np.linalg.norm(u, axis=-1) / np.linalg.norm(v, axis=-1)
         # Lines of sight within 18 degrees show no depth.
@@ -300,7 +300,8 @@ def _times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
-def _rays(points: np.ndarray) -> np.ndarray:
+def rays(points: np.ndarray) -> np.ndarray:
+    """Return the rays (..., 3) of normalised points (..., 2)."""
     return np.concatenate([points, np.ones((*points.shape[:-1], 1))], -1)
 
 
@@ -311,12 +312,15 @@ def _extent(points: np.ndarray, known: np.ndarray) -> float:
     return max(float(np.median(np.linalg.norm(high - low, axis=-1))), 1e-6)
 
 
-def _sampson(u: np.ndarray, v: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
-    """Return the distances (f, l) of rays (f, l, 3) from their epipolar lines (Sampson's approximation)."""
-    essential = np.cross(translation[..., None, :], rotation.swapaxes(-1, -2)).swapaxes(-1, -2)
-    of_second, of_first = u @ essential.swapaxes(-1, -2), v @ essential
+def sampson(u: np.ndarray, v: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
+    """Return the distances (f, l), with sign, of rays (f, l, 3) from their epipolar lines (Sampson's approximation).
+
+    rotation: (f, 3, 3) and translation: (f, 3), from the first to the second camera.
+    """
+    of_second = np.cross(translation[..., None, :], u @ rotation.swapaxes(-1, -2))
+    of_first = np.cross(v, translation[..., None, :]) @ rotation
     slope = np.sqrt((of_second[..., :2] ** 2).sum(-1) + (of_first[..., :2] ** 2).sum(-1))
-    return np.asarray(np.abs((v * of_second).sum(-1)) / np.maximum(slope, 1e-9))
+    return np.asarray((v * of_second).sum(-1) / np.maximum(slope, 1e-9))
 
 
 def _midpoints(u: np.ndarray, v: np.ndarray, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

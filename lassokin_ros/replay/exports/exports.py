@@ -73,16 +73,6 @@ def is_inside_name(name: str) -> bool:
     return _INSIDE.fullmatch(name) is not None
 
 
-def check_archive_exports(wanted: Sequence[Path]) -> None:
-    """Raise ExportError for a file name: an archive accepts suffixes only."""
-    for target in map(target_of, wanted):
-        if target.folder is not None:
-            raise ExportError(
-                f"--export '{target.path(Path())}' names one file for many recordings; give the suffix alone, "
-                f"--export {target.suffix}, for one file in each output folder"
-            )
-
-
 class Exports:
     """The exports of one replay, written at its end."""
 

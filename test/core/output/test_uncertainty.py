@@ -154,14 +154,6 @@ def test_only_joints_below_the_last_keypoint_have_the_further_factor(monkeypatch
     assert np.array_equal(after.absolute.pelvis, before.absolute.pelvis)
 
 
-def test_depth_is_less_certain_than_the_image_directions():
-    tracker, estimate = followed()
-    variance = np.diagonal(tracker.uncertainty(estimate).covariance, axis1=1, axis2=2)
-    for name in ("left_knee", "right_ankle", "left_wrist", "right_elbow", "head"):
-        x, y, z = variance[tracker.skeleton.index(name)]
-        assert z > 1.4 * max(x, y)
-
-
 def test_a_rejected_estimate_has_no_uncertainty():
     tracker, estimate = followed()
     refused = tracker.track(replace_points(tracker, estimate))
@@ -243,17 +235,6 @@ def test_a_keypoint_that_is_extrapolated_is_no_measured_depth():
     assert deviation > SCALE_DEVIATION * estimate.pose.positions[0][2]
 
 
-def test_measured_depth_makes_the_distance_certain():
-    tracker, without = followed()
-    points = project(without.pose.landmarks)
-    tracker.reset()
-    depth = without.pose.landmarks[:, 2]
-    measured = tracker.track(Observation(0.0, points, np.ones(len(points)), FOCAL, depth=depth))
-    assert measured.frame.depth_measured and not without.frame.depth_measured
-    before, after = (np.sqrt(tracker.uncertainty(e).absolute.joints[0][2, 2]) for e in (without, measured))
-    assert after < 0.05 < before
-
-
 def test_depths_of_half_of_the_landmarks_make_the_joints_certain():
     tracker, without = followed()
     points, depth = project(without.pose.landmarks), without.pose.landmarks[:, 2]
@@ -265,6 +246,7 @@ def test_depths_of_half_of_the_landmarks_make_the_joints_certain():
         assert estimate.frame.depth_measured and estimate.frame.depth_covers == (count > 3)
         known = replace(estimate, length_deviation=np.zeros_like(estimate.length_deviation))
         deviations.append(tracker.uncertainty(known).deviation.mean())
+        assert np.sqrt(tracker.uncertainty(estimate).absolute.joints[0][2, 2]) < 0.06  # m, the distance
     few, all_landmarks = deviations
     assert all_landmarks < 0.7 * few
 
@@ -310,16 +292,6 @@ def test_rows_of_the_image_are_weaker_also_if_others_hold_the_translation():
     assert found == pytest.approx(np.sqrt(size / (1 + size / LARGEST_ROTATION**2)), rel=1e-9)
 
 
-def test_a_hidden_arm_turns_freely_and_a_seen_one_does_not():
-    seen, hidden = followed(), followed(("left_elbow", "left_wrist"))
-    before, after = (tracker.uncertainty(estimate).rotation_deviation for tracker, estimate in (seen, hidden))
-    index = seen[0].skeleton.index
-    for joint in ("shoulder", "elbow"):
-        assert after[index(f"left_{joint}")] > 1.5 * before[index(f"left_{joint}")]
-        assert after[index(f"right_{joint}")] == pytest.approx(before[index(f"right_{joint}")], rel=0.4)
-    assert np.all(after < LARGEST_ROTATION)
-
-
 def test_joints_of_which_neither_keypoints_nor_prior_know_the_rotation_say_so():
     tracker, estimate = followed()
     deviation = tracker.uncertainty(estimate).rotation_deviation
@@ -360,11 +332,6 @@ def observed(visible, layout="coco17"):
 )
 def test_a_joint_between_two_visible_ones_is_observed(visible, expected):
     assert observed(visible) == expected
-
-
-def test_landmarks_at_trunk_and_feet_make_more_joints_observed():
-    assert observed(("neck", "mid_hip"), "body25") == {"spine3", "pelvis"}
-    assert observed(("left_big_toe",), "body25") == {"left_ankle"}
 
 
 def test_a_tracked_frame_has_its_observed_joints():

@@ -146,19 +146,19 @@ def test_the_exported_person_stands_on_the_floor(tracked):
         assert (certain | ~shown)[:, [SKELETON.index(name) for name in ("pelvis", "left_hip", "right_elbow")]].all()
 
 
-def test_bvh_is_the_same_motion_in_another_library(tracked, published):
+def test_bvh_is_the_same_motion_and_skeleton_in_another_library(tracked, published):
     positions, _ = published
     found, frame_time = bvh_positions(tracked / "motion.bvh")
     assert frame_time == pytest.approx(1 / 30, abs=1e-6) and set(found) == set(SKELETON.joint_names)
     for joint, places in enumerate(positions.transpose(1, 0, 2)):
         to_y_up = places * [1, -1, -1] - [0, floor_of(tracked), 0]
         assert np.abs(found[SKELETON.joint_names[joint]] - to_y_up).max() < 1e-4  # 0.1 mm
-
-
-def test_bvh_is_read_back_as_the_same_skeleton(tracked):
     again = load_skeleton(str(tracked / "motion.bvh"), 1.75)
     assert again.joint_names == SKELETON.joint_names and again.axes == SKELETON.axes
     assert np.abs(again.offsets - SKELETON.offsets).max() < 1e-8
+    text = (tracked / "motion.bvh").read_text(encoding="utf-8")
+    orders = {" ".join(line.split()[-3:]) for line in text.splitlines() if "CHANNELS" in line}
+    assert orders == {"Zrotation Yrotation Xrotation"}  # loaders of LAFAN1 and Holden's take the first for all joints
 
 
 def test_amass_poses_are_the_same_motion(tracked, published):
@@ -223,13 +223,6 @@ def test_loaders_that_take_every_nth_frame_get_30_hz_or_more():
             assert np.all(deviations[:, 0] == 0.25) and np.isnan(deviations[:, 1:]).all()  # joints that it lacks
             at = np.arange(len(data["trans"])) / data["mocap_framerate"]
             assert np.abs(data["trans"][:, 0] - at).max() < 1e-6
-
-
-def test_all_joints_of_a_bvh_have_one_order(tracked):
-    """Loaders of LAFAN1 and Holden's take the first order for all joints."""
-    text = (tracked / "motion.bvh").read_text(encoding="utf-8")
-    orders = {" ".join(line.split()[-3:]) for line in text.splitlines() if "CHANNELS" in line}
-    assert orders == {"Zrotation Yrotation Xrotation"}
 
 
 def test_amass_handles_a_skeleton_with_other_joints():
@@ -362,11 +355,7 @@ def test_frames_with_irregular_stamps_are_resampled():
     assert track.period == pytest.approx(1 / 30, rel=0.2) and samples[-1] > times[-1] - track.period
     assert np.abs(track.translations - expected.translations).max() < 1e-6
     assert np.abs(track.rotations - expected.rotations).max() < 1e-6
-
-
-def test_the_last_frame_of_a_resampled_motion_is_kept():
-    """1/60 s is no whole number of ns."""
-    track = uniform(some_motion(np.delete(np.arange(96) / 60, slice(30, 40))))
+    track = uniform(some_motion(np.delete(np.arange(96) / 60, slice(30, 40))))  # 1/60 s is no whole number of ns
     assert len(track.translations) == 96 and abs(track.translations[-1, 0] - 95 / 60) < 1e-6
 
 
