@@ -46,6 +46,33 @@ MOST_WAITING = 30
 EXCHANGES = {"body": Event.SIDES_EXCHANGED, "legs": Event.LEGS_EXCHANGED, "arms": Event.ARMS_EXCHANGED}
 
 
+class Judgement(NamedTuple):
+    """The doubt about one frame in its context.
+
+    doubt: about this frame. reasons: why the frames of the last moments are doubted, in words (`DoubtMonitor.recent`);
+    empty if they are not. seconds: s for which the person's pose has been doubtful without a break; NaN if it is not.
+    """
+
+    doubt: Doubt = Doubt()
+    reasons: tuple[str, ...] = ()
+    seconds: float = math.nan
+
+
+class Pending:
+    """The judgement of a frame, which is made when it is read, together with those of the frames before."""
+
+    def __init__(self, monitor: DoubtMonitor, signs: Signs) -> None:
+        self._monitor, self.signs = monitor, signs
+        self.judgement: Judgement | None = None
+
+    def read(self) -> Judgement:
+        """Return the judgement, at any later time."""
+        if self.judgement is None:
+            self._monitor.judge()
+        assert self.judgement is not None
+        return self.judgement
+
+
 class UnseenLimbs:
     """Follows which limbs no keypoint shows. The pose prior alone places them, so a verdict needs them.
 
@@ -85,7 +112,11 @@ class UnseenLimbs:
 
 
 class DoubtMonitor:
-    """Follows one person frame by frame."""
+    """Follows one person frame by frame, at once (`update`) or when one of the judgements is read (`add`).
+
+    Often the diagnostics alone read them, once per second. Many frames in a row take a third of the time that they
+    take one by one between the steps of the tracker, which fill the processor's caches.
+    """
 
     def __init__(
         self,
@@ -106,10 +137,15 @@ class DoubtMonitor:
         self._poor: Recent[float] = Recent(RUN_S)  # reprojection errors that are large
         self._model, self._limbs = FailureModel(), UnseenLimbs(joints)
         self._marks: Recent[Doubt] = Recent(AROUND_S)  # the marked ones
-        self.reset()
+        self._waiting: deque[Pending] = deque()
+        self._forget()
 
     def reset(self) -> None:
-        """Forget the earlier frames."""
+        """Forget the earlier frames. Those that wait can still be read."""
+        self.judge()
+        self._forget()
+
+    def _forget(self) -> None:
         self._motions.clear()
         self._jumps.clear()
         self._marks.clear()
@@ -128,10 +164,25 @@ class DoubtMonitor:
         """s for which marked frames have followed each other, at most `AROUND_S` apart; NaN if none is recent."""
         return self._newest - self._since
 
+    def add(self, signs: Signs) -> Pending:
+        """Add the next frame, to be judged later."""
+        pending = Pending(self, signs)
+        self._waiting.append(pending)
+        if len(self._waiting) >= MOST_WAITING:
+            self.judge()
+        return pending
+
+    def judge(self) -> None:
+        """Judge the frames that wait."""
+        while self._waiting:
+            pending = self._waiting.popleft()
+            doubt = self.update(pending.signs)
+            pending.judgement = Judgement(doubt, tuple(reasons(self.recent)), self.seconds)
+
     def update(self, signs: Signs) -> Doubt:
         """Return the doubt in a tracked frame."""
         if not 0 < signs.stamp - self._newest <= FORGET_S:
-            self.reset()
+            self._forget()
         self._newest = signs.stamp
         events = self._of_keypoints(signs) + self._of_pose(signs)
         reversed_, turned = self._facing(signs)
@@ -178,65 +229,3 @@ class DoubtMonitor:
         before = self._turn.update(signs.stamp, front)
         reversed_ = self._reversal.update(signs.stamp, front, before)
         return reversed_, [] if before is None else [Event.FAST_TURN]
-
-
-class Judgement(NamedTuple):
-    """The doubt about one frame in its context.
-
-    doubt: about this frame. reasons: why the frames of the last moments are doubted, in words (`DoubtMonitor.recent`);
-    empty if they are not. seconds: s for which the person's pose has been doubtful without a break; NaN if it is not.
-    """
-
-    doubt: Doubt = Doubt()
-    reasons: tuple[str, ...] = ()
-    seconds: float = math.nan
-
-
-class Pending:
-    """The judgement of a frame, which is made when it is read, together with those of the frames before."""
-
-    def __init__(self, doubts: LiveDoubts, signs: Signs) -> None:
-        self._doubts, self.signs = doubts, signs
-        self.judgement: Judgement | None = None
-
-    def read(self) -> Judgement:
-        """Return the judgement, at any later time."""
-        if self.judgement is None:
-            self._doubts.judge()
-        assert self.judgement is not None
-        return self.judgement
-
-
-class LiveDoubts:
-    """Judges the frames of one person in their order, when one of the judgements is read.
-
-    Often the diagnostics alone read them, once per second. Many frames in a row take a third of the time that they
-    take one by one between the steps of the tracker, which fill the processor's caches.
-    """
-
-    def __init__(
-        self, landmarks: Sequence[str], joints: Sequence[str], observe: Callable[[np.ndarray], np.ndarray]
-    ) -> None:
-        """See DoubtMonitor."""
-        self._monitor = DoubtMonitor(landmarks, joints, observe)
-        self._waiting: deque[Pending] = deque()
-
-    def reset(self) -> None:
-        """Forget the earlier frames. They can still be read."""
-        self.judge()
-        self._monitor.reset()
-
-    def add(self, signs: Signs) -> Pending:
-        """Add the next frame."""
-        pending = Pending(self, signs)
-        self._waiting.append(pending)
-        if len(self._waiting) >= MOST_WAITING:
-            self.judge()
-        return pending
-
-    def judge(self) -> None:
-        """Judge the frames that wait."""
-        while self._waiting:
-            pending = self._waiting.popleft()
-            doubt = self._monitor.update(pending.signs)
-            pending.judgement = Judgement(doubt, tuple(reasons(self._monitor.recent)), self._monitor.seconds)

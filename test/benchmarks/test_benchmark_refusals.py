@@ -167,3 +167,6 @@ def test_unusable_detections_are_reported_with_their_file(name, change, said, tm
     np.savez(tmp_path / "odd.npz", **{**arrays, name: change(arrays[name])})
     with pytest.raises(SystemExit, match=f"odd.npz {said}.*; expected detections"):
         detection_jobs([tmp_path / "odd.npz"], ["lasso"], False, {})
+    (tmp_path / "odd.npz").write_bytes(b"PK\x03\x04")
+    with pytest.raises(SystemExit, match="odd.npz is no npz file; expected detections"):
+        detection_jobs([tmp_path / "odd.npz"], ["lasso"], False, {})

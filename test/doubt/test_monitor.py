@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lassokin_ros.doubt.doubt import Signs, reasons
-from lassokin_ros.doubt.monitor import LIMBS, MOST_WAITING, UNSEEN_S, DoubtMonitor, Judgement, LiveDoubts, UnseenLimbs
+from lassokin_ros.doubt.monitor import LIMBS, MOST_WAITING, UNSEEN_S, DoubtMonitor, Judgement, UnseenLimbs
 
 LANDMARKS = ("left_hip", "right_hip", "left_shoulder", "right_shoulder")
 JOINTS = (*LANDMARKS, "left_elbow", "left_wrist", "left_hand")
@@ -35,7 +35,7 @@ def one_by_one():
 
 @pytest.mark.parametrize("read_every", [1, 7, COUNT])
 def test_the_time_of_reading_does_not_matter(read_every):
-    doubts, found = LiveDoubts(LANDMARKS, JOINTS, observe), []
+    doubts, found = DoubtMonitor(LANDMARKS, JOINTS, observe), []
     for number, signs in enumerate(frames(), 1):
         found.append(doubts.add(signs))
         if number % read_every == 0:
@@ -46,13 +46,13 @@ def test_the_time_of_reading_does_not_matter(read_every):
 
 
 def test_few_frames_wait():
-    doubts = LiveDoubts(LANDMARKS, JOINTS, observe)
+    doubts = DoubtMonitor(LANDMARKS, JOINTS, observe)
     waiting = [(doubts.add(signs), len(doubts._waiting))[1] for signs in frames()]
     assert max(waiting) == MOST_WAITING - 1
 
 
 def test_frames_before_a_reset_can_be_read_after_it():
-    doubts = LiveDoubts(LANDMARKS, JOINTS, observe)
+    doubts = DoubtMonitor(LANDMARKS, JOINTS, observe)
     judges = [doubts.add(signs) for signs, _ in zip(frames(), range(14))]
     doubts.reset()
     assert judges[-1].read().reasons and judges[0].read() == judges[0].read()

@@ -110,7 +110,7 @@ def tf_of(backend, camera: Eye, start_ns, seconds, base=MAP):
     return tf_message(backend, start_ns + round(1e9 * seconds), link)
 
 
-BACKEND, START_NS = rosbags_backend(), 1_700_000_000_000_000_000
+START_NS = 1_700_000_000_000_000_000
 LEFT, RIGHT = eye("left", 0), eye("right", 90)
 TWO = NodeSettings(cameras=("left", "right"), fixed_frame=MAP)
 
@@ -123,6 +123,9 @@ class Result:
     error: np.ndarray
     root: np.ndarray
     frame: object
+
+
+backend = lru_cache(rosbags_backend)
 
 
 class Play:
@@ -138,7 +141,7 @@ class Play:
         self.diagnostics, self.now = Diagnostics(self.session, "tracker", 0.0), 0.0
         self.diagnostics.count_camera_info(0.0)
         for name, one in zip(self.names, eyes):
-            assert self.session.set_camera(camera_info(BACKEND, frame_id=one.frame), name) is None
+            assert self.session.set_camera(camera_info(backend(), frame_id=one.frame), name) is None
 
     def truth(self, seconds):
         return truth_at([seconds], self.still, height=self.height)
@@ -151,7 +154,7 @@ class Play:
             self.shown[source, seconds] = pixels(self.eyes[source], seconds, body, self.random, self.noise_px)
         xy = self.shown[source, seconds] + (self.px or {}).get(number, 0.0)
         stamp_ns = START_NS + round(1e9 * seconds)
-        message = cloud(BACKEND, stamp_ns, xy, frame_id=self.eyes[number].frame)
+        message = cloud(backend(), stamp_ns, xy, frame_id=self.eyes[number].frame)
         arrival_ns = stamp_ns + round(1e9 * (0.01 + late + self.late))
         self.keep(self.session.frames(message, arrival_ns, self.names[number]), seconds, arrival_ns)
 
@@ -167,7 +170,7 @@ class Play:
             self.results.append(Result(seconds, np.linalg.norm(apart, axis=1), apart[0], frame))
 
     def transforms(self, number, seconds):
-        self.session.placement.transforms.add(tf_of(BACKEND, self.eyes[number], START_NS, seconds), static=False)
+        self.session.placement.transforms.add(tf_of(backend(), self.eyes[number], START_NS, seconds), static=False)
 
     def run(self, seconds=2.0, hz=30, phase=0.0, tf=True, silent=lambda number, seconds: False, begin=0.0, instead={}):
         """instead: number of a camera -> number of the one whose images it sends."""

@@ -54,7 +54,7 @@ def save_all(
     ready = {person: known for person, known in calibrations.items() if known.kept_motion >= LEAST_MOTION}
     texts = {person: _calibrated_text(known, now_ns) for person, known in (ready or calibrations).items()}
     with AtomicFiles(replace=True, error=SkeletonError) if files is None else nullcontext(files) as whole:
-        return [_write(for_person(path, person), text, whole) for person, text in texts.items()]
+        return [_write(for_person(path, person), text, whole, SkeletonError) for person, text in texts.items()]
 
 
 def _calibrated_text(calibration: Calibration, now_ns: int) -> str:
@@ -66,11 +66,12 @@ def _calibrated_text(calibration: Calibration, now_ns: int) -> str:
         )
     skeleton = calibration.skeleton
     state = "the lengths are final" if calibration.frozen else "the lengths were still being learned"
+    date = datetime.fromtimestamp(now_ns // 1_000_000_000, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
     changes = [f"{name} {change:+.1f} %" for name, change in length_changes(calibration).items()]
     return skeleton_text(
         skeleton,
         (
-            f"Calibrated by lassokin_ros, {_date(now_ns)}.",
+            f"Calibrated by lassokin_ros, {date}.",
             f"For a height of {skeleton.height:g} m: use it with the same parameter height.",
             f"{calibration.kept_motion:g} s of motion counted; {state}.",
             f"Changed from skeleton {_quoted(skeleton.name)}: {', '.join(changes)}.",
@@ -92,16 +93,13 @@ def skeleton_text(skeleton: Skeleton, comments: Sequence[str] = ()) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write_text(path: Path, text: str) -> Path:
-    """Write a file completely or not at all, and its folder.
-
-    Returns the path with `~` resolved. Raises SkeletonError.
-    """
-    with AtomicFiles(replace=True, error=SkeletonError) as files:
-        return _write(path, text, files)
+def write_text(path: Path, text: str, error: type[LassokinError] = SkeletonError) -> Path:
+    """Write a file completely or not at all, and its folder. Return the path with `~` resolved. Raises `error`."""
+    with AtomicFiles(replace=True, error=error) as files:
+        return _write(path, text, files, error)
 
 
-def _write(path: Path, text: str, files: AtomicFiles) -> Path:
+def _write(path: Path, text: str, files: AtomicFiles, error: type[LassokinError]) -> Path:
     """Write the file as one of `files`."""
     try:
         path = path.expanduser()
@@ -111,17 +109,13 @@ def _write(path: Path, text: str, files: AtomicFiles) -> Path:
         raise
     except (OSError, ValueError, RuntimeError) as problem:  # the path has no name, or `~` has no home directory
         reason = getattr(problem, "strerror", None) or problem
-        raise SkeletonError(f"'{path}' cannot be written: {reason}") from None
+        raise error(f"'{path}' cannot be written: {reason}") from None
     return path
 
 
 def for_person(path: Path, person: str) -> Path:
     """Return the path of one of several people's files: the id is added to its name."""
     return path.with_name(f"{path.stem}_{person}{path.suffix}") if person and path.name else path
-
-
-def _date(now_ns: int) -> str:
-    return datetime.fromtimestamp(now_ns // 1_000_000_000, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
 def _quoted(text: str) -> str:
@@ -141,7 +135,7 @@ def camera_commands(session: Session) -> list[str]:
 
     Raises CamerasFileError if none was, or if the keypoints show that a camera is wrong.
     """
-    places, extrinsics = session.placement.places, session.extrinsics
+    places, extrinsics = session.placement.places, session.roster.extrinsics
     if places is None or not session.config.several_cameras:
         raise CamerasFileError("there is one camera, or none with a pose; expected several (parameter cameras)")
     if wrong := words_of(wrong_cameras(session, learned=False)):
@@ -151,12 +145,11 @@ def camera_commands(session: Session) -> list[str]:
         )
     commands = []
     for name, camera in session.cameras.items():
-        given = places.newest.get(name)
-        if extrinsics is None or given is None:
+        if extrinsics is None or name not in places.newest:
             continue
         if extrinsics.solution(name) is None and name not in extrinsics.found:
             continue
-        pose = extrinsics.learned(given)
+        pose = extrinsics.learned(places.newest[name])
         x, y, z = pose.centre.tolist()
         qx, qy, qz, qw = to_quaternion(pose.rotation.T[None])[0].tolist()
         commands.append(
@@ -173,8 +166,5 @@ def camera_commands(session: Session) -> list[str]:
 
 def save_cameras(session: Session, path: Path) -> Path:
     """Write the commands, one in a line; run the file with bash. Raises CamerasFileError."""
-    commands = camera_commands(session)
-    try:
-        return write_text(path, "".join(f"{command} &\n" for command in commands) + "wait\n")
-    except SkeletonError as error:
-        raise CamerasFileError(str(error)) from None
+    commands = "".join(f"{command} &\n" for command in camera_commands(session))
+    return write_text(path, commands + "wait\n", CamerasFileError)

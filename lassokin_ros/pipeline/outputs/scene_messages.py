@@ -14,7 +14,7 @@ from lassokin_ros.core.observation import HERE, CameraPose, Status
 from lassokin_ros.pipeline.frame_result import BODY_FROM_ROOT, FrameResult
 from lassokin_ros.pipeline.image_sets import LONGEST_LATE_NS
 from lassokin_ros.pipeline.people.out_of_view import Absent
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.roster import Presence
 from lassokin_ros.pipeline.session import Session
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.clouds import JointsReport
@@ -46,8 +46,7 @@ class PeopleMessages:
         """
         self._late_ns = LONGEST_LATE_NS if several_cameras else 0
         self._builder = people_builder(backend, message_type, serialised)
-        self._newest: dict[str, FrameResult] = {}
-        self._moved: dict[str, CameraPose] = {}  # how the frame has moved since the person's newest result
+        self._newest: dict[str, tuple[FrameResult, CameraPose]] = {}  # and how the frame has moved since then
         self._jump_ns = 0
 
     def update(
@@ -60,20 +59,16 @@ class PeopleMessages:
         jump_ns, moved = jump or (0, HERE)
         if jump_ns != self._jump_ns:
             self._jump_ns = jump_ns
-            for person in self._newest:
-                self._moved[person] = moved.after(self._moved.get(person, HERE))
+            self._newest = {person: (frame, moved.after(before)) for person, (frame, before) in self._newest.items()}
         for frame in frames:
             if frame.accepted:
-                self._newest[frame.person] = frame
-                self._moved[frame.person] = moved if frame.stamp_ns < jump_ns else HERE
-        if ids is not None and len(self._newest) > 0:
-            self._newest = {person: frame for person, frame in self._newest.items() if person in ids}
-            self._moved = {person: moved for person, moved in self._moved.items() if person in ids}
+                self._newest[frame.person] = frame, moved if frame.stamp_ns < jump_ns else HERE
+        if ids is not None:
+            self._newest = {person: known for person, known in self._newest.items() if person in ids}
 
     def forget(self) -> None:
         """Forget all people."""
         self._newest.clear()
-        self._moved.clear()
 
     def build(
         self,
@@ -91,38 +86,23 @@ class PeopleMessages:
         were not seen for forget_after come last.
         """
         stamp_ns, frame_id = image
-        only = self._newest.get("")
-        if only is not None and only.stamp_ns > stamp_ns:  # the stamps have jumped back
+        if "" in self._newest and self._newest[""][0].stamp_ns > stamp_ns:  # the stamps have jumped back
             self.forget()
-        stamps_ns = (frame.stamp_ns for frame in self._newest.values() if frame.frame_id == frame_id)
-        stamp_ns = max([stamp_ns, *(other for other in stamps_ns if other < stamp_ns + self._late_ns)])
-        people: list[PersonReport] = []
-        for frame in self._newest.values():
-            age_s = (stamp_ns - frame.stamp_ns) * 1e-9
-            if 0 <= age_s <= max(forget_after, lost_after) and frame.frame_id == frame_id:
+        here = [(frame, moved) for frame, moved in self._newest.values() if frame.frame_id == frame_id]
+        others_ns = (frame.stamp_ns for frame, _ in here if frame.stamp_ns < stamp_ns + self._late_ns)
+        stamp_ns = max([stamp_ns, *others_ns])
+        listed: dict[str, PersonReport] = {}
+        for frame, moved in here:
+            age_s, person = (stamp_ns - frame.stamp_ns) * 1e-9, id_of(frame)
+            if 0 <= age_s <= max(forget_after, lost_after):
                 age_s += 0.0 if frame.estimate is None else frame.estimate.repeated
-                moved = self._moved.get(frame.person, HERE)
-                people.append(person_report(frame, age_s <= lost_after, age_s, id_of(frame) == locked, moved))
-        people = self._with_absent(people, absent, image, lost_after, locked)
-        return self._builder.fill(stamp_ns, frame_id, people, untracked)
-
-    def _with_absent(
-        self,
-        people: Sequence[PersonReport],
-        absent: Sequence[Absent],
-        image: Image,
-        lost_after: float,
-        locked: str | None,
-    ) -> list[PersonReport]:
-        """Mark who is out of view, and add those who are not listed any more."""
-        listed = {one.id: one for one in people}
+                listed[person] = person_report(frame, age_s <= lost_after, age_s, person == locked, moved)
         for one in absent:
             person, age_s = id_of(one.frame), (image[0] - one.frame.stamp_ns) * 1e-9
-            if one.frame.frame_id != image[1] or age_s <= lost_after:
-                continue
-            known = listed.get(person) or person_report(one.frame, False, age_s, person == locked, one.moved)
-            listed[person] = replace(known, out_of_view=one.out_of_view and not known.tracked)
-        return list(listed.values())
+            if one.frame.frame_id == frame_id and age_s > lost_after:
+                known = listed.get(person) or person_report(one.frame, False, age_s, person == locked, one.moved)
+                listed[person] = replace(known, out_of_view=one.out_of_view and not known.tracked)
+        return self._builder.fill(stamp_ns, frame_id, list(listed.values()), untracked)
 
 
 def id_of(frame: FrameResult) -> str:
@@ -215,7 +195,7 @@ class CameraMarkers:
         places = self._session.placement.places
         if places is None or now - self._last < MARKERS_EVERY_S:
             return None
-        extrinsics = self._session.extrinsics
+        extrinsics = self._session.roster.extrinsics
         found = {}
         for name, pose in places.newest.items():
             view = self._session.cameras[name].camera.view

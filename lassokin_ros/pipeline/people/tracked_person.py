@@ -20,7 +20,7 @@ from lassokin_ros.core.output.uncertainty import ObservedJoints
 from lassokin_ros.core.output.walking_velocity import WalkingVelocity
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.doubt.doubt import NO_TURN, Signs, signs_of
-from lassokin_ros.doubt.monitor import LiveDoubts
+from lassokin_ros.doubt.monitor import DoubtMonitor
 from lassokin_ros.pipeline.concerns.rejections import frozen_text, rejection_text
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.messages import Repeats
@@ -79,7 +79,7 @@ class TrackedPerson:
         self._repeats: dict[str, Repeats] = {}
         layout, skeleton = self.tracker.layout, self.tracker.skeleton
         observed = ObservedJoints(skeleton, layout.joints)
-        self._doubts = LiveDoubts(layout.names, skeleton.joint_names, observed.from_visible)
+        self._doubts = DoubtMonitor(layout.names, skeleton.joint_names, observed.from_visible)
         self.reset()
 
     def reset(self, same_camera: bool = False) -> None:
@@ -284,9 +284,13 @@ class TrackedPerson:
         """Return s since the person was last tracked; infinite before the first time."""
         return float("inf") if self.seen_ns is None else (stamp_ns - self.seen_ns) * 1e-9
 
-    def status_at(self, stamp_ns: int) -> Status:
-        """Return the status at a time up to which no message has arrived. The state does not change."""
-        lost = self.status is Status.TRACKING and self.unseen_s(stamp_ns) > self.tracker.config.lost_after
+    def status_at(self, stamp_ns: int, stale_after: float = math.inf) -> Status:
+        """Return the status at a time up to which no message has arrived. The state does not change.
+
+        stale_after: s, upper limit of `lost_after`, until which the tracker itself keeps the person.
+        """
+        patience = min(self.tracker.config.lost_after, stale_after)
+        lost = self.status is Status.TRACKING and self.unseen_s(stamp_ns) > patience
         return Status.LOST if lost else self.status
 
     def predicted_landmarks(

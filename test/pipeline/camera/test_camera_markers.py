@@ -1,14 +1,16 @@
 """The places of the cameras on ~/markers."""
 
 import numpy as np
-from camera_rig import BACKEND, MAP, START_NS, Play, eye, turning_eye
-from messages import FOCAL, HEIGHT, WIDTH
+from camera_rig import MAP, START_NS, Play, eye, turning_eye
+from messages import FOCAL, HEIGHT, WIDTH, rosbags_backend
 from scipy.spatial.transform import Rotation
 
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.outputs.scene_messages import MARKERS_EVERY_S, CameraMarkers
 from lassokin_ros.pipeline.settings import NodeSettings
+
+BACKEND = rosbags_backend()
 
 
 def seen_by(eyes, settings, seconds, play=None, tf=True):

@@ -7,8 +7,8 @@ from types import BuiltinFunctionType, FunctionType, ModuleType
 
 import numpy as np
 import pytest
-from camera_rig import BACKEND, LEFT, MAP, RIGHT, START_NS, Play, eye, off, pixels, tf_of, truth_at
-from messages import camera_info
+from camera_rig import LEFT, MAP, RIGHT, START_NS, Play, eye, off, pixels, tf_of, truth_at
+from messages import camera_info, rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.hypotheses.start import Starts
@@ -22,6 +22,7 @@ from lassokin_ros.pipeline.seen import Seen, Sight
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 
+BACKEND = rosbags_backend()
 BACK = eye("back", 200, 4.0)
 
 

@@ -17,7 +17,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.body_frames import BodyFrames
 from lassokin_ros.pipeline.outputs.frame_messages import certificate_status, principal_axes
 from lassokin_ros.pipeline.outputs.scene_messages import PeopleMessages, PresenceState, confidence, person_report
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.roster import Presence
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.builders import OK, WARN
 
@@ -114,9 +114,9 @@ def test_who_is_not_seen_when_the_frame_jumps_is_moved_with_it(people):
     once, twice = turn @ [1, 2, 3] + shift, turn @ (turn @ [1, 2, 3] + shift) + shift
     assert np.allclose(places, [once, twice, twice])
     people.update([], ["p2"], again)
-    assert list(people._moved) == ["p2"]
+    assert list(people._newest) == ["p2"]
     people.forget()
-    assert not people._moved
+    assert not people._newest
 
 
 def small():

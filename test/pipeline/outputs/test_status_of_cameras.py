@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from camera_rig import BACKEND, LEFT, MAP, RIGHT, START_NS, Eye, Play, keypoints, tf_of, truth_at
+from camera_rig import LEFT, MAP, RIGHT, START_NS, Eye, Play, keypoints, tf_of, truth_at
 from depth_camera import depth_message
-from messages import camera_info, crowd
+from messages import camera_info, crowd, rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import CameraPose
@@ -16,6 +16,7 @@ from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.builders import ERROR, OK, WARN
 
+BACKEND = rosbags_backend()
 HZ = 30
 EYES = {"left": LEFT, "right": RIGHT}
 TRUTH = truth_at(np.arange(HZ) / HZ)
