@@ -67,12 +67,6 @@ def test_two_cameras_with_one_frame_are_named_and_the_first_one_stays(session):
     assert session.first.camera.view.intrinsics.K[0, 0] == 400.0
 
 
-def test_a_zoom_is_no_second_camera(session):
-    for step in range(40):
-        assert session.set_camera(camera_info(BACKEND, 600.0 + 5.0 * step)) is None
-        assert session.first.camera.warning == "" and session.first.camera.view.intrinsics.K[0, 0] == 600.0 + 5.0 * step
-
-
 def images(session, count, start=0):
     """Process images; return the focal lengths with which they were used."""
     sent = [cloud(BACKEND, 10**9 + (start + i) * 33_333_333, PIXELS[i % 30]) for i in range(count)]
