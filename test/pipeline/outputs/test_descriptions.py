@@ -51,17 +51,15 @@ def test_topics_of_persons():
 def test_full_names_and_prefixes():
     assert topics.full_name("~/joints", "robot/tracker") == "/robot/tracker/joints"
     assert topics.full_name("/tf", "tracker") == "/tf" and topics.full_name("keypoints", "tracker") == "/keypoints"
-    assert topics.link_prefix("~/", "tracker") == "tracker/" and topics.link_prefix("", "tracker") == ""
-    assert topics.link_prefix("~/", "a/tracker", "p1") == "a/tracker/p1/"
+    assert [
+        Naming.of_person(NodeSettings(frame_prefix=prefix), "a/b", person).prefix
+        for prefix, person in (("~/", ""), ("", ""), ("~/", "p1"))
+    ] == ["a/b/", "", "a/b/p1/"]
     assert topics.people_output("a/msg/B") == topics.OutputTopic("~/people", "a/msg/B", False)
 
 
-def test_latched_topics_are_recognised_by_their_names():
+def test_latched_topics():
     outputs = (*topics.PERSON_OUTPUTS, *topics.OTHER_OUTPUTS, topics.TRACKED_OUTPUT, topics.TF)
-    for output in outputs:
-        assert topics.is_latched(topics.full_name(output.name, "tracker")) == output.latched, output
-    assert topics.is_latched("/humans/bodies/p1/urdf") and topics.is_latched("/humans/bodies/tracked")
-    assert not topics.is_latched("/state/joints")
     assert {output.name for output in outputs if output.latched} == {
         "~/robot_description",
         "~/state",
