@@ -40,8 +40,7 @@ from benchmarks.accuracy_run.uncertainty import (
     uncertainty_of,
 )
 from benchmarks.accuracy_run.videos import VideoJob, run_video, video_files, video_table
-from benchmarks.common.refusals import exit_code
-from benchmarks.common.report import Record, data_folder, table, write_json
+from benchmarks.common.report import Record, data_folder, exit_code, table, write_json
 from benchmarks.data.detections import detection_jobs, run_detections
 from benchmarks.data.recordings import recording_files
 from benchmarks.data.simulated_camera import Condition, rate_of
