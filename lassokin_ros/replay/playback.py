@@ -59,7 +59,7 @@ class Playback:
     @property
     def times_lost(self) -> int:
         """The number of re-initialisations of tracked people, plus one if the recording ends in the lost state."""
-        return self._reinitialised + (self.session.status is Status.LOST)
+        return self._reinitialised + (self.session.roster.status is Status.LOST)
 
     def camera_info(self, message: Any, time_ns: int, camera: str = "") -> None:
         """Process a CameraInfo, or Intrinsics. time_ns: recording time, ns. camera: its name."""

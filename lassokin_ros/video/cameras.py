@@ -209,7 +209,7 @@ def images_together(cameras: Sequence[Filmed], options: argparse.Namespace) -> I
 
 def found_poses(session: Session) -> dict[str, CameraPose]:
     """Return the pose of each camera by name after a pass over all images. Raises CameraError if one was not found."""
-    places, extrinsics = session.placement.places, session.extrinsics
+    places, extrinsics = session.placement.places, session.roster.extrinsics
     assert places is not None
     for name in session.cameras:
         if name not in places.newest:

@@ -15,7 +15,7 @@ from lassokin_ros.pipeline.camera.calibration_file import read_calibration
 from lassokin_ros.video.keypoint_files.json_files import WITH_HANDS, openpose_files, read_openpose, read_results
 from lassokin_ros.video.keypoint_files.keypoints import KeypointFile
 from lassokin_ros.video.keypoint_files.tables import read_arrays, read_table
-from lassokin_ros.video.sources import ASSUMED_FPS, Image, Source, SourceError, images_of, open_source, timing_of
+from lassokin_ros.video.sources import ASSUMED_FPS, Image, Source, SourceError, Timing, images_of, open_source
 
 READERS = {".json": read_results, ".csv": read_table, ".npz": read_arrays}
 """Reader of a file by its suffix. A folder of JSON files without images is OpenPose's."""
@@ -58,7 +58,7 @@ def open_input(
         return open_source(name, options.fps, options.slow_motion), None
     if not any(map(len, keypoints.people)):
         raise SourceError(f"'{path}' has nobody in it")
-    given = timing_of(options.fps, options.slow_motion)
+    given = Timing(options.fps, options.slow_motion)
     size, count, remark = _size(options, keypoints, path, size), len(keypoints.people), ""
     if given.fps is None and keypoints.seconds is not None:
         seconds = keypoints.seconds / given.slow_motion

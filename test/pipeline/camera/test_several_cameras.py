@@ -294,7 +294,7 @@ def test_a_camera_that_was_moved_is_noticed_and_with_learn_corrected(extrinsics)
     frame = play.results[-1].frame
     assert frame.camera.name == "right"
     assert np.nanmedian(np.linalg.norm(frame.reprojected - frame.detected, axis=1)) < 8.0
-    play.session.people.tracked[""].reset(same_camera=True)  # the next person has it, too
+    play.session.roster.people[0].body.reset(same_camera=True)  # the next person has it, too
     for index in range(15):
         for number in range(2):
             play.image(number, 6.1 + index / 30)
@@ -314,7 +314,7 @@ def test_a_turn_and_a_shift_of_a_camera_are_told_apart_by_a_person_who_walks(deg
     walk = np.array([1.0, 1.2, 0.0]) * walks
     play.truth = lambda seconds: truth_at([seconds], shift=walk * np.sin([seconds, 0.7 * seconds, 0.0]))
     play.run(6.0)
-    assert words in play.session.extrinsics.in_words("right")
+    assert words in play.session.roster.extrinsics.in_words("right")
 
 
 @pytest.mark.parametrize(
@@ -483,7 +483,7 @@ def test_until_it_is_found_the_other_camera_goes_on_and_diagnostics_says_why():
 def test_a_camera_whose_place_was_found_from_the_person_does_not_measure_the_height():
     play = without_tf_of_right(TWO, TrackerConfig(height=0.0, extrinsics="learn"))
     assert "right" in play.session.placement.places.newest and play.results[-1].frame.estimate.cameras == 2
-    (height,) = play.session.heights().values()
+    (height,) = play.session.roster.heights().values()
     assert not height.measured and "1.7 m is assumed" in play.line().message
 
 

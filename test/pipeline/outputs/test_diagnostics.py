@@ -91,7 +91,7 @@ def test_confidences_that_nearly_reach_the_limit_are_said(confidence, said):
     status = messages(diagnostics, session, 20, confidence, 10**12)
     assert status.level == OK and ("lower it if somebody is in view" in status.message) is said
     assert status.values["largest unused confidence"] == f"{confidence:.2f}"
-    assert not session.results.answered
+    assert not session.answers.any_accepted
 
 
 def test_the_reason_why_nobody_of_several_people_is_tracked():

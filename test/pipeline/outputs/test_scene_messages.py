@@ -21,7 +21,7 @@ from lassokin_ros.pipeline.outputs.scene_messages import (
     person_report,
 )
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.roster import Presence
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.bags import register_types

@@ -18,8 +18,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
-from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.people.roster import GONE
+from lassokin_ros.pipeline.people.roster import GONE, Presence
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.builders import ERROR, OK, WARN
 
@@ -51,20 +50,22 @@ def session():
         enabled=True,
         first=only,
         counts=Counter(received=100, accepted=100),
-        status=Status.TRACKING,
-        ids=None,
         config=NodeSettings(),
-        locked=None,
+        roster=SimpleNamespace(
+            status=Status.TRACKING,
+            ids=None,
+            locked=None,
+            trackers={"": tracker},
+            calibrations=dict,
+            heights=dict,
+            evidence_faults={},
+        ),
         people=SimpleNamespace(jumped_number=None, numbers_may_be_indices=False),
         tracker=tracker,
-        trackers={"": tracker},
         placement=SimpleNamespace(places=None, camera_angles=(0.0, 0.0), camera_height=None),
         scene=SimpleNamespace(image=None, lost_after=0.4, detector_connected=True, untracked_at=lambda stamp_ns: 0),
         cameras={"": only},
         inputs=SimpleNamespace(has_camera=True, nobody_in_view=False, unused_confidence=0.0, camera_fault=""),
-        calibrations=dict,
-        heights=dict,
-        evidence_faults={},
     )
 
 
@@ -138,14 +139,14 @@ def test_frozen_keypoints(diagnostics, seconds, level):
 
 def test_the_status_of_a_person(session, diagnostics):
     for status in (Status.LOST, Status.SEARCHING):
-        session.status = status
+        session.roster.status = status
         assert said(diagnostics) == (WARN, "lost")
         assert said(diagnostics, state="nobody") == (OK, NOBODY)
     assert said(diagnostics, presence=Presence(Status.TRACKING), state="nobody") == (OK, "tracking")
 
 
 def test_a_silent_detector_of_an_empty_room(session, diagnostics):
-    session.status, session.config = Status.LOST, NodeSettings(silent_when_empty=True)
+    session.roster.status, session.config = Status.LOST, NodeSettings(silent_when_empty=True)
     assert said(diagnostics, 12.1) == (WARN, "lost")
     line = diagnostics.line(13.1, state="nobody")
     assert (line.level, line.message, line.values["state"]) == (OK, NOBODY, "nobody")
@@ -158,24 +159,24 @@ def test_a_silent_detector_of_an_empty_room(session, diagnostics):
 
 
 def test_a_lock_is_the_reason_why_nobody_is_followed(session, diagnostics):
-    session.locked = "p2"
+    session.roster.locked = "p2"
     assert said(diagnostics) == (OK, "tracking")
-    session.status = Status.LOST
+    session.roster.status = Status.LOST
     words = "p2 is locked and not seen: nobody else is followed until ~/lock is called with false"
     assert said(diagnostics) == (WARN, f"lost; {words}")
-    session.locked = GONE
+    session.roster.locked = GONE
     words = "the locked person was forgotten: nobody is followed until ~/lock is called"
     assert said(diagnostics) == (WARN, f"lost; {words}")
 
 
 def test_nobody_in_view(session, diagnostics):
-    session.status = Status.LOST
+    session.roster.status = Status.LOST
     session.counts.update({"received": 10, NOBODY: 9})
     assert said(diagnostics) == (WARN, "lost")
     session.counts.update({"received": 10, NOBODY: 10})
     assert said(diagnostics) == (OK, NOBODY)
     assert said(diagnostics) == (OK, NOBODY)  # without a message in the period, as before
-    session.status = Status.TRACKING
+    session.roster.status = Status.TRACKING
     assert said(diagnostics) == (OK, "tracking")
 
 
@@ -283,11 +284,11 @@ def test_depth_images_without_depth_at_the_person(session, diagnostics, used):
 
 def test_the_measured_height_of_people_who_are_there(session, diagnostics):
     height = SimpleNamespace(height=1.6789, deviation=0.0512)
-    session.heights = lambda: {"": height}
+    session.roster.heights = lambda: {"": height}
     values = diagnostics.line(11.0).values
     assert (values["height [m]"], values["height: deviation [m]"]) == ("1.679", "0.051")
-    session.ids, session.heights = ["p1"], lambda: {"p1": height, "p2": height}
-    session.trackers = dict.fromkeys(("p1", "p2"), session.tracker)
+    session.roster.ids, session.roster.heights = ["p1"], lambda: {"p1": height, "p2": height}
+    session.roster.trackers = dict.fromkeys(("p1", "p2"), session.tracker)
     figures = {key: value for key, value in diagnostics.line(12.0).values.items() if "height" in key}
     assert figures == {"p1 height [m]": "1.679", "p1 height: deviation [m]": "0.051"}
 
@@ -347,7 +348,7 @@ def test_figures_of_a_period(session, diagnostics):
 
 
 def test_figures_of_several_people(session, diagnostics):
-    session.ids = ["p1", "p2", "p3"]
+    session.roster.ids = ["p1", "p2", "p3"]
     session.counts.update({"people come": 3, "people left": 1, "people beyond max_people": 2})
     session.first.depth = SimpleNamespace(fault="", frozen=False)
     values = diagnostics.line(11.0, Presence(Status.TRACKING, ["p1"])).values
@@ -363,8 +364,11 @@ def test_calibration_of_people_who_are_there(session, diagnostics):
         known_now = {"lengths": np.log([1.1, 0.9]), "deviation": np.array([0.02, 0.05]), "kept_motion": kept_motion}
         return SimpleNamespace(frozen=False, proportions=proportions, **known_now)
 
-    session.trackers = dict.fromkeys(("p1", "p2", "p3"), session.tracker)
-    session.ids, session.calibrations = ["p1", "p2"], lambda: {"p1": known(2.5), "p2": known(0.0), "p3": known(1.0)}
+    session.roster.trackers = dict.fromkeys(("p1", "p2", "p3"), session.tracker)
+    session.roster.ids, session.roster.calibrations = (
+        ["p1", "p2"],
+        lambda: {"p1": known(2.5), "p2": known(0.0), "p3": known(1.0)},
+    )
     values = diagnostics.line(11.0).values
     figures = {key: value for key, value in values.items() if "calibration" in key}
     state = "learning" if TrackerConfig(height=1.75).calibrate else "off"
