@@ -16,18 +16,19 @@ from typing import Sequence
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.common.report import Record, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, exit_code, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
 
 from benchmarks.common import option_types
-from benchmarks.common.refusals import exit_code
 from benchmarks.data.detections import layout_of
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.people.people_tracker import PeopleTracker
+from lassokin_ros.pipeline.people.roster import Roster
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.seen import Image, people_in
+from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.keypoints import Keypoints
 
 COLUMNS = {"file": "<", "cameras": "<", "one_person_percent": ".1f", "one_id_percent": ".1f", "assigned_percent": ".1f",
@@ -59,7 +60,8 @@ def run(file: Path, chosen: str | None) -> Record:
     poses = {c: CameraPose(str(c), R[c].astype(float), t[c].astype(float)) for c in cameras}
     layout, count = layout_of(names)
     config = TrackerConfig(landmarks=layout, height=1.7)
-    tracker = PeopleTracker([TrackedPerson(config) for _ in range(MOST_PEOPLE)], Counter())
+    bodies = [TrackedPerson(config) for _ in range(MOST_PEOPLE)]
+    tracker = PeopleTracker(Roster(bodies, Counter(), NodeSettings(forget_after=FORGET_AFTER_S)))
     found: list[tuple[int, int, int]] = []  # frame, id, true person
     for frame, stamp in enumerate(stamps.tolist()):
         stamp_ns = 1_000_000_000 + round(1e9 * stamp)
@@ -69,12 +71,12 @@ def run(file: Path, chosen: str | None) -> Record:
             rows = keypoints[c, frame, seen, :count].reshape(-1, 3).astype(float)
             ids, persons = np.tile(np.arange(count), len(seen)), np.repeat(np.array(seen, dtype=int), count)
             message = Keypoints(stamp_ns, "", ids, rows[:, :2], rows[:, 2], persons)
-            images.append(Image(people_in(message, count, lenses[c]), stamp_ns, "", lenses[c], camera=poses[c]))
-        tracker.update(images, "", FORGET_AFTER_S)
-        for number, sights in tracker.sights_at(stamp_ns).items():
-            for camera, detection in sights.items():
-                true = np.flatnonzero(identity[:, int(camera), frame] == detection.number)
-                found += [(frame, number, int(person)) for person in true]
+            images.append(Image(people_in(message, count, lenses[c], config), stamp_ns, "", lenses[c], camera=poses[c]))
+        tracker.update(images, "")
+        for one in tracker.roster.people:
+            for camera, track in one.tracks.items():
+                true = np.flatnonzero(identity[:, int(camera), frame] == track.detection.number)
+                found += [(frame, one.number, int(person)) for person in true if track.seen_ns == stamp_ns]
     labelled = int(np.count_nonzero(identity[:, cameras] >= 0))
     return {
         "file": file.stem,

@@ -74,7 +74,7 @@ def answers(shell, images, start_ns=START_NS, turn=None, shift=0.0, reset_at=0, 
             for name, xy in instant.items():
                 people, stamp_ns = [] if xy is None else [(xy, np.full(17, 0.9))], start_ns + round(1e9 * index / RATE)
                 push(crowd(backend, stamp_ns, people, frame_id=frames[name]), stamp_ns, name)
-            (tracker,) = session.trackers.values()
+            (tracker,) = session.roster.trackers.values()
             found.append(tracker.kinematics.pose(tracker.state).positions)
         assert session.counts["accepted"] == len(images), session.counts
         return np.array(found)

@@ -121,12 +121,15 @@ def follow_people(scenes: Sequence[Scene], numbers: np.ndarray, lasting: bool) -
     from collections import Counter
 
     from lassokin_ros.pipeline.people.people_tracker import PeopleTracker
+    from lassokin_ros.pipeline.people.roster import Roster
     from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+    from lassokin_ros.pipeline.settings import NodeSettings
     from msg_adapters.keypoints import Keypoints
 
     lens = WEBCAM.lens
     bodies = [TrackedPerson(TrackerConfig(height=HEIGHT)) for _ in range(4)]
-    people = PeopleTracker(bodies, Counter(), sure=lasting)
+    settings = NodeSettings(person_ids="lasting") if lasting else NodeSettings()
+    people = PeopleTracker(Roster(bodies, Counter(), settings))
     paths: dict[str, np.ndarray] = {}
     for row, stamp in enumerate(scenes[0].times):
         xy = np.concatenate([scene.pixels[row] for scene in scenes])
@@ -135,8 +138,9 @@ def follow_people(scenes: Sequence[Scene], numbers: np.ndarray, lasting: bool) -
         stamp_ns = 1 + round(1e9 * stamp)
         ids, persons = np.tile(np.arange(count), len(scenes)), np.repeat(numbers[row], count).astype(int)
         keypoints = Keypoints(stamp_ns, "camera", ids, xy, scores, persons)
-        image = Image(people_in(keypoints, count, lens), stamp_ns, "camera", lens, lasting=lasting)
-        for frame in people.update([image], "camera", 3.0):
+        detections = people_in(keypoints, count, lens, bodies[0].tracker.config)
+        image = Image(detections, stamp_ns, "camera", lens, lasting=lasting)
+        for frame in people.update([image], "camera"):
             path = paths.setdefault(frame.person, np.full(len(scenes[0].times), np.nan))
             path[row] = frame.estimate.pose.positions[0, 0]
     return paths

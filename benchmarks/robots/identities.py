@@ -105,7 +105,7 @@ def _restarted(data: Path, silence_s: float, people: str, max_people: int, seed:
     session = session_of(walkers[0].height, max_people=max_people, lock=True, follow="confident")
     locked, rows = None, []
     for t, frame in accepted(scene, session):
-        if (frame.label or frame.person) != session.locked:
+        if (frame.label or frame.person) != session.roster.locked:
             continue
         who = int(np.argmin([distance(frame, walker.at(t)[1]) for walker in walkers]))
         locked = who if locked is None else locked

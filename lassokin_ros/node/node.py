@@ -132,7 +132,7 @@ class TrackerNode(Node):
         self._outputs.start(self._now_ns())
 
     def _log_state(self, state: str) -> None:
-        gone = state == LOST and self._session.locked == GONE
+        gone = state == LOST and self._session.roster.locked == GONE
         self.get_logger().info(f"lost: {FORGOTTEN}" if gone else LOG_MESSAGES[state])
 
     def _listen(self, config: NodeSettings) -> None:
@@ -180,7 +180,7 @@ class TrackerNode(Node):
 
     def _on_bodies(self, ids: Sequence[str]) -> Sequence[str]:
         self._session.keep(ids)
-        kept = self._session.ids or []
+        kept = self._session.roster.ids or []
         self._outputs.keep(kept, self._now_ns())
         return kept
 
@@ -252,7 +252,7 @@ class TrackerNode(Node):
                 line = f"keypoints rejected ({frame.rejection}): {frame.detail}"
                 self._warning.log(str(frame.rejection), line, DIFFERENT_FAULTS)
         self._log_unused_confidence()
-        for name, fault in self._session.evidence_faults.items() if self._has_evidence else ():
+        for name, fault in self._session.roster.evidence_faults.items() if self._has_evidence else ():
             self._say_once(name, fault, self.get_logger().error)
         if self._session.counts["unstamped"]:
             words = "keypoints without a stamp: outputs carry the time of their arrival"
@@ -269,7 +269,7 @@ class TrackerNode(Node):
     def _log_unused_confidence(self) -> None:
         """Log once if nobody was tracked yet, because all confidences are slightly below `min_confidence`."""
         session, limit = self._session, self._session.tracker.config.min_confidence
-        if session.results.answered or session.counts[UNUSED] < UNUSED_MESSAGES:
+        if session.answers.any_accepted or session.counts[UNUSED] < UNUSED_MESSAGES:
             return
         if session.inputs.unused_confidence >= NEAR_LIMIT * limit:
             figures = f"{session.inputs.unused_confidence:.2f}, min_confidence {limit:g}"
@@ -339,7 +339,7 @@ class TrackerNode(Node):
             if request.data:
                 response.success, response.message = True, f"locked: {self._session.lock(self._as_of_ns)}"
             else:
-                self._session.people.release()
+                self._session.roster.hold(None)
                 response.success, response.message = True, "nobody is locked"
             self.get_logger().info(response.message)
         except LassokinError as error:
@@ -348,7 +348,7 @@ class TrackerNode(Node):
 
     def _on_save_skeleton(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         path = self._file("skeleton.yaml")
-        return _written(response, lambda: save_all(self._session.calibrations(), path, self._now_ns()))
+        return _written(response, lambda: save_all(self._session.roster.calibrations(), path, self._now_ns()))
 
     def _on_save_cameras(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return _written(response, lambda: [save_cameras(self._session, self._file("cameras.sh"))])
@@ -358,7 +358,7 @@ class TrackerNode(Node):
         return Path(f"~/.ros/{self.get_fully_qualified_name()[1:].replace('/', '_')}_{ending}")
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
-        lock = ", and the lock has ended" if self._session.locked is not None else ""
+        lock = ", and the lock has ended" if self._session.roster.locked is not None else ""
         self.get_logger().info(f"the clock has jumped: the state is forgotten{lock}")
         self._as_of_ns = self._checked_ns = self._newest_ns = 0
         if self._session.placement.transforms is not None:
@@ -374,7 +374,7 @@ class TrackerNode(Node):
         self._session.tune(*settings)
         if settings[0].height != height:
             self._outputs.forget(self._now_ns())
-            lock = f"; {FORGOTTEN}" if self._session.locked == GONE else ""
+            lock = f"; {FORGOTTEN}" if self._session.roster.locked == GONE else ""
             self.get_logger().info(f"height is now {settings[0].height_text}: the state is forgotten{lock}")
 
 

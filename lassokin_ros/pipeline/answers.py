@@ -49,23 +49,20 @@ def frames_of(answers: Iterable[Answer]) -> list[FrameResult]:
     return [frame for answer in answers for frame in answer.frames]
 
 
-class Results:
-    """Counts the results of messages. answered: True after the first accepted one of a person."""
+class Answers:
+    """Counts the results of messages, and holds answers until those that wait for `smoothing_lag` are there."""
 
-    def __init__(self, counts: Counter[str], several_cameras: bool) -> None:
+    def __init__(self, counts: Counter[str], several_cameras: bool = False) -> None:
         """counts: see `Session.counts`."""
         self._counts, self._several = counts, several_cameras
-        self.answered = False
+        self.any_accepted = False
+        """True after the first accepted result of a person."""
+        self.reset()
 
-    def count(self, frames: list[FrameResult]) -> list[FrameResult]:
-        """Count the results of an instant, as one accepted or rejected message, and return them."""
-        self.answered = self.answered or any(frame.accepted for frame in frames)
-        rejection = next((frame.rejection for frame in frames if not frame.accepted), None)
-        if frames or not self._several:
-            self._counts["accepted" if rejection is None else f"rejected: {rejection}"] += 1
-        if repeated_s(frames) > 0:
-            self._counts["duplicated"] += 1
-        return frames
+    def reset(self) -> None:
+        """Drop the answers that are held."""
+        self._held: list[tuple[int, Answer]] = []  # with the stamp, ns, whose place each takes, see `add`
+        self._newest_ns = 0
 
     def without_absences(self, frames: Iterable[FrameResult], elsewhere: bool) -> list[FrameResult]:
         """Leave out the rejections of one of several cameras that only did not see the person.
@@ -80,24 +77,13 @@ class Results:
                 kept.append(frame)
         return kept
 
-
-class AnswersInOrder:
-    """Holds answers until the results that wait for `smoothing_lag` are there, and gives them in order."""
-
-    def __init__(self) -> None:
-        self._held: list[tuple[int, Answer]] = []
-        """With the stamp, ns, whose place each takes: a refused message follows the newest image before it."""
-        self._newest_ns = 0
-
-    def reset(self) -> None:
-        """Drop the answers that are held."""
-        self._held, self._newest_ns = [], 0
-
     def add(self, answer: Answer, lag: float) -> list[Answer]:
-        """Return the answers that are due. lag: s, `smoothing_lag`.
+        """Count the results of an answer as one accepted or rejected message, and return the answers that are due.
 
-        answer: with the results of earlier instants that are due now; those of its own instant may follow.
+        answer: with the results of earlier instants that are due now; those of its own instant may follow. A refused
+        message follows the newest image before it. lag: s, `smoothing_lag`.
         """
+        self._count(answer.frames)
         if lag == 0 and not self._held:
             return [answer] if answer.frames or answer.matters else []
         own = [frame for frame in answer.frames if not frame.accepted or frame.stamp_ns in answer.stamps_ns]
@@ -133,3 +119,11 @@ class AnswersInOrder:
         due = [entry for entry in self._held if latest_ns is None or entry[0] <= latest_ns]
         self._held = self._held[len(due) :]
         return [answer for _, answer in due if answer.frames or answer.matters]
+
+    def _count(self, frames: Sequence[FrameResult]) -> None:
+        self.any_accepted = self.any_accepted or any(frame.accepted for frame in frames)
+        rejection = next((frame.rejection for frame in frames if not frame.accepted), None)
+        if frames or not self._several:
+            self._counts["accepted" if rejection is None else f"rejected: {rejection}"] += 1
+        if repeated_s(frames) > 0:
+            self._counts["duplicated"] += 1

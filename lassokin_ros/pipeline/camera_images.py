@@ -29,7 +29,6 @@ from lassokin_ros.pipeline.input_checks.messages import (
 )
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS, checked_positions, people_shown
 from lassokin_ros.pipeline.input_checks.stamps import StampRate, StampWatch
-from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.seen import Image, people_in
 from lassokin_ros.pipeline.settings import NODE, NodeSettings
 from msg_adapters.detectors.registry import keypoint_adapter
@@ -136,7 +135,8 @@ class CameraImages:
         stamped = keypoints.stamp_ns is not None
         stamp_ns = self.stamp_ns = keypoints.stamp_ns or self.stamps.estimate(arrival_ns)
         keypoints, sampled = self._with_depth(self.own_depth.checked(keypoints, stamp_ns), stamp_ns, view)
-        people = self.hands.checked(people_in(keypoints, len(self._layout.names), view.lens, sampled))
+        count, config = len(self._layout.names), self.tracker_config
+        people = self.hands.checked(people_in(keypoints, count, view.lens, config, sampled))
         numbers = keypoints.persons is not None, self._has_persistent_numbers(keypoints)
         how = (*numbers, stamped, self._unplaced, shown)
         image = Image(people, stamp_ns, self.frame_id, view.lens, *how, body=self.body)
@@ -238,7 +238,7 @@ class CameraImages:
 
     def _check_jump(self, image: Image) -> None:
         """Raise AdapterError if nobody in an image from an earlier time can be tracked."""
-        if not any(is_trackable(one, self.tracker_config) for one in image.people):
+        if not any(one.trackable for one in image.people):
             raise AdapterError("too_few_landmarks", "the message is from an earlier time and contains no person")
 
     def _has_persistent_numbers(self, keypoints: Keypoints) -> bool:

@@ -7,7 +7,6 @@ not waited for.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lassokin_ros.pipeline.seen import Image
@@ -117,8 +116,3 @@ class ImageSets:
             and timing.newest_ns + timing.period_ns <= stamp_ns + SAME_INSTANT_NS
             and stamp_ns - timing.newest_ns <= MOST_PERIODS * timing.period_ns
         ]
-
-
-def stamp_of_set(images: Sequence[Image]) -> int:
-    """Return the newest stamp of a set of images, ns."""
-    return max(image.stamp_ns for image in images)

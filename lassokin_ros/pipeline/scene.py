@@ -12,11 +12,11 @@ import numpy as np
 from lassokin_ros.pipeline.camera.placement import Placement
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.inputs import Inputs
-from lassokin_ros.pipeline.people.out_of_view import Absent, OutOfView
-from lassokin_ros.pipeline.people.people_tracker import PeopleTracker
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.image_tracks import SAME_BODY
+from lassokin_ros.pipeline.people.matching import distances
+from lassokin_ros.pipeline.people.out_of_view import Absent
+from lassokin_ros.pipeline.people.roster import Presence, Roster
 from lassokin_ros.pipeline.seen import Image
-from lassokin_ros.pipeline.settings import NodeSettings
 
 
 class Scene:
@@ -31,10 +31,9 @@ class Scene:
         knowledge.
     """
 
-    def __init__(self, config: NodeSettings, people: PeopleTracker, inputs: Inputs, placement: Placement) -> None:
-        self._config, self._people, self._inputs, self._placement = config, people, inputs, placement
+    def __init__(self, roster: Roster, inputs: Inputs, placement: Placement) -> None:
+        self._roster, self._inputs, self._placement = roster, inputs, placement
         self._sources: Collection[str] = list(inputs.streams)
-        self._out_of_view = OutOfView(np.array([0.0, 0.0, 1.0] if config.fixed_frame else [0.0, -1.0, 0.0]))
         self.refused: set[str] = set()
         self.detector_connected = True
         self.reset()
@@ -47,11 +46,7 @@ class Scene:
         self._untracked: dict[str, tuple[int, int]] = {}  # stamp of the last image, and number of people who are in it
         # and were not tracked, by source
         self._shown_ns: dict[str, int] = {}  # arrival of the last message that shows somebody, tracked or not
-        self._out_of_view.reset()
-
-    def tune(self, config: NodeSettings) -> None:
-        """Apply settings that can change while running."""
-        self._config = config
+        self._roster.out_of_view.reset()
 
     def keep(self, bodies: Collection[str]) -> None:
         """Forget the bodies that are not in the detector's list."""
@@ -60,7 +55,7 @@ class Scene:
         for known in self._used_ns, self._untracked, self._shown_ns:
             for gone in known.keys() - set(bodies):
                 del known[gone]  # type: ignore[attr-defined]
-        self._out_of_view.keep(bodies)
+        self._roster.out_of_view.keep(bodies)
 
     def set_clock_back(self, step_ns: int) -> None:
         """See `Session.set_clock_back`."""
@@ -85,10 +80,29 @@ class Scene:
         self._used_ns |= {image.source: arrival_ns for image in placed}
         self._untracked |= {image.source: (image.stamp_ns, image.shown) for image in images}
         for image in placed:
-            self._untracked[image.source] = image.stamp_ns, self._people.untracked(image, self.lost_after)
+            self._untracked[image.source] = image.stamp_ns, self._untracked_in(image)
         self._shown_ns |= {image.source: arrival_ns for image in images if image.shown}
         if self._placement.places is not None:
-            self._out_of_view.update(frames, placed, self._config.forget_after, self._placement.jumps.newest)
+            jump, forget_after = self._placement.jumps.newest, self._roster.config.forget_after
+            self._roster.out_of_view.update(frames, placed, forget_after, jump)
+
+    def _untracked_in(self, image: Image) -> int:
+        """Return the number of people who are in an image and not tracked.
+
+        A detection where a tracked person is expected is that person: a duplicate, one with few keypoints, or one of an
+        image that came late.
+        """
+        stamp_ns, name, bodies = image.stamp_ns, image.camera.name, [person.body for person in self._roster.people]
+        matched = sum(body.seen_by.get(name) == stamp_ns for body in bodies)
+        if image.shown <= matched:  # the usual case
+            return 0
+        there = [body for body in bodies if body.unseen_s(stamp_ns) <= self.lost_after]
+        expected = [body.predicted_landmarks(stamp_ns, image.camera) for body in there]
+        if known := [points for points in expected if points is not None]:
+            apart = distances(np.stack(known), image.people, self._roster.tracker.config.min_confidence, fewest=1)
+            near = apart.min(axis=0, initial=np.inf) <= SAME_BODY
+            matched = max(matched, int(np.count_nonzero(near)))
+        return max(image.shown - matched, 0)
 
     def arrive(self, stamp_ns: int, arrival_ns: int, frame_id: str, tracked: bool, late_ns: int) -> tuple[int, str]:
         """Note the time of an instant. Return stamp and frame_id of the newest one.
@@ -103,14 +117,9 @@ class Scene:
         return self.image
 
     @property
-    def out_of_view(self) -> list[str]:
-        """Ids of people at whose place no camera has looked since their newest result."""
-        return self._out_of_view.ids
-
-    @property
     def lost_after(self) -> float:
         """Time without a result after which a person is reported as lost, s."""
-        return min(self._config.stale_after, self._people.lost_after)
+        return min(self._roster.config.stale_after, self._roster.tracker.config.lost_after)
 
     def age_s(self, now_ns: int) -> float | None:
         """s since the newest usable message; None before the first. 0 if it came before a simulated clock."""
@@ -124,9 +133,8 @@ class Scene:
         Only the stamp of the next message can remove people, because a paused recording looks like a silent detector.
         """
         if self.latest is None or self.latest[1] == 0:  # none yet, or it came before a simulated clock
-            return Presence(self._people.status, self._people.ids)
-        stamp_ns, config = self._stamp_at(now_ns), self._config
-        return self._people.presence_at(stamp_ns, config.forget_after, config.stale_after)
+            return Presence(self._roster.status, self._roster.ids)
+        return self._roster.presence_at(self._stamp_at(now_ns), self._roster.config.stale_after)
 
     def known_empty(self, now_ns: int) -> bool:
         """Return True if it is known that nobody is in view who is not tracked.
@@ -137,14 +145,14 @@ class Scene:
         Nobody must have left the view, see `absent_at`. If a person is locked, nobody else counts. With a topic per
         body each body of the detector's list needs such keypoints.
         """
-        config, places = self._config, self._placement.places
-        if not self._inputs.has_camera or self._people.locked is not None:
+        config, places = self._roster.config, self._placement.places
+        if not self._inputs.has_camera or self._roster.locked is not None:
             return False
         if config.topic_per_body and not self.detector_connected:
             return False
         stamp_ns = self.image_at(now_ns)[0]
         if config.silent_when_empty and self.detector_connected and places is not None:
-            self._out_of_view.look(places.others((), stamp_ns), stamp_ns, config.forget_after)
+            self._roster.out_of_view.look(places.others((), stamp_ns), stamp_ns, config.forget_after)
         stale_ns = config.stale_after * 1e9
         shown = any(now_ns - at_ns <= stale_ns for at_ns in self._shown_ns.values())
         if self.absent_at(stamp_ns) or self.refused or shown:
@@ -160,7 +168,7 @@ class Scene:
 
         stamp_ns: ns.
         """
-        return self._out_of_view.at(stamp_ns, self._config.nobody_after)
+        return self._roster.out_of_view.at(stamp_ns, self._roster.config.nobody_after)
 
     def untracked_at(self, stamp_ns: int) -> int:
         """Return the number of people who are in the newest images and are not tracked, at a stamp in ns.
@@ -169,9 +177,9 @@ class Scene:
         or its messages cannot be used, because somebody may be before it. With a topic per body it is the number of
         bodies of the detector's list that were never tracked.
         """
-        config = self._config
+        config = self._roster.config
         if config.topic_per_body:
-            return self._people.untracked_of_list
+            return self._roster.untracked_of_list
         longest_ns = max(config.forget_after, self.lost_after) * 1e9
         fresh_ns = stamp_ns - config.stale_after * 1e9
         counts = [count for seen_ns, count in self._untracked.values() if abs(stamp_ns - seen_ns) <= longest_ns]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import HERE, CameraPose
 from lassokin_ros.pipeline.camera.lens import Lens
 from msg_adapters.errors import AdapterError
@@ -23,7 +24,8 @@ class Seen:
 
     points: (l, 2) normalised, NaN = missing; confidence: (l,); number: the person number in the message; pixels:
     (l, 2) px from the detector, None without a detection. depth, depth_of_surface, depth_age: as in Observation.
-    sampled: (l,) m, those of a depth image, also if they are left out; None without one.
+    sampled: (l,) m, those of a depth image, also if they are left out; None without one. trackable: whether it has
+    enough confident landmarks for a tracker.
     """
 
     points: np.ndarray
@@ -34,6 +36,7 @@ class Seen:
     depth_of_surface: bool = True
     depth_age: float = 0.0
     sampled: np.ndarray | None = None
+    trackable: bool = True
 
 
 @dataclass(eq=False)
@@ -87,16 +90,24 @@ def identified(image: Image, numbers: Mapping[tuple[str, bytes], int]) -> Image:
     return replace(image, people=people, numbered=True, lasting=True, identified=True)
 
 
-def people_in(keypoints: Keypoints, count: int, lens: Lens, sampled: Keypoints | None = None) -> list[Seen]:
+def people_in(
+    keypoints: Keypoints, count: int, lens: Lens, config: TrackerConfig | None = None, sampled: Keypoints | None = None
+) -> list[Seen]:
     """Return the people of a message, one if it has no person numbers.
 
-    count: number of landmarks in the layout. sampled: the keypoints with the depths of a depth image, None without one.
-    Raises AdapterError, see `Keypoints.as_landmarks`, and with the reason `too_many_people` for more than MOST_PEOPLE.
+    count: number of landmarks in the layout. config: tells who is trackable; None: everybody. sampled: the keypoints
+    with the depths of a depth image, None without one. Raises AdapterError, see `Keypoints.as_landmarks`, and with the
+    reason `too_many_people` for more than MOST_PEOPLE.
     """
     numbers, pixels, confidence = keypoints.by_person(count)
     if len(numbers) > MOST_PEOPLE:
         raise AdapterError("too_many_people", f"{len(numbers)} people; expected at most {MOST_PEOPLE}")
     points = lens.normalise(pixels.reshape(-1, 2)).reshape(pixels.shape)
+    trackable = [True] * len(numbers)
+    if config is not None:
+        finite, confident = np.isfinite(points), confidence >= max(config.min_confidence, 1e-9)
+        found = np.count_nonzero(confident & finite[..., 0] & finite[..., 1], axis=1)
+        trackable = (found >= config.min_landmarks).tolist()
     return [
         Seen(
             points[i],
@@ -107,6 +118,7 @@ def people_in(keypoints: Keypoints, count: int, lens: Lens, sampled: Keypoints |
             keypoints.depth_of_surface,
             keypoints.depth_age,
             None if sampled is None else sampled.depth_as_landmarks(count, number),
+            trackable[i],
         )
         for i, number in enumerate(numbers.tolist())
     ]

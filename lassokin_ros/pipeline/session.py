@@ -11,31 +11,26 @@ result = session.process(keypoints, arrival_ns)     # FrameResult of one person:
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.evidence import Evidence
-from lassokin_ros.core.learned.bone_lengths import Calibration
-from lassokin_ros.core.learned.extrinsics import Extrinsics
-from lassokin_ros.core.learned.height import HeightEstimator
-from lassokin_ros.core.observation import Status
 from lassokin_ros.core.output.smoothing import Backward
-from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.pipeline.answers import Answer, AnswersInOrder, Results, frames_of
+from lassokin_ros.pipeline.answers import Answer, Answers, frames_of
 from lassokin_ros.pipeline.camera.camera_places import GivenPoses
 from lassokin_ros.pipeline.camera.placement import Placement
 from lassokin_ros.pipeline.camera_images import UNREADABLE, UNREADABLE_WORDS, CameraImages
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.image_sets import LONGEST_LATE_NS, stamp_of_set
+from lassokin_ros.pipeline.image_sets import LONGEST_LATE_NS
 from lassokin_ros.pipeline.inputs import Inputs
 from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.people_tracker import PeopleTracker
-from lassokin_ros.pipeline.people.roster import people_to_track
+from lassokin_ros.pipeline.people.roster import Roster, people_to_track
 from lassokin_ros.pipeline.scene import Scene
 from lassokin_ros.pipeline.seen import Image, identified
-from lassokin_ros.pipeline.settings import LASTING, NodeSettings
+from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.errors import AdapterError
 
 
@@ -59,55 +54,40 @@ class Session:
         """
         self.config = node_config.checked()
         self.config.check_with(tracker_config)
-        self._trackable = people_to_track(tracker_config, self.config, evidence, bodies or {})
-        self.tracker = self._trackable[0].tracker
         self.enabled = True
         """If False, keypoints are counted and not processed."""
         self.counts: Counter[str] = Counter()
         """Number of messages by result: received, accepted, duplicated, unstamped, resets, "rejected: <reason>", and
         messages with keypoints outside the image."""
+        trackable = people_to_track(tracker_config, self.config, evidence, bodies or {})
+        self.roster = Roster(trackable, self.counts, self.config)
+        """Who is tracked, who is locked, and what was learned of them."""
+        self.tracker = self.roster.tracker
         self.identities: Mapping[tuple[str, bytes], int] | None = None
         """The numbers of the people in images that were seen before, by camera and `key_of`: nobody else is there."""
-        listed = self.config.topic_per_body
-        follow, lock, lasting = self.config.follow, self.config.lock and not listed, self.config.person_ids == LASTING
-        several = self.config.several_cameras
-        self.results = Results(self.counts, several)
-        """Which results there were."""
-        self.people = PeopleTracker(self._trackable, self.counts, follow, lock, several, lasting, listed)
+        self.answers = Answers(self.counts, self.config.several_cameras)
+        """The answers that wait for `smoothing_lag`."""
+        self.people = PeopleTracker(self.roster)
+        """Who is who in the images."""
         names, layout = self.config.camera_names, self.tracker.layout
         self.cameras = {name: CameraImages(name, tracker_config, self.config, layout, self.counts) for name in names}
         """The inputs of each camera by name; the name of the only camera is empty. With a topic per body they are those
         of the last body."""
         self.first = self.cameras[names[0]]
         """The inputs of the only camera, or of the first one."""
-        self.placement = Placement(self.config, self._trackable, self.counts, poses)
+        self.placement = Placement(self.config, trackable, self.counts, poses)
         """Where the cameras are, and which of them are used."""
         places = self.placement.places
         self.inputs = Inputs(self.cameras, self.config, patience, None if places is None else places.may_reach)
         """What waits for depth images, TF and other cameras."""
-        self._order, self._ready = AnswersInOrder(), list[Answer]()
-        self.scene = Scene(self.config, self.people, self.inputs, self.placement)
+        self._ready: list[Answer] = []
+        self.scene = Scene(self.roster, self.inputs, self.placement)
         """What the newest messages tell, and who is present."""
 
     def use_backward(self, frames: Mapping[int | None, Mapping[int, Backward]]) -> None:
         """See `TrackedPerson.use_backward`. frames: by the person's number in the messages, None without a number."""
-        for tracked in self._trackable:
+        for tracked in self.roster.bodies:
             tracked.use_backward(frames.get(tracked.number, {}))
-
-    @property
-    def ids(self) -> list[str] | None:
-        """Ids of the people present; None if one person is followed."""
-        return self.people.ids
-
-    @property
-    def locked(self) -> str | None:
-        """Id of the locked person, or GONE; None if nobody is locked."""
-        return self.people.locked
-
-    @property
-    def status(self) -> Status:
-        """Tracking status. With several people, the best status among them."""
-        return self.people.status
 
     def lock(self, now_ns: int) -> str:
         """Lock the person whom `follow` names in the newest image, and return the id. now_ns: of the arrival clock.
@@ -133,10 +113,10 @@ class Session:
 
         Of too many people the first ones are kept.
         """
-        self.people.keep(bodies)
-        assert self.people.ids is not None
-        self.inputs.keep(self.people.ids)
-        self.scene.keep(self.people.ids)
+        self.roster.keep(bodies)
+        kept = [person.id for person in self.roster.people]
+        self.inputs.keep(kept)
+        self.scene.keep(kept)
 
     def scene_known_empty(self, now_ns: int) -> bool:
         """See `Scene.known_empty`. Of a disabled session nothing is known."""
@@ -146,31 +126,6 @@ class Session:
         """Keep the ages of all messages: the clock of arrivals was set back by `step_ns` ns since the last call."""
         self.scene.set_clock_back(step_ns)
         self.inputs.set_clock_back(step_ns)
-
-    @property
-    def trackers(self) -> dict[str, Tracker]:
-        """The tracker of each person by id. The id of a single person is empty."""
-        return {person: tracked.tracker for person, tracked in self.people.tracked.items()}
-
-    def calibrations(self) -> dict[str, Calibration]:
-        """Return the calibration of each person's lengths by id."""
-        return {person: tracker.learned.lengths for person, tracker in self.trackers.items()}
-
-    def heights(self) -> dict[str, HeightEstimator]:
-        """Return each person's measured height by id, none if the height is given."""
-        found = {person: tracker.learned.height for person, tracker in self.trackers.items()}
-        return {person: height for person, height in found.items() if height is not None}
-
-    @property
-    def extrinsics(self) -> Extrinsics | None:
-        """What is learned about the cameras' poses, from the person whom several have seen for the longest time."""
-        found = [tracker.learned.extrinsics for tracker in self.trackers.values()]
-        return max((one for one in found if one is not None), key=lambda one: one.frame_count, default=None)
-
-    @property
-    def evidence_faults(self) -> dict[str, str]:
-        """What was wrong with the user's evidence that is left out, by name."""
-        return {n: fault for one in self._trackable for n, fault in one.tracker.frame_model.faults.items()}
 
     def reset(self, unlock: bool = True) -> None:
         """Forget all people, the stamps, the depth images and what waits. The camera and the counts stay.
@@ -195,7 +150,7 @@ class Session:
         """Forget all people, see PeopleTracker.reset, and the stamps of other people's messages but those of `but`."""
         self.people.reset(unlock, same_person)
         self.inputs.reset_sets()
-        self._order.reset()
+        self.answers.reset()
         self.placement.reset()
         self.scene.reset()
         self.counts["resets"] += 1
@@ -210,15 +165,14 @@ class Session:
         """
         config, resized = node_config.checked(), tracker_config.height != self.tracker.config.height
         config.check_with(tracker_config)
-        for tracked in self._trackable:
+        for tracked in self.roster.bodies:
             tracked.tracker.tune(tracker_config)
         self.config = config
         for stream in [*self.cameras.values(), *self.inputs.streams.values()]:
             stream.tracker_config, stream.config = tracker_config, config
             if tracker_config.smoothing_lag > 0:
                 stream.depth_check.reset()  # it is not updated, see `compare`
-        self.people.tune(config.follow, config.lock and not config.topic_per_body)
-        self.scene.tune(config)
+        self.roster.tune(config)
         self.placement.use_floor(config.floor)
         self.inputs.tune(config)
         if resized:
@@ -234,30 +188,32 @@ class Session:
             if message is None:
                 raise AdapterError(UNREADABLE, UNREADABLE_WORDS)
             if self.cameras[camera or self.first.name].camera.update(message):
-                self._ready += self._order.flush(self.people.flush())
+                self._ready += self.answers.flush(self.roster.flush())
                 self.reset(unlock=False)
         except AdapterError as error:
             self.counts[f"rejected: {error.reason}"] += 1
             return error.reason
         return None
 
-    def push(self, message: Any, arrival_ns: int, camera: str = "", body: str = "") -> list[Answer]:
+    def push(self, message: Any, arrival_ns: int, camera: str = "", body: str = "", waits: bool = True) -> list[Answer]:
         """Take a keypoint message, or `Keypoints`, and return the answers that are due, in the order of their stamps.
 
         message: None for one that could not be deserialised. arrival_ns: ns, the stamp of a message that has none.
         camera: its name, empty for the only one. body: id of the person, with a topic per body; who is not present is
         ignored. A message may wait for its depth image, for those of other cameras and for `smoothing_lag`: call `due`
-        at `due_at_ns`.
+        at `due_at_ns`. waits: False if it waits for no depth image and no TF.
         """
-        return self._push(message, arrival_ns, camera, body, arrival_ns)
+        name = body or camera or self.first.name
+        if name not in self.inputs.streams:
+            return []
+        return self._process(name, self.inputs.receive(name, message, arrival_ns, arrival_ns if waits else None))
 
     def push_depth(self, message: Any, arrival_ns: int, camera: str = "") -> list[Answer]:
         """Take a depth image, None for one that could not be deserialised; see `push` and `DepthImages.fault`."""
         name = camera or self.first.name
         if message is not None and (depth := self.cameras[name].depth) is not None:
             depth.add(message, arrival_ns)
-        of_camera = [stream for stream, one in self.inputs.streams.items() if one.name == name]
-        return [answer for stream in of_camera for answer in self._released(stream, arrival_ns)]
+        return self._released([stream for stream, one in self.inputs.streams.items() if one.name == name], arrival_ns)
 
     def push_transforms(self, message: Any, static: bool = False) -> None:
         """Take a message of /tf, or of /tf_static; None for one that could not be deserialised."""
@@ -266,9 +222,9 @@ class Session:
 
     def due(self, now_ns: int) -> list[Answer]:
         """Return the answers of images whose wait has ended. now_ns: ns of the arrival clock."""
-        answers = [answer for name in self.inputs.streams for answer in self._released(name, now_ns)]
-        if self.enabled:
-            answers += self._track_sets(self.inputs.due_sets(now_ns), now_ns)
+        answers = self._released(self.inputs.streams, now_ns)
+        for images in self.inputs.due_sets(now_ns) if self.enabled else ():
+            answers += self._track(images, now_ns)
         return answers
 
     @property
@@ -278,10 +234,10 @@ class Session:
 
     def finish(self) -> list[Answer]:
         """Return the answers of everything that waits. No message follows."""
-        answers = [answer for name in self.inputs.streams for answer in self._released(name, None)]
+        answers = self._released(self.inputs.streams, None)
         for images in self.inputs.due_sets(None):
-            answers += self._track_sets([images], images[0].stamp_ns)
-        return answers + self._order.flush(self.people.flush())
+            answers += self._track(images, images[0].stamp_ns)
+        return answers + self.answers.flush(self.roster.flush())
 
     def process(self, message: Any, arrival_ns: int) -> FrameResult:
         """Track the one person in a keypoint message, without `smoothing_lag`; see `frames`.
@@ -293,19 +249,16 @@ class Session:
 
     def frames(self, message: Any, arrival_ns: int, camera: str = "", body: str = "") -> list[FrameResult]:
         """Return the results of all answers of `push`, without a wait for depth images."""
-        return frames_of(self._push(message, arrival_ns, camera, body, None))
+        return frames_of(self.push(message, arrival_ns, camera, body, waits=False))
 
-    def _push(self, message: Any, arrival_ns: int, camera: str, body: str, now_ns: int | None) -> list[Answer]:
-        name = body or camera or self.first.name
-        if name not in self.inputs.streams:
-            return []
-        self.inputs.add(name, message, arrival_ns)
-        return self._released(name, now_ns)
+    def _released(self, streams: Iterable[str], now_ns: int | None) -> list[Answer]:
+        """Return the answers of messages of streams that wait no longer. now_ns: None if nothing follows."""
+        return [answer for one in streams for answer in self._process(one, self.inputs.ready(one, now_ns))]
 
-    def _released(self, stream: str, now_ns: int | None) -> list[Answer]:
-        """Return the answers of messages of a stream that wait no longer. now_ns: None if nothing follows."""
+    def _process(self, stream: str, messages: Iterable[tuple[Any, int]]) -> list[Answer]:
+        """Return the answers of messages of a stream, with their arrivals, and those of earlier ones that are due."""
         answers, self._ready = self._ready, []
-        for message, arrival_ns in self.inputs.ready(stream, now_ns):
+        for message, arrival_ns in messages:
             self.counts["received"] += 1
             if self.enabled:
                 answers += self._answers(message, arrival_ns, self.inputs.streams[stream])
@@ -325,44 +278,41 @@ class Session:
             return self._refusal(camera.stamp_ns, camera.frame_id, arrival_ns, error.reason, detail)
         if self.identities is not None:
             image = identified(image, self.identities)
-        before = []
+        answers: list[Answer] = []
         if changed:
-            before = self._order.flush(self.people.flush())
+            answers = self.answers.flush(self.roster.flush())
             if camera.body:
-                self.people.forget(camera.body)
-                self.counts["resets"] += 1
+                self.roster.forget(camera.body)
             else:
                 self._forget_people(unlock=False, but=camera)
-        return before + self._track_sets(self.inputs.sets_with(image, arrival_ns), arrival_ns)
-
-    def _track_sets(self, sets: Sequence[Sequence[Image]], arrival_ns: int) -> list[Answer]:
-        """Return the answers of several sets of images. Each set counts as one accepted or rejected message."""
-        return [answer for images in sets for answer in self._track(images, arrival_ns)]
+        for images in self.inputs.sets_with(image, arrival_ns):
+            answers += self._track(images, arrival_ns)
+        return answers
 
     def _refusal(self, stamp_ns: int, frame_id: str, arrival_ns: int, reason: str, detail: str) -> list[Answer]:
-        frames = self.results.count([FrameResult(stamp_ns, frame_id, None, reason, detail)])
-        answer = Answer(stamp_ns, frame_id, arrival_ns, frames, refused=True)
-        return self._order.add(answer, self.tracker.config.smoothing_lag)
+        frame = FrameResult(stamp_ns, frame_id, None, reason, detail)
+        answer = Answer(stamp_ns, frame_id, arrival_ns, [frame], refused=True)
+        return self.answers.add(answer, self.tracker.config.smoothing_lag)
 
     def _track(self, images: Sequence[Image], arrival_ns: int) -> list[Answer]:
         """Return the answers that the images of one instant make due."""
-        stamp_ns = stamp_of_set(images)
+        stamp_ns = max(image.stamp_ns for image in images)
         try:
             placed, frame_id = self.placement.placed(images)
             placed = self.placement.agreeing(placed)
             if not placed:
                 return []
-            away = self.scene.out_of_view
-            frames = self.people.update(placed, frame_id, self.config.forget_after, away)
+            frames = self.people.update(placed, frame_id)
         except AdapterError as error:
             self.scene.refuse(image.source for image in images)
             return self._refusal(stamp_ns, images[0].frame_id, arrival_ns, error.reason, str(error))
         self.scene.use(images, placed, arrival_ns, frames)
         if self.placement.tf_offset is not None:
             self.placement.tf_offset.update(frames)
-        several, tracked = self.config.several_cameras, self.people.tracked_at(stamp_ns)
+        several, tracked = self.config.several_cameras, self.roster.tracked_at(stamp_ns)
+        lately = several and self.roster.tracked_lately(stamp_ns)
         if several:
-            frames = self.results.without_absences(frames, self._tracked_lately(stamp_ns))
+            frames = self.answers.without_absences(frames, lately)
         for camera in self.cameras.values():
             camera.compare(images, frames)
         apart = several or images[0].body  # the stamps of cameras, and of bodies, need no common order
@@ -371,12 +321,7 @@ class Session:
             stamps = self.inputs.streams[images[0].source].stamps
             stamps.seen(stamp_ns, tracked)
             stamps.follow(stamp_ns, arrival_ns, images[0].stamped)
-        frames = self.results.count(frames)
-        matters = not several or not self._tracked_lately(stamp_ns)
         of = (stamp_ns, frame_id) if frames else newest  # an image that is late tells nothing of now
         stamps_ns = [image.stamp_ns for image in images]
-        answer = Answer(*of, arrival_ns, frames, stamps_ns, matters=matters)
-        return self._order.add(answer, self.tracker.config.smoothing_lag)
-
-    def _tracked_lately(self, stamp_ns: int) -> bool:
-        return any(person.unseen_s(stamp_ns) <= self.people.lost_after for person in self.people.tracked.values())
+        answer = Answer(*of, arrival_ns, frames, stamps_ns, matters=not lately)
+        return self.answers.add(answer, self.tracker.config.smoothing_lag)

@@ -59,7 +59,7 @@ class Playback:
     @property
     def times_lost(self) -> int:
         """The number of re-initialisations of tracked people, plus one if the recording ends in the lost state."""
-        return self._reinitialised + (self.session.status is Status.LOST)
+        return self._reinitialised + (self.session.roster.status is Status.LOST)
 
     def camera_info(self, message: Any, time_ns: int, camera: str = "") -> None:
         """Process a CameraInfo, or Intrinsics. time_ns: recording time, ns. camera: its name."""
@@ -152,7 +152,7 @@ class NodeMessages:
     def open(self, topic: topics.OutputTopic, name: str, lasting: bool) -> tuple[str, str, bool] | None:
         """Return full name, type and whether it is latched, of a topic that is recorded; see `Sink`."""
         full = topics.full_name(name, NODE_NAME)
-        return None if topic.name in NOT_RECORDED else (full, topic.message_type, topics.is_latched(full))
+        return None if topic.name in NOT_RECORDED else (full, topic.message_type, topic.latched)
 
     def close(self, out: Any) -> None:
         """Nothing: a recording has no end of a topic."""

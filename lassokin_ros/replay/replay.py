@@ -94,7 +94,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
                 files.check()
             files.placed.append(output)
     written |= {f"images {n}" if n else "images": str(shown) for n, shown in enumerate(images)}
-    heights = {person: height_in_words(height) for person, height in session.heights().items()}
+    heights = {person: height_in_words(height) for person, height in session.roster.heights().items()}
     title = [f"{options.bag} -> {output} ({storage})", *source.lines]
     lines = _summary(tracker, seconds, heights if known is None else known.heights, report is None) | written
     summary = [*title, *(f"{name:<15} {text}" for name, text in lines.items())]
@@ -142,7 +142,7 @@ class _Source:
         try:
             for topic, time_ns, message in messages_of(self.cameras, self._bag, read):
                 inputs[topic](message, time_ns)
-                progress.advance(note=tracker.session.status.value)
+                progress.advance(note=tracker.session.roster.status.value)
             tracker.finish()
         finally:
             progress.close()
@@ -181,7 +181,7 @@ def _files(
     """Write the skeletons and the exports; return their lines of the summary. folder: of the output, as yet."""
     lines, session = {}, tracker.session
     if options.save_skeleton is not None:
-        saved = save_all(session.calibrations(), options.save_skeleton, tracker.newest_ns, files)
+        saved = save_all(session.roster.calibrations(), options.save_skeleton, tracker.newest_ns, files)
         lines["skeleton"] = ", ".join(map(str, saved))
     if options.export:
         paths = exports.write(motions(table, scene_of(session, session.placement.level)), folder, files)
@@ -198,7 +198,7 @@ def _figures(tracker: Playback) -> Figures:
 
 
 def _warning(figures: Figures, tracker: Playback) -> str:
-    if tracker.session.results.answered or not figures.frames_in:
+    if tracker.session.answers.any_accepted or not figures.frames_in:
         return ""
     found = f"none of {figures.frames_in} keypoint messages gave a skeleton"
     return f"{found}; first rejection: {tracker.first_rejection}" if tracker.first_rejection else found

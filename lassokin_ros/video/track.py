@@ -68,9 +68,9 @@ def track(options: argparse.Namespace, detector: Detector | None = None) -> Trac
     detector = detector or (stored[0] if stored else make_detector(options.detector))
     if any(one.landmarks != detector.landmarks for one in stored) or 0 < len(stored) < len(cameras):
         raise SourceError("some sources have other keypoints, or are videos; expected one kind of keypoints for all")
-    with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
+    with AtomicFiles(options.force, OutputError) as files, ExitStack() as stack:
         stack.callback(detector.close)
-        run = Run(options, cameras, detector, stack)
+        run = Run(options, cameras, detector, files, stack)
         if run.is_live:
             run.live(detector)
         else:
@@ -84,9 +84,14 @@ class Run:
     """One run over the videos of one camera or several."""
 
     def __init__(
-        self, options: argparse.Namespace, cameras: list[Filmed], detector: Detector, stack: ExitStack
+        self,
+        options: argparse.Namespace,
+        cameras: list[Filmed],
+        detector: Detector,
+        files: AtomicFiles,
+        stack: ExitStack,
     ) -> None:
-        """detector: of the first camera. stack: removes outputs that are not finished. Raises a LassokinError."""
+        """detector: of the first camera. files, stack: see `TrackOutputs`. Raises a LassokinError."""
         self._options, self._cameras = options, cameras
         self._started = time.monotonic()
         first = cameras[0]
@@ -102,7 +107,7 @@ class Run:
             first.footage = follow(first.calibration, first.source.size, first.source.content)
             self._poses = first.footage.pose if self.is_live else None
         self._tracker = Playback(self._make(self._config))
-        self._outputs = TrackOutputs(options, cameras, self._tracker, stack)
+        self._outputs = TrackOutputs(options, cameras, self._tracker, files, stack)
         self._known: Known | None = None
         self._facts: list[tuple[str, str]] = []  # lines of the summary about people and cameras
         self._stopped = False
@@ -129,7 +134,7 @@ class Run:
                     stood = False
                     _note(f"the camera turns from {image.seconds:.1f} s on; its rotation is taken out")
                 tracker.keypoints(camera.keypoints(image.seconds, people, self._many), stamp_of(image.seconds))
-                progress.advance(note=tracker.session.status.value)
+                progress.advance(note=tracker.session.roster.status.value)
             tracker.finish()
         self._stopped = bool(stopped)
 
@@ -241,7 +246,7 @@ class Run:
                 tracker.begin_take()
             keypoints = camera.keypoints(seconds, people, self._node.several_people)
             tracker.keypoints(keypoints, stamp_of(seconds), camera.name)
-            progress.advance(note=f"{title}, {tracker.session.status.value}")
+            progress.advance(note=f"{title}, {tracker.session.roster.status.value}")
         tracker.finish()
         progress.close()
 
@@ -280,7 +285,7 @@ class Run:
     def _places(self) -> Iterator[tuple[str, str]]:
         """Yield where the cameras were found, or by how much their given places are off."""
         session, first = self._tracker.session, self._cameras[0]
-        places, extrinsics = session.placement.places, session.extrinsics
+        places, extrinsics = session.placement.places, session.roster.extrinsics
         for camera in self._cameras[1:]:
             if self._unplaced and places is not None and camera.name in places.newest:
                 yield f"camera {camera.name}", where_in_words(places.newest[camera.name], first.pose)
@@ -291,7 +296,7 @@ class Run:
         """Return the height. Without one, sizes and distances are those of a person of the default height."""
         session = self._tracker.session
         learned = self._known.heights if self._known else {}
-        if measured := list(learned.values()) or list(map(height_in_words, session.heights().values())):
+        if measured := list(learned.values()) or list(map(height_in_words, session.roster.heights().values())):
             return "; ".join(measured)
         if height_given(self._options) or self._options.cameras is not None:
             return session.tracker.config.height_text

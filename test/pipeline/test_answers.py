@@ -1,8 +1,10 @@
 """Answers come in the order of their stamps, although accepted results come later with `smoothing_lag`."""
 
+from collections import Counter
+
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.observation import Rejection, Status
-from lassokin_ros.pipeline.answers import Answer, AnswersInOrder
+from lassokin_ros.pipeline.answers import Answer, Answers
 from lassokin_ros.pipeline.frame_result import FrameResult
 
 LAG = 2e-9 + 0.003  # 2 ns, and the tolerance of the lag
@@ -26,7 +28,7 @@ def stamps(answers):
 
 
 def test_a_rejected_result_waits_for_held_ones_and_shares_their_answer():
-    order = AnswersInOrder()
+    order = Answers(Counter())
     assert add(order, 10, []) == []
     assert add(order, 11, [absent(11, "p2")]) == []
     assert add(order, 12, [accepted(10)]) == [[10]]
@@ -35,7 +37,7 @@ def test_a_rejected_result_waits_for_held_ones_and_shares_their_answer():
 
 
 def test_a_refused_message_follows_the_newest_image_before_it():
-    order = AnswersInOrder()
+    order = Answers(Counter())
     add(order, 10, [])
     assert add(order, 10, [FrameResult(10, "", None, "old_stamp")], refused=True) == []  # the same stamp again
     assert add(order, 3, [FrameResult(3, "", None, "old_stamp")], refused=True) == []
@@ -44,14 +46,14 @@ def test_a_refused_message_follows_the_newest_image_before_it():
 
 
 def test_results_of_before_a_reset_come_with_the_answers_that_were_held():
-    order = AnswersInOrder()
+    order = Answers(Counter())
     add(order, 20, [absent(20)])
     assert stamps(order.flush([accepted(19)])) == [[19], [20]]
     assert add(order, 5, []) == [] and add(order, 7, [accepted(5)]) == [[5]]  # the stamps begin anew
 
 
 def test_an_answer_keeps_the_arrival_of_its_message_also_if_nobody_was_in_the_image():
-    order = AnswersInOrder()
+    order = Answers(Counter())
     add(order, 10, [])
     add(order, 11, [absent(11)])
     found = order.add(Answer(13, "", 1300, [accepted(10)], [13]), LAG)
@@ -59,13 +61,13 @@ def test_an_answer_keeps_the_arrival_of_its_message_also_if_nobody_was_in_the_im
 
 
 def test_a_result_has_the_stamp_of_any_image_of_its_instant():
-    order = AnswersInOrder()
+    order = Answers(Counter())
     order.add(Answer(12, "", 0, [], [10, 12], matters=False), LAG)
     assert stamps(order.add(Answer(20, "", 0, [accepted(10)], [20]), LAG)) == [[10]]
 
 
 def test_images_that_show_nobody_beside_other_cameras_give_no_answer():
-    order = AnswersInOrder()
+    order = Answers(Counter())
     assert add(order, 10, [], lag=0.0, matters=False) == [] and add(order, 11, [], lag=0.0) == [[]]
     assert add(order, 12, [], matters=False) == [] and add(order, 20, []) == []
     assert stamps(order.flush()) == [[]]

@@ -38,7 +38,7 @@ def test_a_floor_moves_the_ankles_to_it():
         floor = without.mean() + offset
         session = pipeline_for(Floor(ANKLES, floor))
         assert np.abs(ankles(session) - floor).mean() < 0.7 * np.abs(without - floor).mean()
-        assert session.evidence_faults == {}
+        assert session.roster.evidence_faults == {}
         assert session.tracker.frame_model.pieces["floor"].count == 2
 
 
@@ -46,7 +46,7 @@ def test_faulty_evidence_is_left_out_and_named():
     session, plain = pipeline_for(Faulty()), pipeline_for()
     assert ankles(session) == pytest.approx(ankles(plain), abs=1e-6)
     fault = "evidence 'faulty' is left out: ZeroDivisionError: no floor here"
-    assert session.evidence_faults == {"faulty": fault}
+    assert session.roster.evidence_faults == {"faulty": fault}
     assert Diagnostics(session, "tracker", 0.0).line(1.0).values["evidence 'faulty'"] == fault
 
 
@@ -59,7 +59,7 @@ def test_all_people_use_it():
     assert [frame.person for frame in frames] == ["p1", "p2"]
     for frame in frames:
         assert frame.estimate.pose.positions[ANKLES, 1] == pytest.approx(floor, abs=0.07)
-    assert list(session.evidence_faults) == ["faulty"]
+    assert list(session.roster.evidence_faults) == ["faulty"]
 
 
 def test_a_name_that_is_used_twice_is_refused():

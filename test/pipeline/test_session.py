@@ -68,9 +68,13 @@ def changes(session, *messages, arrival_ns=5):
 def test_an_accepted_message(session):
     counts, (frame,) = changes(session, message(0))
     assert counts == {"received": 1, "accepted": 1} and frame.accepted
-    assert session.scene.image == (START_NS, FRAME) and session.status is Status.TRACKING and session.ids is None
+    assert (
+        session.scene.image == (START_NS, FRAME)
+        and session.roster.status is Status.TRACKING
+        and session.roster.ids is None
+    )
     assert (frame.stamp_ns, frame.frame_id, frame.rejection, frame.detail) == (START_NS, FRAME, None, "")
-    assert session.calibrations() == {"": session.tracker.learned.lengths} and not session.inputs.nobody_in_view
+    assert session.roster.calibrations() == {"": session.tracker.learned.lengths} and not session.inputs.nobody_in_view
 
 
 def test_before_the_camera_messages_are_refused():
@@ -87,7 +91,7 @@ def test_before_the_camera_messages_are_refused():
 def test_a_disabled_pipeline_counts_and_does_nothing(session):
     session.enabled = False
     assert changes(session, message(0)) == ({"received": 1, "ignored while disabled": 1}, [])
-    assert session.status is Status.SEARCHING and session.scene.image is None
+    assert session.roster.status is Status.SEARCHING and session.scene.image is None
 
 
 def test_a_message_without_anybody(session):
@@ -169,7 +173,7 @@ def test_a_loop_that_begins_with_an_empty_scene_is_tracked_again(session, monkey
 def test_reset_forgets_people_and_stamps_and_keeps_camera_and_counts(session):
     session.frames(message(5), 5)
     session.reset()
-    assert session.status is Status.SEARCHING and session.scene.image is None and session.inputs.has_camera
+    assert session.roster.status is Status.SEARCHING and session.scene.image is None and session.inputs.has_camera
     assert session.counts["resets"] == 1 and session.counts["received"] == 1
     counts, (frame,) = changes(session, message(0))  # an earlier stamp is no old one
     assert counts == {"received": 1, "accepted": 1} and frame.estimate.initialised
@@ -191,7 +195,7 @@ def test_presence_goes_on_with_the_clock_of_arrivals(session):
     for after_ns, status in ((-(10**9), "tracking"), (lost_after_ns, "tracking"), (lost_after_ns + 10**6, "lost")):
         presence = session.scene.presence_at(7 * 10**9 + after_ns)
         assert (presence.status.value, presence.ids) == (status, None)
-    assert session.status is Status.TRACKING
+    assert session.roster.status is Status.TRACKING
 
 
 def test_silence_informs_only_if_it_is_set(session):
@@ -272,10 +276,10 @@ def test_whole_pixels_of_a_still_person_are_not_frozen(session):
 def test_nobody_is_locked_who_was_seen_long_ago(session):
     session.frames(message(0), START_NS)
     assert session.lock(START_NS + SECOND // 5) == "p1"
-    session.people.release()
+    session.roster.hold(None)
     with pytest.raises(NoPersonError, match=r"arrived 6.0 s ago; expected at most stale_after 0.4 s"):
         session.lock(START_NS + 6 * SECOND)
-    assert session.locked is None
+    assert session.roster.locked is None
 
 
 def test_why_nobody_can_be_locked_yet(session):
@@ -288,7 +292,7 @@ def test_why_nobody_can_be_locked_yet(session):
     session.enabled = True
     assert session.lock(START_NS) == "p1"
     session.reset()
-    session.people.release()
+    session.roster.hold(None)
     with pytest.raises(NoPersonError, match="since the start or the last reset"):
         session.lock(START_NS)
 
@@ -298,10 +302,10 @@ def test_another_height_resets_and_other_settings_do_not(session):
     config = session.tracker.config
     session.tune(replace(config, noise_px=5.0), replace(session.config, forget_after=1.5))
     assert (session.tracker.config.noise_px, session.config.forget_after) == (5.0, 1.5)
-    assert session.status is Status.TRACKING and session.counts["resets"] == 0
+    assert session.roster.status is Status.TRACKING and session.counts["resets"] == 0
     session.tune(replace(config, height=1.5), session.config)
     assert session.tracker.skeleton.height == 1.5 and session.counts["resets"] == 1
-    assert session.status is Status.SEARCHING
+    assert session.roster.status is Status.SEARCHING
 
 
 @pytest.mark.parametrize(
@@ -314,7 +318,7 @@ def test_a_wrong_value_changes_nothing_for_anybody(tracker, node):
     with pytest.raises(ConfigurationError, match="expected"):
         session.tune(replace(config, **tracker), replace(settings, **{"forget_after": 1.5, **node}))
     assert session.config == settings and session.counts["resets"] == 0
-    assert {(one.tracker.config, one.tracker.skeleton.height) for one in session._trackable} == {(config, 1.75)}
+    assert {(one.tracker.config, one.tracker.skeleton.height) for one in session.roster.bodies} == {(config, 1.75)}
 
 
 def test_files_that_are_gone_change_nothing(tmp_path):
@@ -325,9 +329,9 @@ def test_files_that_are_gone_change_nothing(tmp_path):
         Path(path).unlink()
     config = session.tracker.config
     session.tune(replace(config, height=1.5), session.config)
-    assert {one.tracker.skeleton.height for one in session._trackable} == {1.5}
+    assert {one.tracker.skeleton.height for one in session.roster.bodies} == {1.5}
     session.tune(replace(config, height=0.0), session.config)
-    assert all(one.tracker.learned.height is not None for one in session._trackable)
+    assert all(one.tracker.learned.height is not None for one in session.roster.bodies)
     session.reset()
     assert session.set_camera(camera_info(BACKEND)) is None and session.frames(message(0), 5) == []
 
@@ -341,7 +345,7 @@ def test_who_numbers_people(person_ids, numbers, lasting):
     pairs = [(PIXELS[0], np.full(17, 0.9))]
     frames = session.frames(crowd(BACKEND, START_NS, pairs, numbers), 5)
     assert [frame.person for frame in frames] == (["p3"] if lasting else [])  # else after three messages
-    assert session.ids == (["p3"] if lasting else [])
+    assert session.roster.ids == (["p3"] if lasting else [])
     assert session.counts["accepted"] == 1 and session.scene.image == (START_NS, FRAME)
 
 
@@ -358,7 +362,7 @@ def test_people_who_were_seen_before_have_the_numbers_of_then_and_nobody_else_is
     for index in range(3):
         left, right = sorted(frames(second, index, [5, 3]), key=lambda frame: np.nanmean(frame.detected[:, 0]))
         assert (left.person, right.person) == ("p7", "p4")
-    assert frames(second, 4, [3, 5]) == [] and len(second.ids) == 2
+    assert frames(second, 4, [3, 5]) == [] and len(second.roster.ids) == 2
 
 
 def test_held_results_come_later_and_with_a_flush():

@@ -13,9 +13,9 @@ from messages import camera_info, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.pipeline.depth.depth_images import DepthImages  # noqa: E402
+from lassokin_ros.pipeline.inputs import MOST_FAILED_WAITS, Wait, Waiting  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
-from lassokin_ros.pipeline.waiting import MOST_FAILED_WAITS, Wait, Waiting  # noqa: E402
 from msg_adapters.keypoints import Keypoints  # noqa: E402
 
 BACKEND = rosbags_backend()

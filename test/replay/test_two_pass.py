@@ -159,7 +159,7 @@ def test_people_whose_heights_are_not_given_are_tracked_backward_with_those_of_t
     }
     assert set(known.heights) == {"p1", "p2"} and "a mean of people" in known.heights["p1"]
     session = known.session(make)
-    assert [one.tracker.config.height for one in session._trackable] == [1.7, 1.7]
+    assert [one.tracker.config.height for one in session.roster.bodies] == [1.7, 1.7]
     assert passes._backward(Kept([None, 7]), make, session, TrackerConfig(), known.bodies) == {}
 
 

@@ -20,9 +20,7 @@ from lassokin_ros.pipeline.camera.camera_selection import View
 from lassokin_ros.pipeline.camera.rig_check import RigCheck
 from lassokin_ros.pipeline.camera.tf_offset import TfOffset
 from lassokin_ros.pipeline.camera.transforms import Transforms
-from lassokin_ros.pipeline.image_sets import stamp_of_set
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
-from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.seen import Image, Sight
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -125,7 +123,7 @@ class Placement:
                 placed.append(replace(image, camera=pose))
             except AdapterError as error:
                 missing.append((image, error))
-        stamp_ns = stamp_of_set(images)
+        stamp_ns = max(image.stamp_ns for image in images)
         others = self.places.others([image.camera.name for image in images], stamp_ns)
         moved = self.jumps.update(stamp_ns, [*(image.camera for image in placed), *others])
         for tracked in self._people:
@@ -162,7 +160,7 @@ class Placement:
             return images
         sights, learned = [], self._people[0].tracker.learned
         for image in images:
-            people = [one for one in image.people if is_trackable(one, self._people[0].tracker.config)]
+            people = [one for one in image.people if one.trackable]
             pose = image.camera if learned.extrinsics is None else learned.extrinsics.corrected(image.camera)
             if len(people) == 1 and pose.known:
                 sights.append(Sight(image.stamp_ns, people[0], image.lens, pose))

@@ -168,7 +168,7 @@ def _height(period: Period) -> Iterator[Raised]:
     """Yield that the height is assumed, or that measured depth contradicts it."""
     session, config = period.session, period.session.tracker.config
     if config.height > 0:
-        checks = [tracker.learned.size_check for tracker in session.trackers.values()]
+        checks = [tracker.learned.size_check for tracker in session.roster.trackers.values()]
         if (wrong := next((check for check in checks if check.wrong), None)) is not None:
             source, check = "measured depth does", "that camera_info is of their camera"
             if session.config.several_cameras:
@@ -178,7 +178,7 @@ def _height(period: Period) -> Iterator[Raised]:
             measured = wrong.ratio * config.height
             yield say("height_wrong", height=config.height, source=source, measured=measured, check=check)
         return
-    heights = session.heights().values()
+    heights = session.roster.heights().values()
     if not period.tracked or any(height.measured for height in heights):
         return
     floor = max((height.floor_deviation for height in heights), default=0.0)
@@ -242,7 +242,7 @@ def _interval(period: Period) -> Iterator[Raised]:
 def _identity(period: Period, tracking: bool) -> Iterator[Raised]:
     """Yield that somebody else may be followed or locked, or nobody is because of the lock; and unused numbers."""
     session, people = period.session, period.session.people
-    one, locked = session.ids is None, session.locked
+    one, locked = session.roster.ids is None, session.roster.locked
     here = period.newest if period.tracked else ()
     if any(frame.guessed and (one or frame.person == locked) for frame in here):
         yield say("somebody_else")
@@ -315,7 +315,7 @@ def wrong_cameras(session: Session, learned: bool = True) -> Iterator[Raised]:
 
     learned: also yield poses whose error is small enough to be learned, unless the set-up is wrong.
     """
-    agreement, extrinsics = session.placement.agreement, session.extrinsics
+    agreement, extrinsics = session.placement.agreement, session.roster.extrinsics
     same = list(agreement.same_keypoints())
     words = [*agreement.left_out.values(), *(same or session.placement.rig.set_up)]
     if learned and not words and extrinsics is not None:

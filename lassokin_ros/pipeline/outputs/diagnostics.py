@@ -14,7 +14,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.input_checks.body_direction import BodyDirection
 from lassokin_ros.pipeline.outputs import scene_messages
 from lassokin_ros.pipeline.outputs.figures import figures
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.roster import Presence
 from lassokin_ros.pipeline.session import Session
 from msg_adapters.output_messages.builders import ERROR, OK, WARN, StatusLine
 
@@ -69,7 +69,7 @@ class Diagnostics:
         the clock of arrivals, up to which no further message has arrived; 0 for that of the last message.
         """
         session, period = self._session, self._period
-        presence = presence or Presence(session.status, session.ids)
+        presence = presence or Presence(session.roster.status, session.roster.ids)
         tracking = presence.status is Status.TRACKING
         roll = None if session.config.fixed_frame else session.placement.camera_angles[0]
         self._direction.update(period.newest if tracking else (), roll, now)

@@ -21,7 +21,7 @@ from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.roster import Presence
 
 ALWAYS = "received", "accepted", "duplicated", "unstamped", "ignored while disabled", OVERTAKEN, LOST
 """Counts that are always shown."""
@@ -47,7 +47,7 @@ def figures(
         **_of_pose(period, presence),
         **{f"{key} [messages]": str(counts[key]) for key in ALWAYS},
         "resets": str(counts["resets"]),
-        "locked": session.locked or "nobody",
+        "locked": session.roster.locked or "nobody",
     }
     newest = (0, "") if session.config.topic_per_body else session.scene.image  # each body has its own
     if newest is not None:
@@ -55,7 +55,7 @@ def figures(
         values["people in view, not tracked"] = str(session.scene.untracked_at(stamp_ns))
     if presence.ids is not None:
         values["people"] = ", ".join(presence.ids) or "nobody"
-        gone = len(set(session.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
+        gone = len(set(session.roster.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
         values["people come"], values["people left"] = str(counts["people come"]), str(counts["people left"] + gone)
         values["people beyond max_people"] = str(counts["people beyond max_people"])
     if (above := session.placement.camera_height) is not None:
@@ -83,9 +83,9 @@ def _of_bodies(period: Period, presence: Presence) -> dict[str, str]:
     values = {}
     if tracker.averaged:
         values["skeleton: left/right difference, averaged [%]"] = f"{100 * tracker.averaged:.1f}"
-    present = [one for one in session.trackers if presence.ids is None or one in presence.ids]
+    present = [one for one in session.roster.trackers if presence.ids is None or one in presence.ids]
     title = {person: f"{person} " if person else "" for person in present}
-    for person, calibration in session.calibrations().items():
+    for person, calibration in session.roster.calibrations().items():
         if (of := title.get(person)) is not None:
             learning = "learning" if tracker.config.calibrate else "off"
             values[f"{of}calibration"] = "final" if calibration.frozen else learning
@@ -97,11 +97,11 @@ def _of_bodies(period: Period, presence: Presence) -> dict[str, str]:
                     values[f"{of}calibration: {name} [%]"] = f"{change:+.2f}"
     if tracker.limitations:
         values["limitations"] = tracker.limitations
-    values |= {f"evidence '{name}'": fault for name, fault in session.evidence_faults.items()}
+    values |= {f"evidence '{name}'": fault for name, fault in session.roster.evidence_faults.items()}
     for person in present:
-        if (ratio := session.trackers[person].learned.size_check.ratio) != 1.0:
+        if (ratio := session.roster.trackers[person].learned.size_check.ratio) != 1.0:
             values[f"{title[person]}measured size / given size"] = f"{ratio:.2f}"
-    for person, height in session.heights().items():
+    for person, height in session.roster.heights().items():
         if (of := title.get(person)) is not None:  # a mean of people before the first measured depth
             values[f"{of}height [m]"] = f"{height.height:.3f}"
             values[f"{of}height: deviation [m]"] = f"{height.deviation:.3f}"
@@ -125,7 +125,7 @@ def _of_cameras(period: Period, now: float, seconds: float) -> Iterator[tuple[st
     session, recent, counts = period.session, period.recent, period.session.counts
     if session.placement.places is None:
         return
-    extrinsics = session.extrinsics
+    extrinsics = session.roster.extrinsics
     for name, camera in session.cameras.items():
         prefix, received = f"{name}: " if name else "", camera.key("received")
         if name:

@@ -169,17 +169,17 @@ class Outputs:
     def start(self, now_ns: int) -> None:
         """Write the state and the list of people before the first answer. now_ns: ns of the clock of arrivals."""
         self._write_state()
-        self.keep(self._session.ids or [], now_ns)
+        self.keep(self._session.roster.ids or [], now_ns)
 
     def publish(self, answer: Answer, now_ns: int, now: float = 0.0) -> None:
         """Write the messages of an answer. now_ns: ns of the clock of arrivals; now: s, see `repeat`."""
         session, accepted = self._session, answer.accepted
         self._publish_people(accepted)
         if not answer.frames or accepted:  # a rejected message does not change the list of people
-            self.keep(session.ids or [], now_ns)
+            self.keep(session.roster.ids or [], now_ns)
         if not answer.refused:
             image = answer.stamp_ns, answer.frame_id
-            self._newest.update(answer.frames, session.ids, session.placement.jumps.newest)
+            self._newest.update(answer.frames, session.roster.ids, session.placement.jumps.newest)
             self._write_people(image, now)
             if self._wants(topics.SKELETONS):
                 skeletons = [joints_report(frame) for frame in answer.frames if frame.accepted]
@@ -197,7 +197,7 @@ class Outputs:
             try:
                 if several:
                     self._people[frame.person].publish(frame, copy_markers)
-                if not several or frame.person == self._session.locked:
+                if not several or frame.person == self._session.roster.locked:
                     self.person = self.person or self._open_person("", without=topics.MARKERS)
                     self.person.publish(frame)
             except SkeletonError as error:
@@ -252,7 +252,7 @@ class Outputs:
 
     def forget(self, now_ns: int) -> None:
         """Forget all people: the session was reset, and the clock may have jumped. This is no news, see `on_state`."""
-        self.keep(self._session.ids or [], now_ns)
+        self.keep(self._session.roster.ids or [], now_ns)
         self._newest.forget()
         self.restart_clock()
         self._update_state()
@@ -265,7 +265,7 @@ class Outputs:
         if self._wants(topics.PEOPLE):
             session, scene = self._session, self._session.scene
             limits, others = (scene.lost_after, session.config.forget_after), scene.untracked_at(image[0])
-            message = self._newest.build(image, *limits, others, session.locked, scene.absent_at(image[0]))
+            message = self._newest.build(image, *limits, others, session.roster.locked, scene.absent_at(image[0]))
             self._sink.write(self._outs[topics.PEOPLE], message)
             self._written_at[topics.PEOPLE] = now
 

@@ -135,7 +135,7 @@ def camera_commands(session: Session) -> list[str]:
 
     Raises CamerasFileError if none was, or if the keypoints show that a camera is wrong.
     """
-    places, extrinsics = session.placement.places, session.extrinsics
+    places, extrinsics = session.placement.places, session.roster.extrinsics
     if places is None or not session.config.several_cameras:
         raise CamerasFileError("there is one camera, or none with a pose; expected several (parameter cameras)")
     if wrong := words_of(wrong_cameras(session, learned=False)):

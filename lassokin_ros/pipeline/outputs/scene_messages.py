@@ -14,7 +14,7 @@ from lassokin_ros.core.observation import HERE, CameraPose, Status
 from lassokin_ros.pipeline.frame_result import BODY_FROM_ROOT, FrameResult
 from lassokin_ros.pipeline.image_sets import LONGEST_LATE_NS
 from lassokin_ros.pipeline.people.out_of_view import Absent
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.roster import Presence
 from lassokin_ros.pipeline.session import Session
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.clouds import JointsReport
@@ -195,7 +195,7 @@ class CameraMarkers:
         places = self._session.placement.places
         if places is None or now - self._last < MARKERS_EVERY_S:
             return None
-        extrinsics = self._session.extrinsics
+        extrinsics = self._session.roster.extrinsics
         found = {}
         for name, pose in places.newest.items():
             view = self._session.cameras[name].camera.view

@@ -1,6 +1,6 @@
 """Which of several cameras contradicts the others, as the person shows in whom all of them must agree.
 
-Each pair of cameras that sees one person is compared as in `cross_view.py`. A camera that fits no other one, while
+Each pair of cameras that sees one person is compared as in `matching.py`. A camera that fits no other one, while
 others fit each other, is left out until it fits again: its images are another camera's, its pose or its lens is wrong.
 Of two cameras alone it cannot be told which one is wrong. What is wrong is said by `pipeline/camera/rig_check.py`.
 """
@@ -16,7 +16,7 @@ import numpy as np
 
 from lassokin_ros.core.learned.height import SizeCheck
 from lassokin_ros.pipeline.camera.rig_check import CHECK
-from lassokin_ros.pipeline.people.cross_view import compared, triangulated
+from lassokin_ros.pipeline.people.matching import compared, triangulated
 from lassokin_ros.pipeline.seen import Sight
 
 LEFT_OUT = "left out, does not fit the others"

@@ -1,29 +1,39 @@
-"""Distance between a detection and a tracked person, the mean one to the predicted landmarks; optimal assignment."""
+"""Whether a detection is a person: by the distance from the predicted landmarks, or from another camera's detection.
+
+In the images of different cameras the landmarks are triangulated. Those of one person lie near both lines of sight, and
+have the size of the body. The size is needed: between level cameras the epipolar lines are level, too, and every
+standing person is near them.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.image.projection import norm
+from lassokin_ros.core.image.frame_data import View, triangulate
+from lassokin_ros.core.image.projection import norm, project
 from lassokin_ros.core.kernel import compiled_module
-from lassokin_ros.pipeline.seen import Seen
+from lassokin_ros.core.learned.height import SizeCheck
+from lassokin_ros.pipeline.seen import Seen, Sight
 
 linear_sum_assignment = compiled_module("optimize", "_lsap", "optimize").linear_sum_assignment
 
 FARTHEST = 1.0
 """Upper limit of one point's distance, as a fraction of the person's size. It limits the effect of an outlier."""
-
 NEAR = 0.3
 """Largest mean distance, as a fraction of the person's size, of a detection that matches a person."""
-
 SPREAD_PER_S = 0.6
 """Growth of NEAR per second out of sight: walking speed divided by the person's size."""
-
 FEWEST_POINTS = 3
 """Least number of common points for a distance."""
+SAME_PERSON = 0.2
+"""Largest cost of two detections of one person, as a fraction of the person's size."""
+FEWEST_COMMON, FEWEST_LIMBS = 5, 3
+"""Least numbers of common points, and of limbs between them, for a cost."""
+SIZE_WEIGHT = 0.5
+"""Weight of the logarithm of the ratio of sizes in a cost; the rest is the distance."""
 
 
 def distances(
@@ -51,13 +61,6 @@ def distance(predicted: np.ndarray, detection: Seen, min_confidence: float) -> f
     return float(distances(predicted[None], [detection], min_confidence)[0, 0])
 
 
-def is_trackable(detection: Seen, config: TrackerConfig) -> bool:
-    """Return True if the detection has enough landmarks for a tracker with these settings."""
-    finite = np.isfinite(detection.points)
-    good = (detection.confidence >= max(config.min_confidence, 1e-9)) & finite[:, 0] & finite[:, 1]
-    return bool(np.count_nonzero(good) >= config.min_landmarks)
-
-
 def match_radius(unseen_s: float) -> float:
     """Return the largest distance of a detection that matches a person who was out of sight for `unseen_s` s."""
     return min(NEAR + SPREAD_PER_S * unseen_s, FARTHEST - 1e-6)
@@ -73,3 +76,42 @@ def assign(costs: np.ndarray, limits: Sequence[float] | np.ndarray) -> list[tupl
     allowed = costs <= np.asarray(limits, dtype=float)[:, None]
     rows, columns = linear_sum_assignment(np.where(allowed, costs, 1e3))
     return [(int(r), int(c)) for r, c in zip(rows, columns) if allowed[r, c]]
+
+
+def cross_view_cost(one: Sight, other: Sight, size: SizeCheck) -> float:
+    """Return the cost of two detections as those of one person; infinite if they cannot be, or too little is seen.
+
+    size: of the person's body.
+    """
+    cost = compared(one, other, size, triangulated(one, other))
+    return math.inf if cost is None else cost
+
+
+def compared(one: Sight, other: Sight, size: SizeCheck, places: np.ndarray) -> float | None:
+    """As `cross_view_cost`, but None if both cameras see too little of the same. places: as from `triangulated`."""
+    known = np.isfinite(places[:, 0])
+    if np.count_nonzero(known) < FEWEST_COMMON or size.limb_count(known) < FEWEST_LIMBS:
+        return None
+    apart = []
+    for sight in (one, other):
+        inside = sight.camera.into_camera(places[known])
+        if float(np.median(inside[:, 2])) <= 0:
+            return math.inf
+        points = sight.seen.points[known]
+        extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+        distance = np.linalg.norm(project(inside) - points, axis=1)
+        apart.append(float(np.median(distance)) / max(extent, 1e-6))
+    ratios = size.ratios(places, known)
+    if len(ratios) < FEWEST_LIMBS:
+        return math.inf
+    return max(apart) + SIZE_WEIGHT * abs(math.log(float(np.median(ratios))))
+
+
+def triangulated(one: Sight, other: Sight) -> np.ndarray:
+    """Return the places of the landmarks (l, 3) m, NaN if unknown, in the frame in which the cameras are placed."""
+    views = [
+        View(np.where(seen, sight.seen.points, 0.0), seen[:, 0].astype(float), camera=sight.camera)
+        for sight in (one, other)
+        for seen in (np.isfinite(sight.seen.points) & (sight.seen.confidence > 0)[:, None],)
+    ]
+    return triangulate(views)

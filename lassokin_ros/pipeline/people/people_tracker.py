@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -22,11 +20,7 @@ from lassokin_ros.pipeline.people.choice import (
     number_named,
     preferred,
 )
-from lassokin_ros.pipeline.people.image_tracks import SAME_BODY
-from lassokin_ros.pipeline.people.matching import distances
-from lassokin_ros.pipeline.people.presence import Presence, best, reported_status
 from lassokin_ros.pipeline.people.roster import Person, Roster
-from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.people.who_is_who import View, WhoIsWho
 from lassokin_ros.pipeline.seen import Image, Seen, Sight
 
@@ -43,52 +37,12 @@ times as long as a step. If many people were initialised at once, a slow machine
 class PeopleTracker:
     """Assigns the people in each image to trackers, which are created at the start and reused. Stamps are ns."""
 
-    def __init__(
-        self,
-        people: Sequence[TrackedPerson],
-        counts: Counter[str],
-        follow: str = CONFIDENT,
-        lock: bool = False,
-        several_cameras: bool = False,
-        sure: bool = False,
-        listed: bool = False,
-    ) -> None:
-        """people: one or more trackers. counts: receives the numbers of people who come and leave, and the rejections
-        of single people. follow, lock: see NodeSettings. several_cameras: detectors' numbers are no ids, because each
-        camera's detector has its own. sure: these numbers are people's, wherever they are (`person_ids: lasting`).
-        listed: each body has a topic, and the detector's list says who is there, see `keep`.
-        """
-        self._roster = Roster(people, counts, follow, listed)
-        self._beyond = 0  # bodies of the list without a tracker
-        self._who = WhoIsWho(self._roster, several_cameras, sure)
-        self._lock_first, self._lock_next = lock, lock
-        nowhere = np.full((people[0].tracker.kinematics.landmark_count, 2), np.nan)
+    def __init__(self, roster: Roster) -> None:
+        """roster: who can be tracked, and the settings."""
+        self.roster = roster
+        self._who = WhoIsWho(roster)
+        nowhere = np.full((roster.tracker.kinematics.landmark_count, 2), np.nan)
         self._nothing = Seen(nowhere, np.zeros(len(nowhere)), pixels=nowhere)
-
-    @property
-    def locked(self) -> str | None:
-        """Id of the locked person, or GONE; None if nobody is locked."""
-        return self._roster.locked_id
-
-    @property
-    def ids(self) -> list[str] | None:
-        """Ids of the people who are present or absent for a short while; None if one person is followed."""
-        return None if self._roster.one else [person.id for person in self._roster.people]
-
-    @property
-    def tracked(self) -> dict[str, TrackedPerson]:
-        """The people by id; the id of a single person is empty."""
-        return {"" if self._roster.one else person.id: person.body for person in self._roster.people}
-
-    @property
-    def lost_after(self) -> float:
-        """s: see TrackerConfig."""
-        return self._roster.config_of.config.lost_after
-
-    @property
-    def status(self) -> Status:
-        """Tracking status. With several people, the best status among them."""
-        return best(person.body.status for person in self._roster.people)
 
     @property
     def jumped_number(self) -> int | None:
@@ -100,56 +54,7 @@ class PeopleTracker:
     def numbers_may_be_indices(self) -> bool:
         """Whether people are guessed, and a detector's numbers have only been 0, 1, ... or 1, 2, ... in each image."""
         unproven = any(view.image.lasting and not view.tracks.numbers.proven for view in self._who.views.values())
-        return unproven and any(person.guessed for person in self._roster.people)
-
-    def presence_at(self, stamp_ns: int, forget_after: float, stale_after: float = math.inf) -> Presence:
-        """Return the presence at a time up to which no message has arrived. The state does not change.
-
-        forget_after, stale_after: s, see NodeSettings.
-        """
-        stay = self._roster.one or self._roster.listed
-        there = [one for one in self._roster.people if stay or one.body.unseen_s(stamp_ns) <= forget_after]
-        statuses = {one: reported_status(one.body, stamp_ns, stale_after) for one in there}
-        status = best(statuses.values())
-        if self._roster.gone and not self._roster.one:
-            status = Status.LOST
-        elif self._roster.locked is not None:
-            status = Status.LOST if self._roster.locked.guessed else statuses.get(self._roster.locked, Status.LOST)
-        return Presence(status, None if self._roster.one else [one.id for one in there])
-
-    def tracked_at(self, stamp_ns: int) -> bool:
-        """Return True if the message of this stamp updated a track."""
-        return any(person.body.seen_ns == stamp_ns for person in self._roster.people)
-
-    def untracked(self, image: Image, tracked_for: float) -> int:
-        """Return the number of people who are in an image and not tracked.
-
-        A detection where a tracked person is expected is that person: a duplicate, one with few keypoints, or one of an
-        image that came late. tracked_for: s, for so long after the last accepted frame somebody is tracked.
-        """
-        stamp_ns, name, bodies = image.stamp_ns, image.camera.name, [person.body for person in self._roster.people]
-        matched = sum(body.seen_by.get(name) == stamp_ns for body in bodies)
-        if image.shown <= matched:  # the usual case
-            return 0
-        there = [body for body in bodies if body.unseen_s(stamp_ns) <= tracked_for]
-        expected = [body.predicted_landmarks(stamp_ns, image.camera) for body in there]
-        if known := [points for points in expected if points is not None]:
-            apart = distances(np.stack(known), image.people, self._roster.config_of.config.min_confidence, fewest=1)
-            near = apart.min(axis=0, initial=np.inf) <= SAME_BODY
-            matched = max(matched, int(np.count_nonzero(near)))
-        return max(image.shown - matched, 0)
-
-    def sights_at(self, stamp_ns: int) -> dict[int, dict[str, Seen]]:
-        """Return the detections of each person in the images of a stamp, by number and by camera."""
-        return {
-            person.number: {name: t.detection for name, t in person.tracks.items() if t.seen_ns == stamp_ns}
-            for person in self._roster.people
-        }
-
-    def flush(self) -> list[FrameResult]:
-        """Return the results that wait for `smoothing_lag`. No message follows."""
-        left, self._roster.left = self._roster.left, []
-        return [*left, *(result for person in self._roster.people for result in person.body.flush())]
+        return unproven and any(person.guessed for person in self.roster.people)
 
     def reset(self, unlock: bool = True, same_person: bool = False) -> None:
         """Forget all people. Ids are not used again, so that nobody inherits the id of another person.
@@ -157,70 +62,44 @@ class PeopleTracker:
         unlock: whether a lock ends too; otherwise it stays, on nobody (`GONE`). same_person: keep what was learned of
         the only person, who is seen from elsewhere.
         """
-        self._roster.gone = self._roster.locked_id is not None and not unlock
-        self._roster.locked, self._lock_next = None, self._lock_first and not self._roster.gone
-        for person in list(self._roster.people):
-            if self._roster.one or self._roster.listed:
-                self._roster.rename(person)
-                person.tracks, person.guessed = {}, False
-                if same_person:
-                    person.body.begin_take()
-                else:
-                    person.body.reset()
-            else:
-                self._roster.remove(person)
-        for body in self._roster.idle:
-            body.reset()
+        self.roster.reset(unlock, same_person)
         self._who.reset()
-        self._roster.left.clear()
-
-    def tune(self, follow: str, lock: bool) -> None:
-        """Apply settings that can change while running; see NodeSettings."""
-        if lock != self._lock_first:
-            self._lock_next = lock
-        self._roster.follow, self._lock_first = follow, lock
 
     def lock(self) -> str:
         """Lock the person whom the setting `follow` names in the newest image, and return the id.
 
         Raises NoPersonError if there is nobody.
         """
-        person = self._chosen_of_one() if self._roster.one else self._chosen_of_several()
-        self._roster.locked, self._roster.gone, self._lock_next = person, False, False
+        person = self._chosen_of_one() if self.roster.one else self._chosen_of_several()
+        self.roster.hold(person)
         person.guessed = False
         return person.id
 
-    def release(self) -> None:
-        """Lock nobody."""
-        self._roster.locked, self._roster.gone, self._lock_next = None, False, False
-
     def _chosen_of_several(self) -> Person:
         """Return the person whom `follow` names among those who have trackers and were seen lately."""
-        follow, newest_ns = self._roster.follow, self._roster.newest_ns
-        there = [one for one in self._roster.people if one.tracks and one.body.unseen_s(newest_ns) <= GUESS_AFTER_S]
+        follow, newest_ns = self.roster.config.follow, self.roster.newest_ns
+        there = [one for one in self.roster.people if one.tracks and one.body.unseen_s(newest_ns) <= GUESS_AFTER_S]
         number = number_named(follow)
         if number is None and there:
             tracks = [track for one in there if (track := one.newest) is not None]
             images = [view.image for track in tracks for view in self._who.views.values() if track in view.tracks]
-            return there[self._roster.preferred(tracks, images)]
+            return there[self.roster.preferred(tracks, images)]
         if (found := next((one for one in there if one.number == number), None)) is None:
             raise NoPersonError(nobody_to_lock(follow, len(there)))
         return found
 
     def _chosen_of_one(self) -> Person:
         """Return the only person with a tracker, who is from now on the one whom `follow` names in the image."""
-        (person,) = self._roster.people
+        (person,) = self.roster.people
         view = self._view_to_lock(person)
-        candidates = (
-            [] if view is None else [track for track in view.seen if self._roster.is_trackable(track.detection)]
-        )
+        candidates = [] if view is None else [track for track in view.seen if track.detection.trackable]
         newest_ns = 0 if view is None else view.image.stamp_ns
         tracked = person.body.status is Status.TRACKING and person.body.unseen_s(newest_ns) <= GUESS_AFTER_S
-        if not (tracked and (self._roster.follow == CONFIDENT or not candidates)):
+        if not (tracked and (self.roster.config.follow == CONFIDENT or not candidates)):
             chosen = None if view is None else self._who.best(candidates, view.image)
             if chosen is None or view is None:
-                raise NoPersonError(nobody_to_lock(self._roster.follow, len(candidates)))
-            self._roster.begin(person, chosen, view.image.camera.name)
+                raise NoPersonError(nobody_to_lock(self.roster.config.follow, len(candidates)))
+            self.roster.begin(person, chosen, view.image.camera.name)
         return person
 
     def _view_to_lock(self, person: Person) -> View | None:
@@ -232,72 +111,52 @@ class PeopleTracker:
         shown = {name: track.seen_ns for name, track in person.tracks.items() if track.seen_ns >= since_ns}
         return self._who.views[max(shown, key=lambda name: shown[name])] if shown else newest
 
-    def update(
-        self, images: Sequence[Image], frame_id: str, forget_after: float, out_of_view: Collection[str] = ()
-    ) -> list[FrameResult]:
+    def update(self, images: Sequence[Image], frame_id: str) -> list[FrameResult]:
         """Track the people in one image, or in those of several cameras at one instant.
 
-        frame_id: of the results. forget_after: s. If one person is followed, a refused message gives a result with the
-        reason; of several people accepted results only are returned, and rejections are counted. out_of_view: see
-        Roster.
+        frame_id: of the results. If one person is followed, a refused message gives a result with the reason; of
+        several people accepted results only are returned, and rejections are counted.
         """
-        if self._roster.listed:
+        if self.roster.listed:
             return self._of_body(images[0], frame_id)
-        self._roster.out_of_view = out_of_view
-        stamp_ns = self._roster.newest_ns = max(image.stamp_ns for image in images)
-        for person in list(self._roster.people):
-            if not self._roster.is_guarded(person) and person.body.unseen_s(stamp_ns) > forget_after:
-                self._roster.remove(person)
-        patience = max(forget_after, self._roster.config_of.config.lost_after)
+        stamp_ns = self.roster.newest_ns = max(image.stamp_ns for image in images)
+        forget_after = self.roster.config.forget_after
+        for person in list(self.roster.people):
+            if not self.roster.is_guarded(person) and person.body.unseen_s(stamp_ns) > forget_after:
+                self.roster.remove(person)
+        patience = max(forget_after, self.roster.tracker.config.lost_after)
         sights: dict[Person, list[Sight]] = {}
         for image in images:
             for person, seen in self._who.people_in(image, patience, sights).items():
                 sights.setdefault(person, []).append(Sight(image.stamp_ns, seen, image.lens, image.camera))
-        results = self._track(images, frame_id, sights, forget_after)
-        if self._lock_next and any(self.tracked_at(image.stamp_ns) for image in images):
+        results = self._track(images, frame_id, sights)
+        if self.roster.lock_next and any(self.roster.tracked_at(image.stamp_ns) for image in images):
             with suppress(NoPersonError):  # wait for the next image
-                if self._roster.one:
-                    self._roster.locked, self._lock_next = self._roster.people[0], False
+                if self.roster.one:
+                    self.roster.hold(self.roster.people[0])
                 else:
                     self.lock()
-        left, self._roster.left = self._roster.left, []
+        left, self.roster.left = self.roster.left, []
         return left + results
-
-    def keep(self, ids: Sequence[str]) -> None:
-        """Set who is present by the detector's list. The others are forgotten. Of too many the first ones are kept."""
-        self._beyond = self._roster.keep(ids)
-
-    def forget(self, name: str) -> None:
-        """Forget what is known of a person of the detector's list, who stays in the list."""
-        for person in self._roster.people:
-            if person.id == name:
-                person.body.reset()
-
-    @property
-    def untracked_of_list(self) -> int:
-        """Number of people of the detector's list who were never tracked."""
-        return self._beyond + sum(person.body.status is Status.SEARCHING for person in self._roster.people)
 
     def _of_body(self, image: Image, frame_id: str) -> list[FrameResult]:
         """The results of an image of one person of the detector's list. A refused one gives one with the reason."""
-        self._roster.newest_ns = image.stamp_ns
+        self.roster.newest_ns = image.stamp_ns
         sight = Sight(image.stamp_ns, [*image.people, self._nothing][0], image.lens, image.camera)
-        people = [person for person in self._roster.people if person.id == image.body]
+        people = [person for person in self.roster.people if person.id == image.body]
         return people[0].body.track([sight], frame_id, image.body) if people else []
 
-    def _track(
-        self, images: Sequence[Image], frame_id: str, sights: Mapping[Person, list[Sight]], forget_after: float
-    ) -> list[FrameResult]:
+    def _track(self, images: Sequence[Image], frame_id: str, sights: Mapping[Person, list[Sight]]) -> list[FrameResult]:
         """Return the results of all people at one instant."""
-        lost = [one for one in self._roster.people if one.body.status_at(self._roster.newest_ns) is Status.LOST]
+        lost = [one for one in self.roster.people if one.body.status_at(self.roster.newest_ns) is Status.LOST]
         results: list[FrameResult] = []
         errors: list[Exception] = []
         found = 0
-        for person in list(self._roster.people):
+        for person in list(self.roster.people):
             seen = sights.get(person) if person not in lost or found < MOST_REINITIALISED else None
             try:
-                if self._roster.one:
-                    results += self._results_of_one(images, frame_id, seen, forget_after)
+                if self.roster.one:
+                    results += self._results_of_one(images, frame_id, seen)
                 else:
                     results += self._results_of(person, images[0], frame_id, seen)
             except Exception as error:  # the others are tracked all the same
@@ -312,36 +171,36 @@ class PeopleTracker:
     ) -> list[FrameResult]:
         """The accepted results of one of several people; rejections are counted. seen: None if not in the images."""
         if seen is None:
-            nothing = Sight(self._roster.newest_ns, self._nothing, image.lens, image.camera)
+            nothing = Sight(self.roster.newest_ns, self._nothing, image.lens, image.camera)
             return person.body.mark_absent(nothing) if image.camera.known else []
         number = self._detectors_number(person)
         answers = person.body.track(seen, frame_id, person.id, detector_id=number, guessed=person.guessed)
         refused = [result for result in answers if not result.accepted]
         for result in refused if any(sight.camera.known for sight in seen) else ():
             late = result.rejection == Rejection.LATE.value
-            self._roster.counts[LATE if late else f"rejected: {result.rejection} (a person)"] += 1
+            self.roster.counts[LATE if late else f"rejected: {result.rejection} (a person)"] += 1
         if refused and person.body.seen_ns is None:  # never tracked: there is no state to keep
-            self._roster.remove(person)
+            self.roster.remove(person)
         return [result for result in answers if result.accepted]
 
     def _results_of_one(
-        self, images: Sequence[Image], frame_id: str, seen: Sequence[Sight] | None, forget_after: float
+        self, images: Sequence[Image], frame_id: str, seen: Sequence[Sight] | None
     ) -> list[FrameResult]:
         """The results of the only person. A refused message gives one with the reason. seen: None if not in the images.
 
         Without sights of the person those are used who cannot be tracked, so that the reason is reported.
         """
-        (person,) = self._roster.people
+        (person,) = self.roster.people
         seen = seen or [Sight(i.stamp_ns, self._untrackable(i), i.lens, i.camera) for i in images]
         number, guessed = self._detectors_number(person), person.guessed
         results = person.body.track(seen, frame_id, label=person.id, detector_id=number, guessed=guessed)
-        if results and not results[-1].accepted and (absence := self._absence(images[0], forget_after)):
+        if results and not results[-1].accepted and (absence := self._absence(images[0])):
             results[-1] = replace(results[-1], rejection=PERSON_ABSENT, detail=absence)
         return results
 
     def _detectors_number(self, person: Person) -> int:
         """Return the number of a person in the images of the first camera that has seen them lately; -1 without one."""
-        since_ns = self._roster.newest_ns - GUESS_AFTER_S * 1e9
+        since_ns = self.roster.newest_ns - GUESS_AFTER_S * 1e9
         for name, view in self._who.views.items():
             track = person.tracks.get(name)
             if track is not None and view.image.lasting and track.seen_ns >= since_ns:
@@ -350,35 +209,35 @@ class PeopleTracker:
 
     def _untrackable(self, image: Image) -> Seen:
         """Return the person with the most points of those who cannot be tracked; nobody without one."""
-        known = image.lasting and image.camera.name in self._roster.people[0].tracks
-        people = [] if known else [one for one in image.people if not self._roster.is_trackable(one)]
+        known = image.lasting and image.camera.name in self.roster.people[0].tracks
+        people = [] if known else [one for one in image.people if not one.trackable]
         return people[preferred(CONFIDENT, people)] if people else self._nothing
 
-    def _absence(self, image: Image, forget_after: float) -> str:
+    def _absence(self, image: Image) -> str:
         """Return the explanation for a message that shows other people only; empty if that is not the case.
 
         Without it the message would be refused for too few landmarks. This reason would be misleading, because it
         suggests that the detector's confidences are too low.
         """
-        (person,), view = self._roster.people, self._who.views[image.camera.name]
-        named = number_named(self._roster.follow)
+        (person,), view = self.roster.people, self._who.views[image.camera.name]
+        named = number_named(self.roster.config.follow)
         track = person.tracks.get(image.camera.name)
-        unfound = not (self._roster.gone or person.tracks) and named is not None and bool(view.seen)
-        if track is None and not (self._roster.gone or unfound):
+        unfound = not (self.roster.gone or person.tracks) and named is not None and bool(view.seen)
+        if track is None and not (self.roster.gone or unfound):
             return ""
         if track is not None and track.seen_ns == image.stamp_ns:
             return ""
         if not image.lasting and not view.seen:
             return ""  # those who are shown in part may be the followed person
-        limit = max(self._roster.config_of.config.min_confidence, 1e-9)
+        limit = max(self.roster.tracker.config.min_confidence, 1e-9)
         others = sum(bool(np.count_nonzero(one.confidence >= limit)) for one in image.people)
         if not others:
             return ""
         if unfound:
             lasting = "" if image.lasting else ", and the numbers of its people do not last"
             return (
-                f"follow is '{self._roster.follow}', and no person of this number is among the {others} in the message"
-                f"{lasting}; nobody else is followed: set follow to {', '.join(RULES)}, or to a lasting number"
+                f"follow is '{self.roster.config.follow}', and no person of this number is among the {others} in the "
+                f"message{lasting}; nobody else is followed: set follow to {', '.join(RULES)}, or to a lasting number"
             )
         if track is None:
             return (
@@ -391,8 +250,8 @@ class PeopleTracker:
         if image.lasting and number not in [one.number for one in image.people]:
             who = f"person {number} is not"
         another = "another person" if named is None else f"nobody but person {named}, whom follow names,"
-        waits = f"{another} is followed after forget_after {forget_after:g} s"
-        if self._roster.locked is not None:
+        waits = f"{another} is followed after forget_after {self.roster.config.forget_after:g} s"
+        if self.roster.held is not None:
             waits = "the person is locked, until ~/lock is called with false"
         return (
             f"one person is followed, and {who} among the {others} in the message; {waits} (see person_ids, max_people)"

@@ -284,9 +284,13 @@ class TrackedPerson:
         """Return s since the person was last tracked; infinite before the first time."""
         return float("inf") if self.seen_ns is None else (stamp_ns - self.seen_ns) * 1e-9
 
-    def status_at(self, stamp_ns: int) -> Status:
-        """Return the status at a time up to which no message has arrived. The state does not change."""
-        lost = self.status is Status.TRACKING and self.unseen_s(stamp_ns) > self.tracker.config.lost_after
+    def status_at(self, stamp_ns: int, stale_after: float = math.inf) -> Status:
+        """Return the status at a time up to which no message has arrived. The state does not change.
+
+        stale_after: s, upper limit of `lost_after`, until which the tracker itself keeps the person.
+        """
+        patience = min(self.tracker.config.lost_after, stale_after)
+        lost = self.status is Status.TRACKING and self.unseen_s(stamp_ns) > patience
         return Status.LOST if lost else self.status
 
     def predicted_landmarks(

@@ -2,7 +2,7 @@
 
 In the images of each camera, place, size and number decide who continues whom (`image_tracks.py`). A person whom this
 camera has not seen for a while is the one whose keypoints lie on the epipolar lines, if another camera sees the person
-(`cross_view.py`), else the one who is near the expected place. Who is left is nobody known.
+(`matching.py`), else the one who is near the expected place. Who is left is nobody known.
 
 With one tracker, the rule `follow` chooses whom it follows, and another person is followed only under a new id, after
 the first one has been absent for `forget_after`. With several trackers, each new person gets one who is seen in some
@@ -18,7 +18,6 @@ from dataclasses import replace
 import numpy as np
 
 from lassokin_ros.pipeline.people.choice import GUESS_AFTER_S, number_named
-from lassokin_ros.pipeline.people.cross_view import SAME_PERSON, cross_view_cost
 from lassokin_ros.pipeline.people.image_tracks import (
     FARTHEST_GUARDED,
     RIVAL,
@@ -27,9 +26,17 @@ from lassokin_ros.pipeline.people.image_tracks import (
     ImageTrack,
     ImageTracks,
 )
-from lassokin_ros.pipeline.people.matching import assign, distance, distances, match_radius
+from lassokin_ros.pipeline.people.matching import (
+    SAME_PERSON,
+    assign,
+    cross_view_cost,
+    distance,
+    distances,
+    match_radius,
+)
 from lassokin_ros.pipeline.people.roster import Person, Roster
 from lassokin_ros.pipeline.seen import Image, Seen, Sight
+from lassokin_ros.pipeline.settings import LASTING
 
 CONFIRMING_MESSAGES = 3
 """A person without a lasting number gets a tracker after this many detections; one message in between may miss them."""
@@ -60,9 +67,8 @@ class View:
 class WhoIsWho:
     """Finds the people of a roster in images, and adds those who are new. views: by camera."""
 
-    def __init__(self, roster: Roster, several_cameras: bool, sure: bool) -> None:
-        """several_cameras, sure: see PeopleTracker."""
-        self._roster, self._several_cameras, self._sure = roster, several_cameras, sure
+    def __init__(self, roster: Roster) -> None:
+        self._roster = roster
         self.views: dict[str, View] = {}
         self._left_ns: int | None = None  # last sight of a person without a number, after whom there was a new id
 
@@ -79,19 +85,19 @@ class WhoIsWho:
         name, stamp_ns = image.camera.name, image.stamp_ns
         view = self.views.get(name)
         if view is None:
-            view = self.views[name] = View(image, self._sure)
+            view = self.views[name] = View(image, self._roster.config.person_ids == LASTING)
         view.image = image
         if image.identified:
             return self._identified(view, found)
-        if self._roster.one and not image.numbered and self._roster.locked_id is None:
+        if self._roster.one and not image.numbered and self._roster.locked is None:
             return self._only_one(view, patience)
         if view.tracks.hear(stamp_ns, [one.number for one in image.people], image.lasting):
-            self._roster.renumbered = True
-            if (locked := self._roster.locked) is not None and (track := locked.tracks.get(name)) is not None:
+            self._roster.numbers.renumbered = True
+            if (locked := self._roster.held) is not None and (track := locked.tracks.get(name)) is not None:
                 track.silent_s = track.unseen_s(stamp_ns)  # who stands still is found by place, guessed
         own = self._own_tracks(image)
         numbers = {track.number for track in own} if image.lasting else ()
-        usable = [one for one in image.people if self._roster.is_trackable(one)]
+        usable = [one for one in image.people if one.trackable]
         usable += [one for one in image.people if one.number in numbers and one not in usable and _has_points(one)]
         expected = {track: person.body.predicted_landmarks(stamp_ns, image.camera) for track, person in own.items()}
         guarded = [track for track, person in own.items() if self._roster.is_guarded(person)]
@@ -119,7 +125,7 @@ class WhoIsWho:
         """
         numbers, image = view.tracks.numbers, view.image
         away_s = min(track.gap_s, person.body.unseen_s(image.stamp_ns))
-        if person is not self._roster.locked or away_s > LONGEST_STALL_S:
+        if person is not self._roster.held or away_s > LONGEST_STALL_S:
             return away_s > GUESS_AFTER_S
         if not numbers.is_pause(away_s):
             return False
@@ -136,7 +142,7 @@ class WhoIsWho:
         here: dict[Person, Seen] = {}
         for seen in view.image.people:
             person = people.get(seen.number)
-            if person is None and self._roster.is_trackable(seen):
+            if person is None and seen.trackable:
                 person = self._roster.add(seen.number, {*found, *here})
             if person is not None and _has_points(seen):
                 person.tracks[name] = ImageTrack(seen, seen.points, stamp_ns, number=seen.number)
@@ -149,7 +155,7 @@ class WhoIsWho:
         Somebody who comes after an absence may be another person, so the id is new.
         """
         (person,), (seen,), stamp_ns = self._roster.people, view.image.people, view.image.stamp_ns
-        if not self._roster.is_trackable(seen):
+        if not seen.trackable:
             return {}
         left_ns = person.body.seen_ns
         if left_ns not in (None, self._left_ns) and person.body.unseen_s(stamp_ns) > patience:
@@ -219,8 +225,8 @@ class WhoIsWho:
             size = body.tracker.learned.size_check
             sights = [Sight(image.stamp_ns, track.detection, image.lens, image.camera) for track in tracks]
             return np.array([cross_view_cost(elsewhere, sight, size) for sight in sights]) / SAME_PERSON
-        away = person.id in self._roster.out_of_view
-        if unseen_s > patience and not (away and person is self._roster.locked):
+        away = person.id in self._roster.out_of_view.ids
+        if unseen_s > patience and not (away and person is self._roster.held):
             return np.full(len(tracks), np.inf)
         stopped = (body.predicted_landmarks(image.stamp_ns, image.camera, unseen_s * share) for share in WALKED)
         points = [one for one in stopped if one is not None]
@@ -243,19 +249,19 @@ class WhoIsWho:
     def _choose(self, view: View, patience: float) -> None:
         """Follow the best person in the image, if nobody is followed yet, or if the followed person has left."""
         (person,), image = self._roster.people, view.image
-        if self._roster.locked_id is not None or self._elsewhere(person, image) is not None:
+        if self._roster.locked is not None or self._elsewhere(person, image) is not None:
             return
         track, body = person.tracks.get(image.camera.name), person.body
-        here = track is not None and track.seen_ns == image.stamp_ns and self._roster.is_trackable(track.detection)
+        here = track is not None and track.seen_ns == image.stamp_ns and track.detection.trackable
         if person.tracks and body.seen_ns is not None and (here or body.unseen_s(image.stamp_ns) <= patience):
             return
-        candidates = [track for track in view.seen if self._roster.is_trackable(track.detection)]
+        candidates = [track for track in view.seen if track.detection.trackable]
         if (chosen := self.best(candidates, image)) is not None:
             self._roster.begin(person, chosen, image.camera.name)
 
     def best(self, tracks: Sequence[ImageTrack], image: Image) -> ImageTrack | None:
         """Return the track in an image that the rule `follow` prefers; None if there is none."""
-        number = number_named(self._roster.follow)
+        number = number_named(self._roster.config.follow)
         if number is not None:
             return next((track for track in tracks if image.lasting and track.detection.number == number), None)
         return tracks[self._roster.preferred(tracks, [image] * len(tracks))] if tracks else None
@@ -268,16 +274,16 @@ class WhoIsWho:
         image, nobodys = view.image, self._nobodys(view)
         known = [track for track in view.seen if track not in nobodys]
         numbers = view.tracks.numbers
-        at_once = image.lasting and numbers.believed(image.stamp_ns) and not self._several_cameras
+        at_once = image.lasting and numbers.believed(image.stamp_ns) and not self._roster.config.several_cameras
         for track in nobodys:
-            if (track.run < CONFIRMING_MESSAGES and not at_once) or not self._roster.is_trackable(track.detection):
+            if (track.run < CONFIRMING_MESSAGES and not at_once) or not track.detection.trackable:
                 continue
             if any(distance(other.points, track.detection, 0.0) <= SAME_BODY for other in known):
                 continue  # a duplicate
             if self._is_near_anybody(track, image):
                 continue
             here = [p for p in self._roster.people if p.tracks.get(image.camera.name) in known]
-            if (person := self._roster.add(self._roster.new_number(track, at_once), {*found, *here})) is not None:
+            if (person := self._roster.add_seen(track, at_once, {*found, *here})) is not None:
                 person.tracks[image.camera.name] = track
                 known.append(track)
 

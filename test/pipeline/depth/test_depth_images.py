@@ -192,10 +192,10 @@ def test_height_0_measures_the_height(scene, images):
     values = Diagnostics(session, "tracker", 0.0).line(1.0).values
     assert float(values["height [m]"]) == pytest.approx(height.height, abs=6e-4)
     assert float(values["height: deviation [m]"]) == pytest.approx(height.deviation, abs=6e-4)
-    assert session.heights() == {"": height} and height_in_words(height).endswith("deviation 0.06 m")
+    assert session.roster.heights() == {"": height} and height_in_words(height).endswith("deviation 0.06 m")
     session.reset()
     assert height_in_words(height) == "1.70 m, a mean of people: no depth was measured"
-    assert Session(TrackerConfig(height=1.75), NodeSettings()).heights() == {}
+    assert Session(TrackerConfig(height=1.75), NodeSettings()).roster.heights() == {}
     assert session.tracker.skeleton.height == pytest.approx(config.assumed_height) and not height.measured
     assert (TrackerConfig().height_text, TrackerConfig(height=1.75).height_text) == ("to be measured", "1.75 m")
     untold, session = track(scene, None, config=config, frames=20)

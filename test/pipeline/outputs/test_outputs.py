@@ -62,7 +62,7 @@ def test_each_of_several_people_has_topics_until_they_leave():
 
 def test_the_locked_one_of_several_people_has_the_topics_of_one_person_too():
     session, sink, outputs = run(NodeSettings(max_people=3, follow="p9", lock=True))
-    assert session.locked == "p9"
+    assert session.roster.locked == "p9"
     assert 0 < sink.counts["~/joints"] <= sink.counts["~/bodies/p9/joints"]
     assert sink.counts["~/markers"] == 6  # everybody's
 

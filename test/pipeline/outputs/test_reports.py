@@ -17,7 +17,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.body_frames import BodyFrames
 from lassokin_ros.pipeline.outputs.frame_messages import certificate_status, principal_axes
 from lassokin_ros.pipeline.outputs.scene_messages import PeopleMessages, PresenceState, confidence, person_report
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.roster import Presence
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.builders import OK, WARN
 

@@ -21,7 +21,7 @@ from lassokin_ros.pipeline.outputs.scene_messages import (
     person_report,
 )
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.roster import Presence
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.bags import register_types
@@ -110,16 +110,6 @@ def test_covariances_are_computed_only_for_a_message(frames):
     assert "uncertainty" not in vars(frame)
     messages.build((frame.stamp_ns, FRAME), 1.0, 3.0)
     assert "uncertainty" in vars(frame)
-
-
-def test_people_who_left_or_are_of_another_camera_are_left_out(frames):
-    messages = PeopleMessages(BACKEND, CLOUD_TYPE)
-    messages.update(frames, [""])
-    at = frames[-1].stamp_ns
-    assert messages.build((at, "another_camera"), 1.0, 3.0).width == 0
-    assert messages.build((at, FRAME), 1.0, 3.0).width == 1
-    messages.update([], ["p2"])
-    assert messages.build((at, FRAME), 1.0, 3.0).width == 0
 
 
 def test_one_person_does_not_come_back_when_stamps_that_have_jumped_back_reach_the_old_time(frames):

@@ -18,8 +18,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
-from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.people.roster import GONE
+from lassokin_ros.pipeline.people.roster import GONE, Presence
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.builders import ERROR, OK, WARN
 
@@ -51,20 +50,22 @@ def session():
         enabled=True,
         first=only,
         counts=Counter(received=100, accepted=100),
-        status=Status.TRACKING,
-        ids=None,
         config=NodeSettings(),
-        locked=None,
+        roster=SimpleNamespace(
+            status=Status.TRACKING,
+            ids=None,
+            locked=None,
+            trackers={"": tracker},
+            calibrations=dict,
+            heights=dict,
+            evidence_faults={},
+        ),
         people=SimpleNamespace(jumped_number=None, numbers_may_be_indices=False),
         tracker=tracker,
-        trackers={"": tracker},
         placement=SimpleNamespace(places=None, camera_angles=(0.0, 0.0), camera_height=None),
         scene=SimpleNamespace(image=None, lost_after=0.4, detector_connected=True, untracked_at=lambda stamp_ns: 0),
         cameras={"": only},
         inputs=SimpleNamespace(has_camera=True, nobody_in_view=False, unused_confidence=0.0, camera_fault=""),
-        calibrations=dict,
-        heights=dict,
-        evidence_faults={},
     )
 
 
@@ -138,14 +139,14 @@ def test_frozen_keypoints(diagnostics, seconds, level):
 
 def test_the_status_of_a_person(session, diagnostics):
     for status in (Status.LOST, Status.SEARCHING):
-        session.status = status
+        session.roster.status = status
         assert said(diagnostics) == (WARN, "lost")
         assert said(diagnostics, state="nobody") == (OK, NOBODY)
     assert said(diagnostics, presence=Presence(Status.TRACKING), state="nobody") == (OK, "tracking")
 
 
 def test_a_silent_detector_of_an_empty_room(session, diagnostics):
-    session.status, session.config = Status.LOST, NodeSettings(silent_when_empty=True)
+    session.roster.status, session.config = Status.LOST, NodeSettings(silent_when_empty=True)
     assert said(diagnostics, 12.1) == (WARN, "lost")
     line = diagnostics.line(13.1, state="nobody")
     assert (line.level, line.message, line.values["state"]) == (OK, NOBODY, "nobody")
@@ -158,24 +159,24 @@ def test_a_silent_detector_of_an_empty_room(session, diagnostics):
 
 
 def test_a_lock_is_the_reason_why_nobody_is_followed(session, diagnostics):
-    session.locked = "p2"
+    session.roster.locked = "p2"
     assert said(diagnostics) == (OK, "tracking")
-    session.status = Status.LOST
+    session.roster.status = Status.LOST
     words = "p2 is locked and not seen: nobody else is followed until ~/lock is called with false"
     assert said(diagnostics) == (WARN, f"lost; {words}")
-    session.locked = GONE
+    session.roster.locked = GONE
     words = "the locked person was forgotten: nobody is followed until ~/lock is called"
     assert said(diagnostics) == (WARN, f"lost; {words}")
 
 
 def test_nobody_in_view(session, diagnostics):
-    session.status = Status.LOST
+    session.roster.status = Status.LOST
     session.counts.update({"received": 10, NOBODY: 9})
     assert said(diagnostics) == (WARN, "lost")
     session.counts.update({"received": 10, NOBODY: 10})
     assert said(diagnostics) == (OK, NOBODY)
     assert said(diagnostics) == (OK, NOBODY)  # without a message in the period, as before
-    session.status = Status.TRACKING
+    session.roster.status = Status.TRACKING
     assert said(diagnostics) == (OK, "tracking")
 
 
@@ -184,22 +185,53 @@ def test_concerns_of_the_camera_and_of_others_stand_after_the_state(session, dia
     assert said(diagnostics, concern="busy") == (WARN, "tracking; K hardly fits; busy")
 
 
-@pytest.mark.parametrize(("outside", "level"), [(5, OK), (6, WARN)])
-def test_keypoints_outside_of_the_image(session, diagnostics, outside, level):
-    session.counts.update({"received": 10, OUTSIDE_IMAGE: outside})
-    found = said(diagnostics)
-    assert found[0] == level and ("outside the image of 640 x 480 px" in found[1]) == (level == WARN)
-    session.counts.update({"received": 10, OUTSIDE_IMAGE: 10})
-    session.first.camera.view = None
+PEOPLE = {"people come": 3, "people left": 3}
+
+
+@pytest.mark.parametrize(
+    ("counts", "words"),
+    [
+        ({"received": 10, OUTSIDE_IMAGE: 5}, ""),
+        ({"received": 10, OUTSIDE_IMAGE: 6}, "outside the image of 640 x 480 px"),
+        *(
+            ({"received": 100, key: count}, f"tracking; messages {key}: " * (count > 2))
+            for key in (OVERTAKEN, LOST)
+            for count in (2, 3)
+        ),
+        (PEOPLE, "set person_ids to node"),
+        (PEOPLE | {"people come": 2}, ""),
+        (PEOPLE | {"people left": 2}, ""),
+        (PEOPLE | {"resets": 1}, ""),
+    ],
+)
+def test_counts_of_a_period_from_which_a_warning_is_due(session, diagnostics, counts, words):
+    session.counts.update(counts)
+    level, message = said(diagnostics)
+    assert level == (WARN if words else OK) and words in message and (words or message == "tracking")
+
+
+@pytest.mark.parametrize(
+    "settings", [{"person_ids": "node"}, {"rep155": True, "keypoints_type": "hri_msgs/msg/Skeleton2D"}]
+)
+def test_people_may_come_and_leave_where_no_number_of_a_message_counts(session, diagnostics, settings):
+    session.config = NodeSettings(**settings)
+    session.counts.update(PEOPLE)
     assert said(diagnostics) == (OK, "tracking")
 
 
-@pytest.mark.parametrize(("messages", "level"), [(2, OK), (3, WARN)])
-@pytest.mark.parametrize("key", [OVERTAKEN, LOST])
-def test_unused_messages(session, diagnostics, key, messages, level):
-    session.counts.update({"received": 100, key: messages})
-    found, message = said(diagnostics)
-    assert found == level and message.startswith("tracking" if level == OK else f"tracking; messages {key}: ")
+@pytest.mark.parametrize(
+    ("fact", "words"),
+    [
+        ({"jumped_number": 7}, "number 7 has moved to another person"),
+        ({"numbers_may_be_indices": True}, "0, 1, ..."),
+        ({}, "re-identified by position only"),
+    ],
+)
+def test_doubtful_identities_are_a_warning(diagnostics, session, fact, words):
+    vars(session.people).update(fact)
+    diagnostics.count_message([replace(frame(), guessed=not fact)], SECOND, 10.5, 0.001)
+    level, message = said(diagnostics)
+    assert level == WARN and words in message
 
 
 def test_rejected_messages_are_named_once_with_advice_and_without_numbers(session, diagnostics):
@@ -223,30 +255,6 @@ def test_keypoints_that_are_no_bodys(diagnostics, pixels, level):
     assert found[0] == level
     if level == WARN:
         assert "keypoints are more than 0.10 m off the best body" in found[1] and "`landmarks: coco17`" in found[1]
-    assert said(diagnostics) == (OK, "tracking")
-
-
-@pytest.mark.parametrize(
-    ("changes", "level"),
-    [
-        ({"people come": 3, "people left": 3}, WARN),
-        ({"people come": 2, "people left": 3}, OK),
-        ({"people come": 3, "people left": 2}, OK),
-        ({"people come": 3, "people left": 3, "resets": 1}, OK),
-    ],
-)
-def test_people_who_come_and_leave(session, diagnostics, changes, level):
-    session.counts.update(changes)
-    found = said(diagnostics)
-    assert found[0] == level and ("set person_ids to node" in found[1]) == (level == WARN)
-
-
-@pytest.mark.parametrize(
-    "settings", [{"person_ids": "node"}, {"rep155": True, "keypoints_type": "hri_msgs/msg/Skeleton2D"}]
-)
-def test_people_may_come_and_leave_where_no_number_of_a_message_counts(session, diagnostics, settings):
-    session.config = NodeSettings(**settings)
-    session.counts.update({"people come": 3, "people left": 3})
     assert said(diagnostics) == (OK, "tracking")
 
 
@@ -276,11 +284,11 @@ def test_depth_images_without_depth_at_the_person(session, diagnostics, used):
 
 def test_the_measured_height_of_people_who_are_there(session, diagnostics):
     height = SimpleNamespace(height=1.6789, deviation=0.0512)
-    session.heights = lambda: {"": height}
+    session.roster.heights = lambda: {"": height}
     values = diagnostics.line(11.0).values
     assert (values["height [m]"], values["height: deviation [m]"]) == ("1.679", "0.051")
-    session.ids, session.heights = ["p1"], lambda: {"p1": height, "p2": height}
-    session.trackers = dict.fromkeys(("p1", "p2"), session.tracker)
+    session.roster.ids, session.roster.heights = ["p1"], lambda: {"p1": height, "p2": height}
+    session.roster.trackers = dict.fromkeys(("p1", "p2"), session.tracker)
     figures = {key: value for key, value in diagnostics.line(12.0).values.items() if "height" in key}
     assert figures == {"p1 height [m]": "1.679", "p1 height: deviation [m]": "0.051"}
 
@@ -340,7 +348,7 @@ def test_figures_of_a_period(session, diagnostics):
 
 
 def test_figures_of_several_people(session, diagnostics):
-    session.ids = ["p1", "p2", "p3"]
+    session.roster.ids = ["p1", "p2", "p3"]
     session.counts.update({"people come": 3, "people left": 1, "people beyond max_people": 2})
     session.first.depth = SimpleNamespace(fault="", frozen=False)
     values = diagnostics.line(11.0, Presence(Status.TRACKING, ["p1"])).values
@@ -356,8 +364,11 @@ def test_calibration_of_people_who_are_there(session, diagnostics):
         known_now = {"lengths": np.log([1.1, 0.9]), "deviation": np.array([0.02, 0.05]), "kept_motion": kept_motion}
         return SimpleNamespace(frozen=False, proportions=proportions, **known_now)
 
-    session.trackers = dict.fromkeys(("p1", "p2", "p3"), session.tracker)
-    session.ids, session.calibrations = ["p1", "p2"], lambda: {"p1": known(2.5), "p2": known(0.0), "p3": known(1.0)}
+    session.roster.trackers = dict.fromkeys(("p1", "p2", "p3"), session.tracker)
+    session.roster.ids, session.roster.calibrations = (
+        ["p1", "p2"],
+        lambda: {"p1": known(2.5), "p2": known(0.0), "p3": known(1.0)},
+    )
     values = diagnostics.line(11.0).values
     figures = {key: value for key, value in values.items() if "calibration" in key}
     state = "learning" if TrackerConfig(height=1.75).calibrate else "off"
@@ -389,19 +400,3 @@ def test_a_period_above_lost_after_is_a_warning_about_it(diagnostics, session, s
     stale, remedy = ("stale_after is 0.4 s and ", "both") if stale_after == 0.4 else ("", "it")
     expected = f"keypoints come every 1.2 s, and {stale}lost_after is 1 s: people are reported as lost in between: set "
     assert f"{expected}{remedy} to two or three periods" in said(diagnostics, 17.6)[1]
-
-
-def test_a_guessed_identity_is_a_warning(diagnostics, session):
-    diagnostics.count_message([replace(frame(), guessed=True)], SECOND, 10.5, 0.001)
-    level, message = said(diagnostics)
-    assert level == WARN and "re-identified by position only" in message
-
-
-@pytest.mark.parametrize(
-    ("fact", "words"),
-    [({"jumped_number": 7}, "number 7 has moved to another person"), ({"numbers_may_be_indices": True}, "0, 1, ...")],
-)
-def test_person_numbers_that_are_not_used_are_a_warning(diagnostics, session, fact, words):
-    vars(session.people).update(fact)
-    level, message = said(diagnostics)
-    assert level == WARN and words in message and "set person_ids to " in message

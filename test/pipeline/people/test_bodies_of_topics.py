@@ -9,7 +9,7 @@ from messages import FRAME, HEIGHT, WIDTH, camera_info, pixels_of_motion, rosbag
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.roster import Presence
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.keypoints import Keypoints
@@ -25,28 +25,29 @@ def bodies():
 
 
 def test_people_are_those_of_the_list(bodies):
-    assert bodies.ids == [] and bodies.status is Status.SEARCHING and bodies.config == CONFIG
+    assert bodies.roster.ids == [] and bodies.roster.status is Status.SEARCHING and bodies.config == CONFIG
     bodies.keep(["a", "b", "a"])
-    assert bodies.ids == ["a", "b"] and list(bodies.calibrations()) == ["a", "b"]
+    assert bodies.roster.ids == ["a", "b"] and list(bodies.roster.calibrations()) == ["a", "b"]
     assert bodies.counts == {"people come": 2}
     bodies.keep(["b"])
-    assert bodies.ids == ["b"] and bodies.counts == {"people come": 2, "people left": 1}
+    assert bodies.roster.ids == ["b"] and bodies.counts == {"people come": 2, "people left": 1}
     assert bodies.scene.presence_at(10**9) == Presence(Status.SEARCHING, ["b"])
 
 
 def test_of_too_many_the_first_are_kept(bodies):
     bodies.keep(["a", "b", "c", "d"])
-    assert bodies.ids == ["a", "b"] and bodies.counts["people beyond max_people"] == 2
+    assert bodies.roster.ids == ["a", "b"] and bodies.counts["people beyond max_people"] == 2
     bodies.keep(["d", "b"])
-    assert bodies.ids == ["b", "d"]
+    assert bodies.roster.ids == ["b", "d"]
 
 
 def test_the_best_status_of_the_bodies(bodies):
     bodies.keep(["a", "b"])
-    bodies.people.tracked["a"].status, bodies.people.tracked["b"].status = Status.LOST, Status.TRACKING
-    assert bodies.status is Status.TRACKING
-    bodies.people.tracked["b"].status = Status.SEARCHING
-    assert bodies.status is Status.LOST
+    first, second = (person.body for person in bodies.roster.people)
+    first.status, second.status = Status.LOST, Status.TRACKING
+    assert bodies.roster.status is Status.TRACKING
+    second.status = Status.SEARCHING
+    assert bodies.roster.status is Status.LOST
 
 
 def test_messages_of_somebody_who_is_not_listed_are_dropped(bodies):
@@ -68,10 +69,10 @@ def test_reset_and_settings_count_once_and_reach_all(bodies):
     bodies.keep(["a"])
     bodies.tune(replace(TrackerConfig(height=1.75), noise_px=5.0), replace(CONFIG, forget_after=1.5))
     assert bodies.counts["resets"] == 1 and bodies.config.forget_after == 1.5 and bodies.config.max_people == 2
-    assert bodies.trackers["a"].config.noise_px == 5.0 and bodies.inputs.streams["a"].config.forget_after == 1.5
+    assert bodies.roster.trackers["a"].config.noise_px == 5.0 and bodies.inputs.streams["a"].config.forget_after == 1.5
     bodies.tune(replace(TrackerConfig(), height=1.5), CONFIG)
     assert bodies.counts["resets"] == 2
-    assert all(one.tracker.skeleton.height == 1.5 for one in bodies._trackable) and bodies.ids == ["a"]
+    assert all(one.tracker.skeleton.height == 1.5 for one in bodies.roster.bodies) and bodies.roster.ids == ["a"]
 
 
 def test_depth_images_stay_when_somebody_leaves():

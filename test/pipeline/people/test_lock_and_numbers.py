@@ -8,14 +8,16 @@ import pytest
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
 from messages import FOCAL, HEIGHT, WIDTH  # noqa: E402
-from test_person_rules import LENS, PERIOD, ROOM, SECOND, Followed, Pretended, Room  # noqa: E402
+from test_person_rules import LENS, PERIOD, ROOM, SECOND, Followed, Pretended, Room, bodies  # noqa: E402
 from two_people import RATE, scene  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
-from lassokin_ros.pipeline.people.numbers import Numbers  # noqa: E402
+from lassokin_ros.pipeline.people.image_tracks import Numbers  # noqa: E402
 from lassokin_ros.pipeline.people.people_tracker import PeopleTracker  # noqa: E402
+from lassokin_ros.pipeline.people.roster import Roster  # noqa: E402
 from lassokin_ros.pipeline.seen import Image, Seen  # noqa: E402
+from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 SCENES = {seed: scene(seed) for seed in range(5)}
 LOCKED_AT = 6
@@ -46,22 +48,22 @@ def follow(seed, kind, max_people):
     """Return the frames of the person who is locked (index, whose detection, guessed), and if a jump was seen."""
     there, random = SCENES[seed], np.random.default_rng(seed)
     numbers, sent = numbers_in(there, kind, random)
-    bodies = [Pretended() for _ in range(max_people)]
-    for body in bodies:
+    people = [Pretended() for _ in range(max_people)]
+    for body in people:
         body.tracker.kinematics.landmark_count, body.tracker.config = 17, TrackerConfig(height=1.75)
-    tracker, frames, jumped = PeopleTracker(bodies, Counter()), [], False
+    tracker, frames, jumped = PeopleTracker(Roster(people, Counter())), [], False
     points = (there.pixels - [WIDTH / 2, HEIGHT / 2]) / FOCAL
     for i in np.flatnonzero(sent).tolist():
         confidence = (0.9, 0.6) if i <= LOCKED_AT else (0.6, 0.9)
         scores = np.where(np.isfinite(points[:, i, :, 0]), np.array(confidence)[:, None], 0.0)
         shown = [who for who in (0, 1) if there.seen[who, i]]
-        people = [Seen(points[who, i], scores[who], int(numbers[who, i])) for who in shown]
-        image = Image(people, SECOND + round(i * 1e9 / RATE), "", LENS, lasting=True)
-        results = [one for one in tracker.update([image], "", 3.0) if one.accepted]
+        detections = [Seen(points[who, i], scores[who], int(numbers[who, i])) for who in shown]
+        image = Image(detections, SECOND + round(i * 1e9 / RATE), "", LENS, lasting=True)
+        results = [one for one in tracker.update([image], "") if one.accepted]
         if i == LOCKED_AT:
             tracker.lock()
         for one in results:
-            if tracker.locked in (one.person, one.label):
+            if tracker.roster.locked in (one.person, one.label):
                 who = next(who for who in shown if np.array_equal(one.points, points[who, i], equal_nan=True))
                 frames.append((i, who, one.guessed))
         jumped |= tracker.jumped_number is not None
@@ -94,9 +96,9 @@ def test_after_a_silence_of_the_detector_numbers_are_new():
         assert followed.see(index, (4, 0.0, 0.9), (5, 2.0, 0.5)) == 0.0
     followed.tracker.lock()
     assert followed.see(10, (4, 2.0, 0.9), (5, 0.05, 0.5)) == 0.05 and followed.guessed
-    assert followed.tracker.presence_at(SECOND + 10 * PERIOD, 3.0).status is Status.LOST
+    assert followed.tracker.roster.presence_at(SECOND + 10 * PERIOD).status is Status.LOST
     followed.tracker.lock()
-    assert followed.tracker.presence_at(SECOND + 10 * PERIOD, 3.0).status is Status.TRACKING
+    assert followed.tracker.roster.presence_at(SECOND + 10 * PERIOD).status is Status.TRACKING
 
 
 @pytest.mark.parametrize(
@@ -151,11 +153,11 @@ def test_numbers_that_may_be_places_in_a_list_identify_nobody_who_was_away():
 
 def test_numbers_that_are_peoples_are_followed_anywhere():
     room = Room()
-    room.tracker = PeopleTracker(room.people, room.counts, sure=True)
+    room.tracker = PeopleTracker(Roster(room.people, room.counts, NodeSettings(person_ids="lasting")))
     assert room.see(0, (0, 0), (5, 0), numbers=[0, 1]) == ["p0", "p1"]
-    first = room.tracker.tracked["p0"]
+    first = bodies(room)["p0"]
     assert room.see(20, (5, 0), (0, 0), numbers=[0, 1]) == ["p0", "p1"]
-    assert room.tracker.tracked["p0"] is first and first.points[0].tolist() == [5, 0]
+    assert bodies(room)["p0"] is first and first.points[0].tolist() == [5, 0]
     assert room.tracker.jumped_number is None
 
 

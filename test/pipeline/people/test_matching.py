@@ -7,8 +7,8 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.people.image_tracks import ImageTracks
-from lassokin_ros.pipeline.people.matching import assign, distance, distances, is_trackable, match_radius
-from lassokin_ros.pipeline.people.presence import best
+from lassokin_ros.pipeline.people.matching import assign, distance, distances, match_radius
+from lassokin_ros.pipeline.people.roster import best
 from lassokin_ros.pipeline.seen import MOST_PEOPLE, Seen, people_in
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
@@ -81,14 +81,15 @@ def test_a_person_may_walk_while_out_of_sight():
 
 @pytest.mark.parametrize(("count", "enough"), [(3, False), (4, True)])
 def test_a_tracker_needs_enough_landmarks(count, enough):
-    config = TrackerConfig(height=1.75, min_landmarks=4, min_confidence=0.2)
-    points = np.ones((6, 2))
-    confident = np.where(np.arange(6) < count, 0.2, 0.19)
-    assert is_trackable(seen(points, confident), config) == enough
-    points[count:, 1] = NAN
-    assert is_trackable(seen(points), config) == enough
-    anything = TrackerConfig(height=1.75, min_landmarks=4, min_confidence=0.0)
-    assert is_trackable(seen(np.ones((6, 2)), np.where(np.arange(6) < count, 0.1, 0.0)), anything) == enough
+    def trackable(xy, confidence, min_confidence):
+        config = TrackerConfig(height=1.75, min_landmarks=4, min_confidence=min_confidence)
+        (one,) = people_in(Keypoints(None, "", np.arange(6), xy, confidence), 6, LENS, config)
+        return one.trackable
+
+    points, few = np.ones((6, 2)), np.arange(6) < count
+    assert trackable(points, np.where(few, 0.2, 0.19), 0.2) == enough
+    assert trackable(np.where(few[:, None], points, NAN), np.ones(6), 0.2) == enough
+    assert trackable(points, np.where(few, 0.1, 0.0), 0.0) == enough
 
 
 def test_the_best_status_is_selected():

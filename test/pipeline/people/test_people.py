@@ -20,7 +20,7 @@ from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.outputs.scene_messages import id_of  # noqa: E402
-from lassokin_ros.pipeline.people.presence import Presence  # noqa: E402
+from lassokin_ros.pipeline.people.roster import Presence  # noqa: E402
 from lassokin_ros.pipeline.seen import MOST_PEOPLE  # noqa: E402
 from lassokin_ros.pipeline.session import Session  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -166,10 +166,10 @@ def test_new_people_start_with_the_learned_vertical():
         people = {number: pixels[number % 2][i] for number, frames in there.items() if i in frames}
         feed(session, i, list(people.values()), list(people))
         for number in [number for number, frames in there.items() if i == frames[0]]:  # a first frame teaches nothing
-            vertical = session.people.tracked[f"p{number}"].tracker.learned.vertical
+            vertical = session.roster.trackers[f"p{number}"].learned.vertical
             started.append((vertical.learned_for, vertical.direction))
         if i == 29:
-            first = session.people.tracked["p1"].tracker.learned.vertical
+            first = session.roster.trackers["p1"].learned.vertical
             longest = first.learned_for, first.direction
     assert session.counts["people come"] == 4 and [seconds > 0 for seconds, _ in started] == [False, True, True, False]
     assert longest[0] > started[1][0] and np.any(longest[1] != started[1][1])  # learned since the second person came
@@ -197,7 +197,7 @@ def test_more_people_than_allowed_are_ignored():
         assert set(feed(session, i, [p[i] for p in pixels], [7, 8, 9])) == {"p7", "p8"}
     assert session.counts["people beyond max_people"] == 30
     got = [set(feed(session, i, [p[i] for p in pixels[1:]], [8, 9])) for i in range(30, 50)]
-    assert got[0] == {"p8"} and got[-1] == {"p8", "p9"} and session.people.ids == ["p8", "p9"]
+    assert got[0] == {"p8"} and got[-1] == {"p8", "p9"} and session.roster.ids == ["p8", "p9"]
 
 
 def test_a_jump_back_in_time_forgets_all_people():
@@ -219,7 +219,7 @@ def test_an_unreadable_message_is_rejected_as_a_whole():
     (frame,) = session.frames(crowd(BACKEND, stamp(0), [(xy, np.ones(5)) for xy in many]), 0)
     assert frame.rejection == "too_many_people"
     (frame,) = session.frames(crowd(BACKEND, stamp(1), [(pixels[0], np.full(17, 90.0))]), 0)
-    assert frame.rejection == "confidence_range" and session.people.ids == []
+    assert frame.rejection == "confidence_range" and session.roster.ids == []
 
 
 def test_a_rejected_frame_reports_its_content():
@@ -360,7 +360,7 @@ def test_numbers_of_ten_digits_are_those_of_people():
     for i in range(2):
         found = feed(session, i, [here[i], there[i]], [1_500_000_000, 4])
     assert {person: frame.detector_id for person, frame in found.items()} == {"p4": 4, "p1500000000": 1_500_000_000}
-    assert session.locked == "p1500000000"
+    assert session.roster.locked == "p1500000000"
 
 
 @pytest.mark.parametrize("max_people", [1, 3])

@@ -10,7 +10,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.height import SizeCheck
 from lassokin_ros.pipeline.answers import frames_of
-from lassokin_ros.pipeline.people.cross_view import cross_view_cost
+from lassokin_ros.pipeline.people.matching import cross_view_cost
 from lassokin_ros.pipeline.seen import MOST_PEOPLE, Seen, Sight
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -129,9 +129,9 @@ def test_a_person_can_be_locked_while_another_camera_sees_nobody(max_people, lat
         rig.send("right", index, {}, later_ns)
     rig.session.due(START_NS + 10**9)
     if by_call:
-        assert rig.session.locked is None
+        assert rig.session.roster.locked is None
         rig.session.lock(START_NS + 6 * PERIOD_NS)
-    assert rig.session.locked in rig.session.people.ids if max_people > 1 else rig.session.locked == "p1"
+    assert rig.session.roster.locked in rig.session.roster.ids if max_people > 1 else rig.session.roster.locked == "p1"
 
 
 @pytest.mark.parametrize("other", ["late", "few", "silent"])
@@ -204,7 +204,7 @@ def test_a_stranger_before_another_camera_replaces_nobody_before_forget_after(lo
         if index == 60:
             assert last == 9
     assert last == (9 if lock else 99)
-    assert frames[-1].label == ("p1" if lock else "p2") and rig.session.locked == ("p1" if lock else None)
+    assert frames[-1].label == ("p1" if lock else "p2") and rig.session.roster.locked == ("p1" if lock else None)
 
 
 def test_too_many_people_in_one_image_are_refused_without_the_other_cameras():

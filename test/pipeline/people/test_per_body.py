@@ -23,7 +23,7 @@ from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
 from lassokin_ros.pipeline.outputs.scene_messages import id_of
 from lassokin_ros.pipeline.people.choice import NoPersonError
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.roster import Presence
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend, RosbagsBackend
@@ -80,7 +80,7 @@ def test_each_body_is_tracked_separately_with_the_same_stamps(session):
         assert left.positions[0] < -0.3 < 0.3 < right.positions[0]
         assert left.estimate.initialised is right.estimate.initialised is (i == 0)
     assert session.counts["received"] == session.counts["accepted"] == 40 and session.counts["resets"] == 0
-    assert set(session.calibrations()) == {"abc", "xyz"} and session.status.value == "tracking"
+    assert set(session.roster.calibrations()) == {"abc", "xyz"} and session.roster.status.value == "tracking"
 
 
 def test_each_body_has_the_detectors_id_in_the_messages_about_all_people(session):
@@ -96,13 +96,13 @@ def test_bodies_of_a_camera_with_a_name():
 
 
 def test_listed_bodies_appear_and_leave(session):
-    assert session.ids == [] and feed(session, "abc", 0) == []
+    assert session.roster.ids == [] and feed(session, "abc", 0) == []
     session.keep(["abc", "xyz", "third"])
-    assert session.ids == ["abc", "xyz"] and session.counts["people beyond max_people"] == 1
+    assert session.roster.ids == ["abc", "xyz"] and session.counts["people beyond max_people"] == 1
     feed(session, "abc", 0)
     assert not feed(session, "abc", 1)[0].estimate.initialised
     session.keep(["third", "xyz"])
-    assert session.ids == ["xyz", "third"] and feed(session, "abc", 2) == []
+    assert session.roster.ids == ["xyz", "third"] and feed(session, "abc", 2) == []
     assert feed(session, "third", 2)[0].estimate.initialised  # no state of abc is left
     counts = session.counts
     assert (counts["people come"], counts["people left"], counts["resets"]) == (3, 1, 0)
@@ -123,7 +123,7 @@ def test_new_people_start_with_the_vertical_of_present_people(session):
     for i in range(10):
         feed(session, "abc", i)
     session.keep(["abc", "xyz"])
-    one, two = (session.trackers[person].learned.vertical for person in ("abc", "xyz"))
+    one, two = (session.roster.trackers[person].learned.vertical for person in ("abc", "xyz"))
     assert two.learned_for == one.learned_for > 0 and np.array_equal(two.direction, one.direction)
     session.reset()
     assert two.learned_for == 0
@@ -132,7 +132,7 @@ def test_new_people_start_with_the_vertical_of_present_people(session):
 def test_nobody_is_locked_because_the_detector_says_who_is_who(session):
     with pytest.raises(NoPersonError, match="each person has a topic of keypoints"):
         session.lock(START_NS)
-    assert session.locked is None
+    assert session.roster.locked is None
 
 
 @pytest.mark.parametrize("event", ["height", "jump back"])
