@@ -72,11 +72,14 @@ class AtomicFiles:
         self.placed: list[Path] = []
         """Paths that have been renamed already. The error text lists them if a later rename fails."""
 
+    def part(self, path: Path) -> Path:
+        """Return where the file is to be written that will appear at `path`. It has the same suffix."""
+        refuse_existing(path, self._replace, self._error)
+        return self._parts.setdefault(path, path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}"))
+
     def write(self, path: Path, fill: Callable[[BinaryIO], object]) -> None:
         """Call `fill` to write the file that will appear at `path`."""
-        refuse_existing(path, self._replace, self._error)
-        part = path.with_name(f".{path.name}.{os.getpid()}.part")
-        self._parts[path] = part
+        part = self.part(path)
         try:
             with part.open("wb") as file:
                 fill(file)

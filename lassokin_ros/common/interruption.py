@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 REPEAT_S = 0.05
@@ -24,17 +25,14 @@ def interruptible() -> Iterator[None]:
     Python drops exceptions raised in destructors and in weak reference callbacks. Therefore Interrupted is raised again
     until it is handled. The block uses SIGALRM and the real interval timer.
     """
-    handlers = {**dict.fromkeys(SIGNALS, _interrupt), signal.SIGALRM: _interrupt_again}
-    previous = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     report = sys.unraisablehook
-    sys.unraisablehook = lambda lost: None if issubclass(lost.exc_type, Interrupted) else report(lost)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        sys.unraisablehook = report
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+    with _handled({**dict.fromkeys(SIGNALS, _interrupt), signal.SIGALRM: _interrupt_again}):
+        sys.unraisablehook = lambda lost: None if issubclass(lost.exc_type, Interrupted) else report(lost)
+        try:
+            yield
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            sys.unraisablehook = report
 
 
 @contextmanager
@@ -44,12 +42,10 @@ def uninterrupted() -> Iterator[None]:
     Use it for a step that must not be left half done, such as starting a child process.
     """
     waiting: list[int] = []
-    previous = {number: signal.signal(number, lambda received, _: waiting.append(received)) for number in SIGNALS}
     try:
-        yield
+        with _handled(dict.fromkeys(SIGNALS, lambda received, _: waiting.append(received))):
+            yield
     finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
         for first in waiting[:1]:
             signal.raise_signal(first)
 
@@ -64,9 +60,16 @@ def stop_flag() -> Iterator[list[int]]:
         for signal_number, handler in previous.items():
             signal.signal(signal_number, handler)
 
-    previous = {number: signal.signal(number, stop) for number in SIGNALS}
-    try:
+    with _handled(dict.fromkeys(SIGNALS, stop)) as previous:
         yield received
+
+
+@contextmanager
+def _handled(handlers: Mapping[int, Callable[[int, FrameType | None], object]]) -> Iterator[dict[int, Any]]:
+    """Yield the former handlers of these signals, which handle them again after the block."""
+    previous = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield previous
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)

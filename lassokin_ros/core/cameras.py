@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 RECENT = 0.1
 """How long (s) a camera counts as seeing the person."""
-TIMEOUT = 0.5
-"""s: a camera without keypoints is ignored after this. Its rows fade from 0.3 of it on."""
+SILENT_AFTER, TIMEOUT = 0.15, 0.5
+"""s without an image after which the rows of a camera begin to fade, and after which they are gone."""
 
 
 class Camera:
@@ -59,7 +59,7 @@ class Camera:
         self.depth_noise.reset()
         if self.network is not None:
             self.network.reset()
-        self._presence, self._timeout = 1.0, np.inf
+        self._presence = 1.0
         self.newest = -np.inf
         """s: stamp of the last image with the person."""
 
@@ -77,7 +77,7 @@ class Camera:
         weights: (l,) from `gate_observation`. body: the last pose, in the frame of the skeleton. model_error: m. alone:
         whether no other camera has followed the person in the meantime; the rows then have full weight at once.
         """
-        depth, self.pose, self._timeout = None, observation.camera, TIMEOUT
+        depth, self.pose = None, observation.camera
         if body is not None:
             camera, into, seen = self.pose, self.pose.into_camera, body
             if not camera.is_identity:
@@ -137,20 +137,19 @@ class Camera:
 
     def move_frame(self, rotation: np.ndarray, translation: np.ndarray) -> None:
         """Note that the frame of the skeleton has moved, and not the camera; see `Tracker.move_frame`."""
-        moved = CameraPose("", rotation.T, -rotation.T @ translation)  # from the frame as it is now to that of before
+        moved = CameraPose("", rotation, translation).inverse  # from the frame as it is now to that of before
         self._last_pose, self._last_given = self._last_pose.after(moved), self._last_given.after(moved)
 
     def _motion(self, body: BodyPose | None) -> tuple[np.ndarray, np.ndarray] | None:
         """The camera's motion since its last image, as for `carried`, with the depths of a body; None without any."""
         before, now = self._last_given, self.given
-        if not np.isfinite(self.newest) or _same(before, now):
+        if not np.isfinite(self.newest) or now.is_at(before):
             return None
-        rotation = now.rotation @ before.rotation.T
+        moved = now.relative_to(before)
         if body is None:
-            return rotation, np.zeros((self._kinematics.landmark_count, 3))
+            return moved.rotation, np.zeros((self._kinematics.landmark_count, 3))
         depth = before.into_camera(body.landmarks)[:, 2:]
-        shift = now.translation - rotation @ before.translation
-        return rotation, np.where(depth > 0, shift / np.maximum(depth, NEAREST_DEPTH), 0.0)
+        return moved.rotation, np.where(depth > 0, moved.translation / np.maximum(depth, NEAREST_DEPTH), 0.0)
 
     def network_places(self) -> np.ndarray | None:
         """See `DepthEstimator.places`, but in the frame of the skeleton."""
@@ -168,13 +167,12 @@ class Camera:
         """Weight of this camera's rows, 0 to 1, if there is no image up to a stamp, s."""
         if not self.seen_at(stamp):
             return 0.0
-        silent_after = 0.3 * self._timeout
-        fading = (stamp - self.newest - silent_after) / (self._timeout - silent_after)
+        fading = (stamp - self.newest - SILENT_AFTER) / (TIMEOUT - SILENT_AFTER)
         return self._presence * min(max(1 - fading, 0.0), 1.0)
 
     def seen_at(self, stamp: float) -> bool:
         """Whether the camera has followed the person up to a stamp, s."""
-        return not has_passed(stamp - self.newest, self._timeout)
+        return not has_passed(stamp - self.newest, TIMEOUT)
 
     def seen_lately(self, stamp: float) -> bool:
         """Whether the camera's last image with the person is at most RECENT older than a stamp, s."""
@@ -185,8 +183,7 @@ class Camera:
         if alone:
             self._presence = 1.0
         elif np.isfinite(self.newest):
-            silent_after = 0.3 * self._timeout
-            grown = min(stamp - self.newest, silent_after) / (self._timeout - silent_after)
+            grown = min(stamp - self.newest, SILENT_AFTER) / (TIMEOUT - SILENT_AFTER)
             self._presence = min(self._presence_at(stamp) + grown, 1.0)
         self.newest = stamp
 
@@ -324,13 +321,6 @@ class Cameras(list[Camera]):
 
     def _predicted(self, camera: Camera, stamp: float, body: BodyPose | None) -> View:
         return camera.predicted_view(stamp, body, self._learned.model_error.deviation)
-
-
-def _same(one: CameraPose, other: CameraPose) -> bool:
-    """Whether two poses of a camera are equal."""
-    if one is other:
-        return True
-    return np.array_equal(one.rotation, other.rotation) and np.array_equal(one.translation, other.translation)
 
 
 def _in_front(place: np.ndarray) -> float | None:

@@ -94,10 +94,13 @@ class CameraPose:
 
     def relative_to(self, first: CameraPose) -> CameraPose:
         """The pose in the optical frame of another camera; the pose itself if it is not known."""
-        if not self.known:
-            return self
-        rotation = self.rotation @ first.rotation.T
-        return CameraPose(self.name, rotation, self.translation - rotation @ first.translation)
+        return self.after(first.inverse) if self.known else self
+
+    def is_at(self, other: CameraPose) -> bool:
+        """Whether another pose is the same."""
+        if self is other:
+            return True
+        return np.array_equal(self.rotation, other.rotation) and np.array_equal(self.translation, other.translation)
 
     def after(self, earlier: CameraPose) -> CameraPose:
         """The pose that maps as this one does what the earlier one has mapped."""

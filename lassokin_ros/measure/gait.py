@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -113,15 +114,13 @@ class Gait:
 class _Found:
     """What is collected over the parts of all passes."""
 
-    times: list[float] = field(default_factory=list)
-    ways: list[float] = field(default_factory=list)
+    strides: list[tuple[float, float]] = field(default_factory=list)  # s and m
     double_support: list[float] = field(default_factory=list)
     steps: dict[str, dict[str, list[tuple[float, float, str]]]] = field(
         default_factory=lambda: {name: {side: [] for side in SIDES} for name in DEVIATIONS}
     )
     knees: dict[str, list[np.ndarray]] = field(default_factory=lambda: {side: [] for side in SIDES})
-    views: list[str] = field(default_factory=list)
-    left_out: dict[str, int] = field(default_factory=dict)
+    left_out: Counter[str] = field(default_factory=Counter)
 
 
 def measure_gait(*passes: Poses) -> Gait:
@@ -138,17 +137,18 @@ def gait_of(parts: Sequence[tuple[Poses, Poses, Walk]], passes: Sequence[Poses])
     for one, piece, walk in parts:
         _add_strides(found, one, piece, walk, usual)
         _add_steps(found, one, walk, usual)
-    if not found.times:
+    if not found.strides:
         words = "no stride was found: expected a person who walks for two steps or more, with the feet in view"
         left = [f"{number} left out: {reason}" for reason, number in found.left_out.items()]
         raise MeasureError("; ".join([words, *left, *(line for one in passes for line in one.unseen())]))
-    stride_s, stride_m = float(np.mean(found.times)), float(np.mean(found.ways))
+    stride_s, stride_m = np.mean(found.strides, axis=0).tolist()
+    views = [view for steps in found.steps[TIME].values() for _, _, view in steps]
     sides = {name: _sides(name, values) for name, values in found.steps.items()}
     knees = {side: np.array(curves).reshape(-1, POINTS) for side, curves in found.knees.items()}
     return Gait(
         {side: np.concatenate([_strikes(one, side, walk) for one, _, walk in parts]) for side in SIDES},
         {side: np.concatenate([walk.offs[side] for _, _, walk in parts]) for side in SIDES},
-        len(found.times),
+        len(found.strides),
         120 / stride_s if max(sides[TIME].count) else float("nan"),
         stride_s,
         stride_m,
@@ -158,8 +158,8 @@ def gait_of(parts: Sequence[tuple[Poses, Poses, Walk]], passes: Sequence[Poses])
         float(np.mean(found.double_support)) if found.double_support else float("nan"),
         {side: float(np.median(np.ptp(curves, axis=1))) if len(curves) else np.nan for side, curves in knees.items()},
         knees,
-        max(VIEWS, key=found.views.count) if SEVERAL not in found.views else SEVERAL,
-        found.left_out,
+        max(VIEWS, key=views.count) if SEVERAL not in views else SEVERAL,
+        dict(found.left_out),
         float(np.mean(np.concatenate([one.likely_wrong for one in passes]))),
     )
 
@@ -204,8 +204,8 @@ def _add_strides(found: _Found, one: Poses, piece: Poses, walk: Walk, usual: flo
         for a, b in _cycles(one, walk, side):
             if b - a > LONGEST_STRIDE * usual or _fault(one, walk, a, b, [side]):
                 continue
-            found.times.append(b - a)
-            found.ways.append(float(np.linalg.norm((walk.at(walk.hips, b) - walk.at(walk.hips, a))[[0, 2]])))
+            way = float(np.linalg.norm((walk.at(walk.hips, b) - walk.at(walk.hips, a))[[0, 2]]))
+            found.strides.append((b - a, way))
             at = a + np.linspace(0, 1, POINTS) * (b - a)
             found.knees[side].append(np.interp(at, piece.seconds, flexion[f"{side}_knee flexion"]))
             strike = walk.strikes[other][(walk.strikes[other] > a) & (walk.strikes[other] < b)]
@@ -225,10 +225,9 @@ def _add_steps(found: _Found, one: Poses, walk: Walk, usual: float) -> None:
         if one_side == side or not 0.5 * SHORTEST_STRIDE_S <= b - a <= longest:
             continue
         if fault := _fault(one, walk, a, b, SIDES):
-            found.left_out[fault] = found.left_out.get(fault, 0) + 1
+            found.left_out[fault] += 1
             continue
         view = _view(one, walk, b)
-        found.views.append(view)
         found.steps[TIME][side].append((b, b - a, view))
         if (length := _step_length(walk, (a, one_side), (b, side), view)) is not None:
             found.steps[LENGTH][side].append((b, length, view))

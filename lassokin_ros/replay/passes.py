@@ -198,17 +198,15 @@ class Known:
         return session
 
 
-class _Learned:
-    """The newest body of each person: a tracker forgets it when the person leaves. heights: see `Known`."""
+def learn(make: Make, play: Play, config: TrackerConfig) -> Known:
+    """Make the first two passes. Nothing is known of people who moved for less than LEAST_MOTION but their height."""
+    session = make(config)
+    first, kept = Playback(session), KeptObservations()
+    bodies, heights = dict[int | None, Skeleton](), dict[str, str]()
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
-        self.bodies: dict[int | None, Skeleton] = {}
-        self.heights: dict[str, str] = {}
-
-    def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
-        """Keep those of the people in the frames; a listener of Playback."""
-        trackers = self._session.roster.trackers
+    def keep_bodies(frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
+        """Keep the newest body of each person: a tracker forgets it when the person leaves."""
+        trackers = session.roster.trackers
         for person in sorted({frame.person for frame in frames if frame.accepted} & trackers.keys()):
             tracker = trackers[person]
             height, body = tracker.learned.height, tracker.skeleton
@@ -216,29 +214,21 @@ class _Learned:
                 if height is None:
                     continue
                 body = tracker.given_skeleton.at_height(body.height)
-            self.bodies[number_of(person) if person else None] = body
+            bodies[number_of(person) if person else None] = body
             if height is not None:
-                self.heights[person] = height_in_words(height)
+                heights[person] = height_in_words(height)
 
-
-def learn(make: Make, play: Play, config: TrackerConfig) -> Known:
-    """Make the first two passes. Nothing is known of people who moved for less than LEAST_MOTION but their height."""
-    session = make(config)
-    first, learned, kept = Playback(session), _Learned(session), KeptObservations()
-    first.listeners += [kept.add, learned.add]
+    first.listeners += [kept.add, keep_bodies]
     play(first, "first pass")
-    backward = _backward(kept, make, session, config, learned.bodies)
+    backward = _backward(kept, make, session, config, bodies)
     identities = kept.identities if session.config.several_people else None
-    return Known(config, learned.bodies, backward, learned.heights, session, identities)
+    return Known(config, bodies, backward, heights, session, identities)
 
 
 def _backward(
     kept: KeptObservations, make: Make, session: Session, config: TrackerConfig, bodies: Bodies
 ) -> dict[int | None, Mapping[int, Backward]]:
-    """The frames backward in time, of each person.
-
-    None if the motion of the fixed frame is not in the observations.
-    """
+    """Return the frames backward in time, of each person; none if the fixed frame's motion is not in what was kept."""
     if session.counts[JUMPS] or not kept.usable:
         return {}
     extrinsics = session.roster.extrinsics

@@ -35,12 +35,11 @@ _FLOW: Any = {"winSize": (15, 15), "maxLevel": 3, "criteria": (3, 12, 0.03)}
 class Turn:
     """The camera at an image: rotation (3, 3) of points from the first image's frame to this one's, and log zoom.
 
-    link: share of the points of the image before that are followed and fit. points: their number. px: median motion.
+    points: number of points of the image before.
     """
 
     rotation: np.ndarray
     zoom: float
-    link: float
     points: int
 
 
@@ -99,12 +98,11 @@ class Background:
         """Use the next image."""
         if self._grey is None:
             self._take_key(grey, mask)
-            return Turn(self._rotation, self._zoom, 1.0, len(self._points))
+            return Turn(self._rotation, self._zoom, len(self._points))
         followed, good = _followed(self._grey, grey, self._points)
         count = len(self._points)
         before, after = self._normalised(self._points[good]), self._normalised(followed[good])
         turn, zoom, fits = self._fitted(before, after, np.eye(3), 0.0, True)
-        link = float(fits.sum()) / max(count, 1)
         inside = good.copy()
         at = followed.round().astype(int)
         inside[good] &= mask[at[good, 1], at[good, 0]] > 0
@@ -121,7 +119,7 @@ class Background:
         few = len(self._points) < max(LOST * self._count, FEWEST_POINTS)
         if few or (len(fits_key) and fits_key.mean() < 0.6):
             self._take_key(grey, mask)
-        return Turn(self._rotation, self._zoom, link, count)
+        return Turn(self._rotation, self._zoom, count)
 
     def _take_key(self, grey: np.ndarray, mask: np.ndarray) -> None:
         self._key, self._since = (self._rotation, self._zoom), (np.eye(3), 0.0)

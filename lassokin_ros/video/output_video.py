@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.common.atomic_files import refuse_existing
+from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.doubt.doubt import Doubt
 from lassokin_ros.doubt.monitor import AROUND_S
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.replay.body import side_of
 from lassokin_ros.video.body_view import BACKGROUND, COLOURS, NAME, BodyView
-from lassokin_ros.video.sources import is_utf8, printable
+from lassokin_ros.video.sources import is_utf8
 
 HEIGHT, HEIGHT_OF_SEVERAL = 720, 480
 """px, at most: height of one camera's image, and of the images of several."""
@@ -50,22 +49,23 @@ class _Waiting:
 
 
 class OutputVideo:
-    """Writes one video. The file has its name only after `finish`."""
+    """Writes one video."""
 
     def __init__(
-        self, path: Path, sizes: Mapping[str, tuple[int, int]], fps: float, replace: bool, level: np.ndarray
+        self, path: Path, sizes: Mapping[str, tuple[int, int]], fps: float, files: AtomicFiles, level: np.ndarray
     ) -> None:
-        """sizes: (width, height) px of the images of each camera, by name. level: see `BodyView`.
+        """sizes: (width, height) px of the images of each camera, by name. files: has the file. level: see `BodyView`.
 
         Raises VideoError.
         """
         import cv2
 
-        refuse_existing(path, replace, VideoError)
+        self._part = files.part(path)
         if path.suffix.lower() not in (".mp4", ".avi"):
             raise VideoError(f"--video '{path}'; expected a name that ends in .mp4 or .avi")
         if not is_utf8(path):  # OpenCV and FFmpeg crash
-            raise VideoError(f"--video '{printable(path)}' is not UTF-8; choose another name")
+            name = str(path).encode(errors="backslashreplace").decode()
+            raise VideoError(f"--video '{name}' is not UTF-8; choose another name")
         self._cv2, self._path, self._fps = cv2, path, fps
         most = min(HEIGHT if len(sizes) == 1 else HEIGHT_OF_SEVERAL, next(iter(sizes.values()))[1])
         self._scales = {name: most / size[1] for name, size in sizes.items()}
@@ -81,7 +81,6 @@ class OutputVideo:
         """The picture that is repeated until the time of the next one."""
         self._person = ""
         """The person in the view of the body."""
-        self._part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
         self._encoder = open_encoder(self._part, self._even, fps)
         self._written = 0
 
@@ -184,7 +183,7 @@ class OutputVideo:
         self._cv2.putText(picture, text, baseline, self._cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, self._cv2.LINE_AA)
 
     def finish(self) -> None:
-        """Close the file and give it its name. Raises VideoError."""
+        """Close the file. Raises VideoError."""
         self._write_until(np.inf)
         try:
             self._encoder.close()
@@ -192,10 +191,6 @@ class OutputVideo:
             raise VideoError(f"'{self._path}' cannot be written: {error.strerror or error}") from None
         if not self._is_complete():
             raise VideoError(f"'{self._path}' cannot be written completely; is there room for it on the disk?")
-        try:
-            self._part.replace(self._path)
-        except OSError as error:
-            raise VideoError(f"'{self._path}' cannot be written: {error.strerror}") from None
 
     def _is_complete(self) -> bool:
         """Return whether the file has all images. OpenCV reports no error when it writes them."""
@@ -206,14 +201,6 @@ class OutputVideo:
             return self._written == 0 or (count >= self._written and bool(video.grab()))
         finally:
             video.release()
-
-    def discard(self) -> None:
-        """Remove what was written, unless `finish` has run."""
-        try:
-            self._encoder.close()
-        except OSError:
-            pass  # the disk is full; the file is removed
-        self._part.unlink(missing_ok=True)
 
 
 def open_encoder(path: Path, size: tuple[int, int], fps: float) -> AvEncoder | OpenCvEncoder:

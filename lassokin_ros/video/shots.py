@@ -36,19 +36,20 @@ HUE_BINS = (8, 4, 4)
 
 @dataclass
 class Shot:
-    """Images without a cut. times: s, of each image; rotations: (3, 3) of each, zooms: log, points: number."""
+    """Images without a cut. times: s, of each image; turns: the camera at each."""
 
     times: list[float] = field(default_factory=list)
-    rotations: list[np.ndarray] = field(default_factory=list)
-    zooms: list[float] = field(default_factory=list)
-    points: list[int] = field(default_factory=list)
+    turns: list[Turn] = field(default_factory=list)
 
     def add(self, seconds: float, turn: Turn) -> None:
         """Add an image."""
         self.times.append(seconds)
-        self.rotations.append(turn.rotation)
-        self.zooms.append(turn.zoom)
-        self.points.append(turn.points)
+        self.turns.append(turn)
+
+    @property
+    def rotations(self) -> list[np.ndarray]:
+        """(3, 3) of each image."""
+        return [turn.rotation for turn in self.turns]
 
     @property
     def words(self) -> str:
@@ -58,7 +59,7 @@ class Shot:
     @property
     def degrees(self) -> float:
         """Range of the rotation, without the outermost images."""
-        if len(self.rotations) < 2:
+        if len(self.turns) < 2:
             return 0.0
         low, high = np.percentile(logarithm(np.array(self.rotations)), [3, 97], axis=0)
         return float(np.degrees(np.linalg.norm(high - low)))
@@ -66,7 +67,9 @@ class Shot:
     @property
     def is_known(self) -> bool:
         """Whether enough of the background was seen."""
-        return len(self.times) >= LEAST_IMAGES and float(np.median(self.points)) >= LEAST_POINTS
+        return (
+            len(self.times) >= LEAST_IMAGES and float(np.median([turn.points for turn in self.turns])) >= LEAST_POINTS
+        )
 
     @property
     def moves(self) -> bool:
@@ -76,7 +79,7 @@ class Shot:
     @property
     def zoom(self) -> float:
         """Range of the log zoom, without the outermost images."""
-        return float(np.ptp(np.percentile(self.zooms, [3, 97]))) if self.zooms else 0.0
+        return float(np.ptp(np.percentile([turn.zoom for turn in self.turns], [3, 97]))) if self.turns else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +155,7 @@ class Footage:
             return
         last = self.shots[-1]
         for seen in held[:-1]:  # a flash: the camera is taken to stand
-            last.add(seen.seconds, Turn(last.rotations[-1], last.zooms[-1], 0.0, last.points[-1]))
+            last.add(seen.seconds, last.turns[-1])
         last.add(held[-1].seconds, self._background.step(held[-1].grey, held[-1].mask))
         self._before = held[-1]
 
@@ -244,10 +247,9 @@ class LiveFootage:
         """Use an image with the people in it."""
         self._footage.add(image, people)
         (shot,) = self._footage.shots
-        for values in (shot.times, shot.rotations, shot.zooms, shot.points):
-            del values[:-1]
-        if shot.points[-1] >= LEAST_POINTS:
-            vector = logarithm(shot.rotations[-1][None])[0]
+        del shot.times[:-1], shot.turns[:-1]
+        if shot.turns[-1].points >= LEAST_POINTS:
+            vector = logarithm(shot.turns[-1].rotation[None])[0]
             self._low, self._high = np.minimum(self._low, vector), np.maximum(self._high, vector)
             turned = float(np.degrees(np.linalg.norm(self._high - self._low)))
             self.moves = self.moves or turned > LEAST_LIVE_DEGREES
@@ -255,4 +257,4 @@ class LiveFootage:
     def pose(self, stamp_ns: int) -> CameraPose:
         """Return the camera's pose at its last image, in the frame of the first one."""
         shot = self._footage.shots[0]
-        return CameraPose("", shot.rotations[-1] if self.moves and shot.rotations else np.eye(3), np.zeros(3))
+        return CameraPose("", shot.turns[-1].rotation if self.moves and shot.turns else np.eye(3), np.zeros(3))

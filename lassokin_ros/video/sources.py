@@ -87,11 +87,19 @@ class Source:
 class Timing:
     """How the images of a file are timed. fps: Hz, in place of the file's own times; None = its own, a folder's 30 Hz.
 
-    slow_motion: how many times slower the file plays than it was; times are divided by it.
+    slow_motion: how many times slower the file plays than it was; times are divided by it. Raises SourceError.
     """
 
     fps: float | None = None
     slow_motion: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.fps is not None and not 0 < self.fps <= MOST_FPS:  # False for NaN
+            raise SourceError(f"--fps {self.fps:g}; expected a rate above 0 and up to {MOST_FPS:g} Hz")
+        if not 1 / MOST_SLOW_MOTION <= self.slow_motion <= MOST_SLOW_MOTION:
+            raise SourceError(
+                f"--slow-motion {self.slow_motion:g}; expected a factor, such as 8 for 240 Hz played at 30 Hz"
+            )
 
 
 def stamp_of(seconds: float) -> int:
@@ -105,19 +113,10 @@ def open_source(name: str, fps: float | None = None, slow_motion: float = 1.0) -
     name: a path, the number of a webcam ("0"), its device ("/dev/video0", "/dev/v4l/by-id/..."), or an address
     ("rtsp://...", "http://..."). fps, slow_motion: see Timing; of files and folders only.
     """
-    source = _open(name, timing_of(fps, slow_motion))
+    source = _open(name, Timing(fps, slow_motion))
     if (fps is not None or slow_motion != 1.0) and source.live:
         raise SourceError(f"{source.name} is live, so its images have the times at which they come; expected no --fps")
     return source
-
-
-def timing_of(fps: float | None, slow_motion: float) -> Timing:
-    """Return the options as one value. Raises SourceError."""
-    if fps is not None and not 0 < fps <= MOST_FPS:  # False for NaN
-        raise SourceError(f"--fps {fps:g}; expected a rate above 0 and up to {MOST_FPS:g} Hz")
-    if not 1 / MOST_SLOW_MOTION <= slow_motion <= MOST_SLOW_MOTION:
-        raise SourceError(f"--slow-motion {slow_motion:g}; expected a factor, such as 8 for 240 Hz played at 30 Hz")
-    return Timing(fps, slow_motion)
 
 
 def _open(name: str, timing: Timing) -> Source:
@@ -139,17 +138,13 @@ def _open(name: str, timing: Timing) -> Source:
 def _check_name(path: Path) -> None:
     """Raise SourceError for a name that ends OpenCV in a crash."""
     if not is_utf8(path):
-        raise SourceError(f"the name '{printable(path)}' is not UTF-8, which OpenCV needs; rename the file")
+        name = str(path).encode(errors="backslashreplace").decode()
+        raise SourceError(f"the name '{name}' is not UTF-8, which OpenCV needs; rename the file")
 
 
 def is_utf8(path: Path) -> bool:
     """Return whether the path can be written in UTF-8. Other bytes of a name are surrogates in Python's text."""
     return not any("\ud800" <= character <= "\udfff" for character in str(path))
-
-
-def printable(path: Path) -> str:
-    """Return a path that can be printed. Bytes that are not UTF-8 become escapes."""
-    return str(path).encode(errors="backslashreplace").decode()
 
 
 def _video(path: Path, timing: Timing) -> Source:
@@ -168,7 +163,9 @@ def _video(path: Path, timing: Timing) -> Source:
         remark = f"'{path.name}' {fault}: {rate:g} images per second are assumed; set the rate by --fps"
         timing = Timing(rate, timing.slow_motion)
     size, content = (first.shape[1], first.shape[0]), common_content(first, _spread(cv2, path, count))
-    begin = _begin(cv2, capture) / timing.slow_motion if timing.fps is None else 0.0
+    # OpenCV 4.6 does not tell the time of the first image.
+    ticks, own = (capture.get(getattr(cv2, name, -1)) for name in ("CAP_PROP_PTS", "CAP_PROP_FPS"))
+    begin = max(ticks / own, 0.0) / timing.slow_motion if own > 0 and timing.fps is None else 0.0
     images, rate = _frames(cv2, capture, first, rate, timing), (timing.fps or rate) * timing.slow_motion
     return Source(path.name, size, content, rate, count, images, begin=begin, remark=remark)
 
@@ -188,13 +185,6 @@ def _fault_of_times(cv2: Any, capture: Any, path: Path) -> str:
     if period >= 1 / HIGHEST_FPS:
         return ""
     return f"has {1 / period:.0f} images per second" if period > 0 else "has no times of its images"
-
-
-def _begin(cv2: Any, capture: Any) -> float:
-    """Return the time of the first image, s, 0 if it is unknown. OpenCV 4.6 does not tell it."""
-    ticks = capture.get(cv2.CAP_PROP_PTS) if hasattr(cv2, "CAP_PROP_PTS") else 0.0
-    rate = capture.get(cv2.CAP_PROP_FPS)
-    return max(float(ticks / rate), 0.0) if rate > 0 else 0.0
 
 
 def _spread(cv2: Any, path: Path, count: int) -> Iterator[np.ndarray]:
@@ -272,7 +262,8 @@ def _device_number(path: Path) -> int:
 
 def _stream(address: str, timing: Timing) -> Source:
     """Open an address: a live stream, or a file on a server, which has a number of images."""
-    cv2, name = _opencv(), _without_password(address)
+    cv2, parts = _opencv(), urlsplit(address)
+    name = parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()  # without a password
     timeouts = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_TIMEOUT_MS]
     capture: Any = cv2.VideoCapture(address, cv2.CAP_FFMPEG, timeouts)
     first: Any
@@ -285,11 +276,6 @@ def _stream(address: str, timing: Timing) -> Source:
         images = _frames(cv2, capture, first, rate, timing)
         return Source(name, *_sizes(first), (timing.fps or rate) * timing.slow_motion, count, images)
     return Source(name, *_sizes(first), rate, 0, _newest_images(cv2, capture, name), live=True)
-
-
-def _without_password(address: str) -> str:
-    parts = urlsplit(address)
-    return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
 
 
 def _newest_images(cv2: Any, capture: Any, name: str) -> Iterator[Image]:

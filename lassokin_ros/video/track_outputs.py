@@ -42,9 +42,14 @@ class TrackOutputs:
     """Everything that a run writes or shows. Images wait in a queue until the tracker has returned their frames."""
 
     def __init__(
-        self, options: argparse.Namespace, cameras: Sequence[Filmed], tracker: Playback, stack: ExitStack
+        self,
+        options: argparse.Namespace,
+        cameras: Sequence[Filmed],
+        tracker: Playback,
+        files: AtomicFiles,
+        stack: ExitStack,
     ) -> None:
-        """Open the outputs before anything is tracked. tracker: of the first pass. stack: removes what is not finished.
+        """Open the outputs before anything is tracked. tracker: of the first pass. stack: ends what is not finished.
 
         Raises a LassokinError for a path that cannot be written.
         """
@@ -73,8 +78,7 @@ class TrackOutputs:
         self._video = self._view = None
         if options.video is not None:
             sizes = {name: size for name, (_, size) in views.items()}
-            self._video = OutputVideo(options.video, sizes, source.fps, options.force, self._level)
-            stack.callback(self._video.discard)
+            self._video = OutputVideo(options.video, sizes, source.fps, files, self._level)
             if not self._video.browsers_play:
                 print_note(f"{PROGRAM}: {WITHOUT_H264}")
         if options.view is not None:

@@ -46,33 +46,22 @@ ERROR_KEY = "reprojection error [px]"
 class PersonTopics:
     """Subscribes to the outputs of one person and logs them. A message that cannot be shown raises AdapterError."""
 
-    def __init__(
-        self,
-        node: Node,
-        scene: RerunScene,
-        topic_of: Callable[[str], str],
-        person: str,
-        show: Callable[[Callable[[Any], None]], Callable[[Any], None]],
-        is_of_camera: Callable[[str], bool],
-    ) -> None:
-        """topic_of: the name of an output topic. person: the id, empty if one person is followed.
-
-        show: wraps a function that logs a stamped message; sets the time and reports errors. is_of_camera: whether a
-        frame is that of the image. In another one, a fixed frame, the joints cannot be projected.
-        """
-        self._node, self._scene, self._is_of_camera = node, scene, is_of_camera
+    def __init__(self, viewer: ViewerNode, person: str) -> None:
+        """person: the id, empty if one person is followed."""
+        self._viewer, self._scene = viewer, viewer.scene
         self._place = f"/{person}" if person else ""
         self._skeleton: Skeleton | None = None
-        self.lens: Lens | None = None
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         types = {topic.name: message_class(topic.message_type) for topic in topics.PERSON_OUTPUTS}
         self._subscriptions = [
-            node.create_subscription(types[name], topic_of(topics.of_person(name, person)), callback, qos)
-            for name, callback, qos in (
-                (topics.ROBOT_DESCRIPTION, show(self._on_description), latched),
-                (topics.JOINTS, show(self._on_joints), sensor_data(DEPTH)),
-                (topics.JOINT_UNCERTAINTY, show(self._on_uncertainty), sensor_data(DEPTH)),
-                (topics.CERTIFICATE, show(self._on_certificate), sensor_data(DEPTH)),
+            viewer.create_subscription(
+                types[name], viewer.topic_of(topics.of_person(name, person)), viewer.showing(log), qos
+            )
+            for name, log, qos in (
+                (topics.ROBOT_DESCRIPTION, self._on_description, latched),
+                (topics.JOINTS, self._on_joints, sensor_data(DEPTH)),
+                (topics.JOINT_UNCERTAINTY, self._on_uncertainty, sensor_data(DEPTH)),
+                (topics.CERTIFICATE, self._on_certificate, sensor_data(DEPTH)),
             )
         ]
 
@@ -95,8 +84,9 @@ class PersonTopics:
         parents = np.maximum(skeleton.parents, 0)
         relative = (turns[parents].inv() * turns).as_matrix()
         self._scene.add_skeleton(self._place, skeleton, joints)
-        if self._is_of_camera(message.header.frame_id) and self.lens is not None:
-            self._scene.add_outline(self._place, skeleton, self.lens.distort(project(joints)))
+        lens = self._viewer.lens
+        if self._viewer.is_of_camera(message.header.frame_id) and lens is not None:  # it cannot be projected elsewhere
+            self._scene.add_outline(self._place, skeleton, lens.distort(project(joints)))
         self._scene.add_angles(self._place, skeleton, relative)
 
     def _on_uncertainty(self, message: Any) -> None:
@@ -114,7 +104,7 @@ class PersonTopics:
     def close(self) -> None:
         """End the subscriptions, and remove the person from the view."""
         for subscription in self._subscriptions:
-            self._node.destroy_subscription(subscription)
+            self._viewer.destroy_subscription(subscription)
         self.clear()
 
 
@@ -136,7 +126,7 @@ class ViewerNode(Node):
         options: of rclpy's Node. Raises ViewError.
         """
         option = "the viewer" if path is None else "viewer --save"
-        self._scene = RerunScene(path, "lassokin viewer", option, replace, TIMELINE)
+        self.scene = RerunScene(path, "lassokin viewer", option, replace, TIMELINE)
         super().__init__(node_name, **options)
         description = ParameterDescriptor(description="name of the tracker's node", read_only=True)
         self._tracker = str(self.declare_parameter("tracker", "tracker", description).value)
@@ -144,47 +134,42 @@ class ViewerNode(Node):
         self._rectified = bool(self.declare_parameter("rectified", False, description).value)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._camera: tuple[Any, ...] = ()
-        self._lens: Lens | None = None
+        self.lens: Lens | None = None
         self._frames: set[str] = set()
         self._z_up = False
-        self._people = {"": self._person("")}
+        self._people = {"": PersonTopics(self, "")}
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.create_subscription(Image, "image_raw", self._show(self._on_image), sensor_data(1))
-        self.create_subscription(CameraInfo, topics.CAMERA_INFO, self._show(self._on_camera), sensor_data(DEPTH))
-        self.create_subscription(PointCloud2, topics.KEYPOINTS, self._show(self._on_keypoints), sensor_data(DEPTH))
-        self.create_subscription(String, self._topic(topics.STATE), self._show(self._on_state), latched)
-        tracked = self._topic(topics.TRACKED_OUTPUT.name)
-        self.create_subscription(String, tracked, self._show(self._on_tracked), latched)
+        self.create_subscription(Image, "image_raw", self.showing(self._on_image), sensor_data(1))
+        self.create_subscription(CameraInfo, topics.CAMERA_INFO, self.showing(self._on_camera), sensor_data(DEPTH))
+        self.create_subscription(PointCloud2, topics.KEYPOINTS, self.showing(self._on_keypoints), sensor_data(DEPTH))
+        self.create_subscription(String, self.topic_of(topics.STATE), self.showing(self._on_state), latched)
+        tracked = self.topic_of(topics.TRACKED_OUTPUT.name)
+        self.create_subscription(String, tracked, self.showing(self._on_tracked), latched)
         where = "in a window" if path is None else f"in '{path}', which is complete when this node ends"
         self.get_logger().info(f"shows the topics of '{self._tracker}' {where}")
 
-    def _topic(self, name: str) -> str:
+    def topic_of(self, name: str) -> str:
         """Return the name of a tracker's topic, relative to this node's namespace as the tracker's name is."""
         return name.replace("~", self._tracker)
 
-    def _person(self, person: str) -> PersonTopics:
-        topics_of_person = PersonTopics(self, self._scene, self._topic, person, self._show, self._is_of_camera)
-        topics_of_person.lens = self._lens
-        return topics_of_person
-
-    def _is_of_camera(self, frame_id: str) -> bool:
+    def is_of_camera(self, frame_id: str) -> bool:
         """Return whether a skeleton's frame is that of camera or keypoints. Another one is fixed, and has z up."""
         own = not self._frames or not frame_id or frame_id.lstrip("/") in self._frames
         if self._z_up == own:
             self._z_up = not own
-            self._scene.set_axes(self._z_up)
+            self.scene.set_axes(self._z_up)
             if self._z_up:
                 self.get_logger().info(f"the skeleton is in '{frame_id}': it is shown in 3D, and not in the image")
         return own
 
-    def _show(self, log: Callable[[Any], None]) -> Callable[[Any], None]:
+    def showing(self, log: Callable[[Any], None]) -> Callable[[Any], None]:
         """Return the callback that logs a message at its stamp, and reports a message that cannot be shown."""
         return partial(self._log, log)
 
     def _log(self, log: Callable[[Any], None], message: Any) -> None:
         stamp_ns = stamp_of(message)
         if stamp_ns is not None:
-            self._scene.set_time(timestamp=np.datetime64(stamp_ns, "ns"))
+            self.scene.set_time(timestamp=np.datetime64(stamp_ns, "ns"))
         try:
             log(message)
         except AdapterError as error:
@@ -201,20 +186,18 @@ class ViewerNode(Node):
         key = (camera.K.tobytes(), camera.D.tobytes(), camera.model, camera.width, camera.height)
         if key == self._camera:
             return
-        self._lens = Lens.from_intrinsics(camera, self._rectified)
+        self.lens = Lens.from_intrinsics(camera, self._rectified)
         if camera.width > 0 and camera.height > 0:
-            self._scene.set_camera(camera.K, (camera.width, camera.height))
-        for person in self._people.values():
-            person.lens = self._lens
+            self.scene.set_camera(camera.K, (camera.width, camera.height))
         self._camera = key
 
     def _on_image(self, message: Image) -> None:
-        self._scene.add_image(decode_image(message))
+        self.scene.add_image(decode_image(message))
 
     def _on_keypoints(self, message: PointCloud2) -> None:
         keypoints = point_cloud2.decode(message)
         self._frames.add(message.header.frame_id.lstrip("/"))  # as the tracker's outputs have it
-        self._scene.add_keypoints("", keypoints.xy[keypoints.present])
+        self.scene.add_keypoints("", keypoints.xy[keypoints.present])
 
     def _on_state(self, message: String) -> None:
         if message.data != Status.TRACKING.value:
@@ -227,12 +210,12 @@ class ViewerNode(Node):
         for person in self._people.keys() - present:
             self._people.pop(person).close()
         for person in present - self._people.keys():
-            self._people[person] = self._person(person)
+            self._people[person] = PersonTopics(self, person)
 
     def destroy_node(self) -> None:
         """Complete the recording, too."""
         try:
-            self._scene.finish()
+            self.scene.finish()
         except ViewError as error:
             self.get_logger().error(str(error))
         super().destroy_node()

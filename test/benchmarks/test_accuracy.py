@@ -35,33 +35,23 @@ def untimed(records):
 @needs_clips
 def test_records_have_all_fields(tmp_path, capsys):
     file = tmp_path / "records.json"
-    options = ["--clips", "exp_running_1", "--methods", "lasso,plain", "--fps", "30", "--missing", "0.1"]
-    assert main([*options, "--jobs", "1", "--json", str(file)]) == 0
+    options = ["--clips", "exp_running_1", "--fps", "30", "--missing", "0.1", "--json", str(file)]
+    methods = ("lasso", "plain", "ridge", "dls", "fresh", "file")
+    assert main([*options, "--methods", ",".join(methods), "--jobs", "1"]) == 0
     records = json.loads(file.read_text(encoding="utf-8"))
     assert [(r["clip"], r["view"], r["method"]) for r in records] == [
-        ("exp_running_1", view, method) for view in (0, 1) for method in ("lasso", "plain")
+        ("exp_running_1", view, method) for view in (0, 1) for method in methods
     ]
     for record in records:
         assert set(FIELDS) <= set(record)
         assert (record["fps"], record["missing"], record["frames"]) == (30.0, 0.1, 41)
         assert 0 < record["pa_mpjpe_mm"] < 200 and 0 < record["mpjpe_mm"] < 400
         assert 0 <= record["frames_over_100mm"] <= record["frames"]
-        assert record["training"] is False
     text = capsys.readouterr().out
     assert TRAINING[0] in text and "2 views per clip, seed 0" in text and "median" in text
-    assert main([*options, "--jobs", "2", "--json", str(file)]) == 0  # any number of processes
+    assert main([*options, "--jobs", "2"]) == 0  # any number of processes
     again = json.loads(file.read_text(encoding="utf-8"))
-    assert [r["mpjpe_mm"] for r in again] == [r["mpjpe_mm"] for r in records]
-
-
-@needs_clips
-def test_every_baseline_runs_from_the_command_line(tmp_path):
-    file = tmp_path / "records.json"
-    options = ["--data", str(MOCAP), "--clips", "exp_running_1", "--views", "1", "--fps", "30", "--jobs", "1"]
-    assert main([*options, "--methods", "ridge,dls,fresh,file", "--json", str(file)]) == 0
-    errors = {r["method"]: r["mpjpe_mm"] for r in json.loads(file.read_text(encoding="utf-8"))}
-    assert set(errors) == {"ridge", "dls", "fresh", "file"}
-    assert all(0 < error < 300 for error in errors.values())
+    assert [r["mpjpe_mm"] for r in again] == [r["mpjpe_mm"] for r in records if r["method"] == "lasso"]
 
 
 @needs_clips
@@ -129,11 +119,6 @@ def test_the_detectors_own_3d_is_scored_if_a_recording_has_it(tmp_path):
             main([*alone, *method])
 
 
-def test_missing_data_is_reported(tmp_path):
-    with pytest.raises(SystemExit, match="no clips"):
-        main(["--data", str(tmp_path)])
-
-
 @pytest.mark.parametrize("symmetric", [True, False])
 def test_bone_errors_are_reproducible_and_symmetric_on_request(symmetric):
     skeleton = Skeleton.load("anthropometric", 1.75)
@@ -163,19 +148,6 @@ def test_measured_bones_have_the_lengths_of_the_reference():
         apart = found.rest_positions[shoulders] - found.rest_positions[hips]
         wanted = truth.rest_positions[shoulders] - truth.rest_positions[hips]
         assert apart[height_or_width] == pytest.approx(wanted[height_or_width], abs=2e-3)
-
-
-@needs_clips
-def test_training_clips_are_not_in_the_bins(tmp_path, capsys, figure="--failure-probability", count="frames"):
-    def records(*clips):
-        file = tmp_path / "records.json"
-        options = ["--clips", ",".join(clips), "--views", "1", "--fps", "30", "--jobs", "1", "--json", str(file)]
-        assert main([*options, figure]) == 0
-        return json.loads(file.read_text(encoding="utf-8"))
-
-    alone, both = records("exp_running_1"), records("exp_running_1", "02_03")
-    assert both[: len(alone)] == alone and capsys.readouterr().out.count("not to be reported") == 1
-    assert [r["training"] for r in (alone[-1], both[-1])] == [False, True] and alone[-1][count] > 0
 
 
 @pytest.mark.parametrize(
@@ -211,14 +183,3 @@ def test_a_lagged_pose_is_scored_with_its_own_frame():
     at_once, late = (run(Job(MOCAP / "exp_running_1.npz", 0, "lasso", settings={"smoothing_lag": s})) for s in (0, 0.1))
     assert at_once["frames"] == late["frames"] and late["rejected"] == 0 and not late["ends_lost"]
     assert late["accel_error"] < 0.85 * at_once["accel_error"] and late["mpjpe_mm"] < at_once["mpjpe_mm"] + 1
-
-
-@pytest.mark.parametrize("content", [None, b"", b"no array", b"PK\x03\x04", {"kp2d": np.zeros((1, 2, 25, 3))}])
-def test_a_file_without_detections_is_one_line(content, tmp_path):
-    file = tmp_path / "detections.npz"
-    if isinstance(content, bytes):
-        file.write_bytes(content)
-    elif content is not None:
-        np.savez(file, **content)
-    with pytest.raises(SystemExit, match="expected detections in the format"):
-        main(["--detections", str(file)])

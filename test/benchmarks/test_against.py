@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import against
-from benchmarks.common.refusals import exit_code
+from benchmarks.common.report import exit_code
 
 ROOT = Path(__file__).resolve().parents[2]
 REPOSITORY = shutil.which("git") and (ROOT / ".git").exists()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks import accuracy, latency, soak, solvers
-from benchmarks.common.refusals import exit_code
+from benchmarks.common.report import exit_code
 from benchmarks.data.detections import detection_jobs, run_detections
 from benchmarks.data.mocap import load_clip
 from benchmarks.data.simulated_camera import rate_of
@@ -166,4 +166,7 @@ def test_unusable_detections_are_reported_with_their_file(name, change, said, tm
     arrays = detection_arrays()
     np.savez(tmp_path / "odd.npz", **{**arrays, name: change(arrays[name])})
     with pytest.raises(SystemExit, match=f"odd.npz {said}.*; expected detections"):
+        detection_jobs([tmp_path / "odd.npz"], ["lasso"], False, {})
+    (tmp_path / "odd.npz").write_bytes(b"PK\x03\x04")
+    with pytest.raises(SystemExit, match="odd.npz is no npz file; expected detections"):
         detection_jobs([tmp_path / "odd.npz"], ["lasso"], False, {})

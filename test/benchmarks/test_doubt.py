@@ -31,6 +31,6 @@ def test_a_recording_is_measured(capsys):
     file = data_folder() / "detections" / "talking_woman_movenet_lightning.npz"
     if not file.is_file():
         pytest.skip("LASSOKIN_DATA has no detections")
-    main([str(file), "--two-pass"])
+    main([str(file)])
     printed = capsys.readouterr().out
     assert printed.count("talking_woman_movenet_lightning:") == 2 and "good recordings with a doubt" in printed

@@ -12,7 +12,7 @@ from benchmarks.against import BODY, LAYOUT
 from benchmarks.data.motion import load_motion, on_skeleton
 from benchmarks.latency import PEOPLE, Run, interleaved, main
 from benchmarks.methods.robot_ik import available
-from benchmarks.timing.stages import STAGES, Clock, profile
+from benchmarks.timing.stages import STAGES, profile
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.lasso import solver
@@ -22,20 +22,11 @@ MOTION = load_motion(Path("no such folder"), 12)
 LONGER_S = 0.02
 
 
-def test_without_clips_the_motion_is_synthetic_and_named():
-    assert MOTION.source == "synthetic motion" and MOTION.state.rotations.shape == (12, 24, 3, 3)
-
-
 def test_a_skeleton_with_both_hands_has_55_joints_and_65_landmarks():
     hands = Skeleton.load(str(BODY), 1.75)
     assert on_skeleton(MOTION, hands).rotations.shape == (12, 55, 3, 3)
     assert len(Layout.load(str(LAYOUT), hands).names) == 65
     assert np.allclose(hands.rest_positions.mean(0)[0], 0, atol=1e-12)  # left and right mirror each other
-
-
-def test_the_first_frame_initialises_and_is_not_counted():
-    run = Run(MOTION)
-    assert [run.step(frame) for frame in range(3)] == [False, True, True]
 
 
 def test_profile_times_every_stage_and_restores_the_tracker():
@@ -44,14 +35,6 @@ def test_profile_times_every_stage_and_restores_the_tracker():
     assert solver.certify is certify
     assert "whole core step" in records and set(records) <= {*STAGES, "whole core step"}
     assert 0 < records["solve"]["p50_us"] < records["whole core step"]["p50_us"]
-
-
-def test_clock_adds_up_time_and_calls():
-    clock = Clock()
-    timed = clock.around(lambda a, b: a + b)
-    assert timed(1, b=2) == 3 and timed(3, 4) == 7
-    seconds, calls = clock.take()
-    assert calls == 2 and seconds > 0 and clock.take() == (0, 0)
 
 
 def test_interleaved_counts_frames_and_computes_ratios():

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import same_output
 from benchmarks.common import revision
-from benchmarks.common.refusals import exit_code
+from benchmarks.common.report import exit_code
 from benchmarks.same_output import compare
 
 ROOT = Path(__file__).resolve().parents[2]

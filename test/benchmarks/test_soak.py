@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from benchmarks import soak
-from benchmarks.data.people_in_view import view
 from benchmarks.timing import live_load, usage
 from benchmarks.timing.usage import Limits, Usage
 from lassokin_ros.pipeline.keypoint_queue import OVERTAKEN
@@ -33,15 +32,6 @@ def test_wrong_rotations_and_values_that_are_not_finite_are_detected():
 def test_growth_is_detected():
     before, after = Usage(100.0, 10, 3, 1.0), Usage(100.0 + 2 * usage.MOST_GROWTH_MB, 11, 3, 2.0)
     assert [record["holds"] for record in soak.usage_rows(before, after)] == ["NO", "NO", "yes", ""]
-
-
-def test_people_in_view_continue_and_keep_their_distance():
-    seen = view(10, 5, 60.0, 3)
-    assert seen.pixels.shape == (5, 3, 17, 2) and seen.confidence.shape == (5, 3, 17)
-    middles = np.nanmedian(np.where(seen.confidence[..., None] > 0, seen.pixels, np.nan), axis=(0, 2))[:, 0]
-    assert (np.diff(middles) > 50).all()
-    again = view(10, 5, 60.0, 3)
-    assert np.array_equal(seen.pixels, again.pixels)
 
 
 def test_the_real_node_passes_two_seconds(monkeypatch, clock_hz=200.0):

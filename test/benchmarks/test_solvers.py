@@ -1,15 +1,13 @@
 """Every formulation and solver of benchmarks/solvers.py gives the minimiser of the same lasso, and is checked."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmarks.common.report import data_folder
 from benchmarks.solvers import certified, main, measure
-from benchmarks.timing.formulations import ByScikitLearn, Recorded, methods
-from lassokin_ros.core.lasso import solver
+from benchmarks.timing.formulations import Recorded, methods
 from lassokin_ros.core.lasso.problem import Lasso
 
 pytestmark = pytest.mark.filterwarnings("ignore:Converted matrix")
@@ -48,27 +46,6 @@ def test_no_method_uses_cached_results_of_another(every_method):
     recorded = problem(24, 30)
     measure("test", [recorded, recorded], {"one": look, "other": look})
     assert len(found) == 6 and not any(found[2:])  # the first two are not timed
-
-
-@pytest.mark.parametrize("name", NAMES[:2])
-def test_the_default_path_is_timed_with_its_certificate(name, every_method, monkeypatch):
-    certify, calls = solver.certify, []
-    monkeypatch.setattr(solver, "certify", lambda *arguments: calls.append(1) or certify(*arguments))
-    recorded = problem(50, 20)
-    every_method[name](replace(recorded, guess=every_method[name](recorded)[0]))
-    assert len(calls) >= 2
-
-
-def test_coordinate_descent_uses_the_guess_and_a_small_gram_matrix():
-    pytest.importorskip("sklearn")
-    method = ByScikitLearn()
-    for size in ((50, 20), (24, 30)):
-        omega, _ = method(problem(*size))
-        model = method._models[size]
-        cold = model.n_iter_
-        method(problem(*size, seed=1))
-        method(replace(problem(*size), guess=omega))
-        assert model.n_iter_ < cold and model.precompute == (size[0] > size[1])
 
 
 def test_wrong_and_missing_answers_are_counted_as_failures(every_method):

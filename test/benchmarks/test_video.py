@@ -40,9 +40,3 @@ def test_the_chain_is_as_accurate_as_the_tracker_alone(monkeypatch, capsys):
     assert chain["frames"] == shared["frames"] == 100 and chain["apart_px"] < 0.01
     for figure, limit in (("mpjpe_mm", 4.0), ("pa_mpjpe_mm", 4.0), ("reprojection_px", 0.1)):
         assert abs(chain[figure] - shared[figure]) < limit, (figure, chain[figure], shared[figure])
-
-
-def test_missing_shared_data_is_one_line(monkeypatch, tmp_path):
-    monkeypatch.setattr(module, "data_folder", lambda: tmp_path)
-    with pytest.raises(SystemExit, match=f"^no file .*{NAME}.mp4; expected the shared data"):
-        module.pair(NAME, "mediapipe")

@@ -155,10 +155,10 @@ def links(page):
     for text, target in LINK.findall((DOCS / page).read_text(encoding="utf-8")):
         if "://" not in target:
             path, _, anchor = target.partition("#")
-            yield text, (DOCS / path).resolve() if path else DOCS / page, anchor
+            yield text, ((DOCS / page).parent / path).resolve() if path else DOCS / page, anchor
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", [*PAGES, "../README.md", "../CONTRIBUTING.md"])
 def test_every_link_leads_somewhere(page):
     for text, path, anchor in links(page):
         assert path.exists(), f"docs/{page}: {path} is not there"

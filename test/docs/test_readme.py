@@ -88,6 +88,26 @@ def test_the_architecture_page_names_every_package():
     packages = {path.parent for path in (root / "lassokin_ros").rglob("__init__.py")}
     tops = {path.name for path in packages if path.parent.name in ("lassokin_ros", "core")}
     assert tops - {"core", "lassokin_ros", "skeletons", "layouts"} <= named
-    for module in re.findall(r"`((?:\w+/)+\w+\.py)`", page):
-        places = (root / "lassokin_ros" / module, root / module)
-        assert any(place.is_file() for place in places), module
+
+
+ELSEWHERE = ("python.yaml", "debian/", "rpm/")
+"""Of rosdistro, and what bloom makes."""
+
+
+@pytest.mark.parametrize("page", ["docs/architecture.md", "CONTRIBUTING.md"])
+def test_the_paths_of_a_page_for_developers_exist(page):
+    """Modules by their path below lassokin_ros or the repository, or by their name alone in the folder named before."""
+    root = Path(__file__).parents[2]
+    named = re.findall(
+        r"`((?:[\w.-]+/)*[\w.-]+\.(?:py|yaml|txt|xml|toml|cfg|rst|md|c|js|sh)|(?:[\w.-]+/)+)`",
+        (root / page).read_text(encoding="utf-8"),
+    )
+    folders = [root, root / "lassokin_ros", root / "lassokin_ros" / "pipeline"]
+    missing = []
+    for path in named:
+        found = [folder / path for folder in folders if (folder / path).exists()]
+        if found:
+            folders = [*folders[:3], found[0], found[0].parent, found[0].parent.parent]
+        elif path not in ELSEWHERE:
+            missing.append(path)
+    assert len(named) > 10 and not missing

@@ -106,15 +106,6 @@ def test_named_parameters_topics_and_services_exist():
     assert set(listed) <= outputs and all(f"`{name}`" in README or f"/{name}`" in README for name in listed)
 
 
-def test_links_lead_to_files_and_headings():
-    for target in re.findall(r"\]\(([^)\s]+)\)", README):
-        if "://" not in target:
-            path, _, anchor = target.partition("#")
-            assert (ROOT / path).exists(), target
-            headings = re.findall(r"^#+ (.*)$", (ROOT / path).read_text(encoding="utf-8"), re.M) if anchor else []
-            assert not anchor or anchor in {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
-
-
 @pytest.mark.skipif(importlib.util.find_spec("rclpy") is None, reason="the node needs rclpy")
 def test_the_node_starts_with_the_command_of_the_readme():
     import rclpy

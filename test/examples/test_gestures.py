@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation, Slerp
-from simulated.hands import FOCAL, MIRROR, hand_tracker, posture, seen
+from simulated.hands import MIRROR, posture
 
-from benchmarks.data.hand_motion import FPS, ORDER, detected
+from benchmarks.data.hand_motion import FPS, ORDER
 from lassokin_ros.gestures import (
     GESTURES,
     HELD_S,
@@ -16,16 +15,16 @@ from lassokin_ros.gestures import (
     on_floor,
 )
 from msg_adapters.output_messages.clouds import HAND_POINT
-from training.hands import DIRECTIONS, HIGH, LOW, VARIATION, points_of, somebody
 from training.hands import GESTURES as POSTURES
+from training.hands import HIGH, LOW, VARIATION, points_of, somebody
 
 NOISE_M, OFFSET_M = 0.006, 0.004
 SAID = {"open palm": "open_palm", "thumb up": "thumbs_up"}
 """Gesture of a posture, if the names differ."""
 
 
-def sequence(seed, count=40, errors_too=True):
-    """Points (f, 21, 3) m, with a tracker's errors if these are wanted, the names of the gestures in the frames (empty
+def sequence(seed, count=40):
+    """Points (f, 21, 3) m with a tracker's errors, the names of the gestures in the frames (empty
     between postures), s for which they are held.
     """
     random = np.random.default_rng(seed)
@@ -39,12 +38,11 @@ def sequence(seed, count=40, errors_too=True):
         held += [0.0] * len(share) + [i / FPS for i in range(rest)]
         last = now
     points = points_of(somebody(random), np.array(frames))[:, ORDER] * MIRROR[("left", "right")[seed % 2]]
-    if errors_too:
-        error, errors = random.normal(size=(21, 3)), []
-        for _ in frames:
-            error = 0.9 * error + np.sqrt(1 - 0.9**2) * random.normal(size=(21, 3))
-            errors.append(error)
-        points += (NOISE_M * np.array(errors) + OFFSET_M * random.normal(size=(21, 3))) / np.sqrt(3)
+    error, errors = random.normal(size=(21, 3)), []
+    for _ in frames:
+        error = 0.9 * error + np.sqrt(1 - 0.9**2) * random.normal(size=(21, 3))
+        errors.append(error)
+    points += (NOISE_M * np.array(errors) + OFFSET_M * random.normal(size=(21, 3))) / np.sqrt(3)
     return points, names, np.array(held)
 
 
@@ -71,28 +69,15 @@ def score(points, names, held):
     return right, wrong
 
 
-def tracked(seed, points):
-    """The points (f, 21, 3) m of a hand that turns at 0.6 m, tracked from its image with a detector's errors."""
-    random, side = np.random.default_rng(seed), ("left", "right")[seed % 2]
-    keys = Rotation.from_matrix(DIRECTIONS[0]) * Rotation.from_rotvec(random.normal(size=(60, 3)) * 0.45)
-    turns = MIRROR[side][:, None] * Slerp(np.arange(60) * 1.3, keys)(np.arange(len(points)) / FPS).as_matrix()
-    shown = detected(random, points @ (turns * MIRROR[side]).swapaxes(1, 2) + [0.0, 0.0, 0.6], FOCAL)
-    tracker = hand_tracker(side)
-    return np.array([tracker.track(seen(frame, each)).pose.landmarks for frame, each in enumerate(shown)])
-
-
-@pytest.mark.parametrize("hand", ["with errors", "tracked"])
-def test_held_gestures_are_said_and_others_are_not(hand):
+def test_held_gestures_are_said_and_others_are_not():
     """The constants were chosen with other hands, of these and of another generator of postures."""
     said_right, said_wrong = [], []
-    for seed in range(700, 702 if hand == "tracked" else 704):
-        points, names, held = sequence(seed, 20 if hand == "tracked" else 40, hand == "with errors")
-        right, wrong = score(tracked(seed, points) if hand == "tracked" else points, names, held)
+    for seed in range(700, 704):
+        right, wrong = score(*sequence(seed))
         said_right += right
         said_wrong += wrong
     assert min(len(said_right), len(said_wrong)) > 100
-    least = 0.95 if hand == "with errors" else 0.9  # of few tracked ones, each of which is right or wrong as a whole
-    assert np.mean(said_right) >= least and np.mean(said_wrong) <= 0.05, (np.mean(said_right), np.mean(said_wrong))
+    assert np.mean(said_right) >= 0.95 and np.mean(said_wrong) <= 0.05, (np.mean(said_right), np.mean(said_wrong))
 
 
 def test_frame_and_unit_do_not_matter():

@@ -73,20 +73,13 @@ def test_backpropagation_is_the_derivative_by_the_weights():
         assert np.isclose(np.vdot(gradient, direction), (values[0] - values[1]) / 2e-6, rtol=1e-4, atol=1e-6)
 
 
-def test_training_keeps_the_mirror_symmetry(motion):
-    network = train(motion, 5, 32, 16, 1, seed=0, processes=0)
+@pytest.mark.parametrize("kind", ["trained", "shipped"])
+def test_networks_have_the_mirror_symmetry(motion, kind):
+    network = train(motion, 5, 32, 16, 1, seed=0, processes=0) if kind == "trained" else shipped_network()
     inputs = Views(motion).batch(20, np.random.default_rng(4)).inputs
     (seen, x), (place, sign) = INPUT, PLACE
     outputs, mirrored = network(inputs), network(inputs[:, seen] * x)
-    assert np.ptp(outputs[:, : len(place)]) > 0.01
-    assert np.allclose(mirrored[:, : len(place)], outputs[:, place] * sign, atol=1e-5)
-
-
-def test_the_shipped_network_is_symmetric(motion):
-    inputs = Views(motion).batch(20, np.random.default_rng(4)).inputs
-    (seen, x), (place, sign) = INPUT, PLACE
-    outputs, mirrored = shipped_network()(inputs), shipped_network()(inputs[:, seen] * x)
-    assert np.ptp(outputs[:, : len(place)]) > 0.01 and np.abs(mirrored - outputs).max() > 0.01
+    assert np.ptp(outputs[:, : len(place)]) > 0.01 and np.abs(mirrored - outputs).max() > 1e-3
     assert np.allclose(mirrored[:, : len(place)], outputs[:, place] * sign, atol=1e-4)
 
 
@@ -147,9 +140,9 @@ def test_each_batch_is_used_twice():
 
 
 def test_a_tiny_network_learns(motion):
-    batch = Views(motion).batch(400, np.random.default_rng(9), plain=True)
+    batch = Views(motion).batch(200, np.random.default_rng(9), plain=True)
     untrained = Network(initial_weights(32, 1, np.random.default_rng([0, 1])))
-    network = train(motion, 150, 128, 32, 1, seed=0, processes=0)
+    network = train(motion, 60, 64, 32, 1, seed=0, processes=0)
     before, after = (loss(n(batch.inputs), batch.places)[0] for n in (untrained, network))
     assert after < before - 10.0
 

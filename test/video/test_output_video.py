@@ -6,6 +6,7 @@ import os
 import numpy as np
 import pytest
 
+from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.doubt.doubt import Doubt
 from lassokin_ros.video.body_view import BACKGROUND, COLOURS, BodyView
@@ -61,7 +62,7 @@ def test_without_pyav_opencv_writes_the_video(tmp_path, monkeypatch):
 
 def test_a_name_that_crashes_the_encoders_is_refused(tmp_path):
     with pytest.raises(VideoError, match="is not UTF-8; choose another name"):
-        OutputVideo(tmp_path / os.fsdecode(b"w\xe4lk.mp4"), {"": SIZE}, 30.0, False, np.eye(3))
+        OutputVideo(tmp_path / os.fsdecode(b"w\xe4lk.mp4"), {"": SIZE}, 30.0, AtomicFiles(False, OSError), np.eye(3))
 
 
 class Frame:
@@ -118,24 +119,24 @@ def test_the_path_is_that_of_one_person():
 
 def test_the_same_person_is_shown_while_there(tmp_path, monkeypatch):
     shown = []
-    output = OutputVideo(tmp_path / "out.mp4", {"": SIZE}, 10.0, False, np.eye(3))
+    output = OutputVideo(tmp_path / "out.mp4", {"": SIZE}, 10.0, AtomicFiles(False, OSError), np.eye(3))
     monkeypatch.setattr(BodyView, "draw", lambda self, seconds, frame: shown.append(frame) or self.picture)
     monkeypatch.setattr(BodyView, "picture", np.zeros((SIZE[1], SIZE[1], 3), np.uint8), raising=False)
     image = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
     for number, people in enumerate(["p1 p2", "p2", "p1 p2", "", "p1 p2", "p1"]):
         output.add(number / 10, {"": image}, [Frame(person=person) for person in people.split()])
-    output.discard()
+    output._encoder.close()
     assert [frame and frame.person for frame in shown] == ["p1", "p2", "p2", None, "p2", "p1"]
 
 
 def test_an_image_is_held_until_the_time_of_the_next_one(tmp_path, monkeypatch):
     written = []
-    output = OutputVideo(tmp_path / "out.mp4", {"": SIZE}, 10.0, False, np.eye(3))
+    output = OutputVideo(tmp_path / "out.mp4", {"": SIZE}, 10.0, AtomicFiles(False, OSError), np.eye(3))
     monkeypatch.setattr(output._encoder, "write", lambda picture: written.append(int(picture[20, 20, 0])))
     for number, seconds in enumerate([0.0, 0.1, 0.14, 0.2, 0.8, 0.9]):
         output.add(seconds, {"": np.full((SIZE[1], SIZE[0], 3), 10 * number, np.uint8)}, [])
     output._write_until(np.inf)
-    output.discard()
+    output._encoder.close()
     assert written == [0, 10, 30, 30, 30, 30, 30, 30, 40, 50]
 
 

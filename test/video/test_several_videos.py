@@ -6,6 +6,7 @@ import re
 import signal
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,13 +16,13 @@ from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.learned import camera_finder
+from lassokin_ros.core.errors import CameraError
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.video import track as track_module
-from lassokin_ros.video.cameras import calibration_toml
-from lassokin_ros.video.command import main
+from lassokin_ros.video.cameras import calibration_toml, found_poses, open_cameras
+from lassokin_ros.video.command import main, parser
 from lassokin_ros.video.output_video import HEIGHT_OF_SEVERAL
 from lassokin_ros.video.people import largest_in
 from lassokin_ros.video.rerun_scene import LONGEST_SIDE
@@ -153,8 +154,8 @@ def test_without_a_calibration_the_places_are_found_and_written(rig, capsys, tmp
     frames = frames - frames[-1] + FRAMES - 1
     apart = places - first.into_camera(TRUTH.positions[frames])
     assert np.median(np.linalg.norm(apart - apart[:, :1], axis=-1)) < 0.04
-    rig.clear()
-    assert main([*names, "--cameras", "found.toml", "--height", "1.75", "--export", "again.npz", "--causal"]) == 0
+    again = open_cameras(parser().parse_args([*names, "--cameras", "found.toml"]))
+    assert [camera.name for camera in again] == written and np.allclose(again[1].pose.centre, found.centre)
 
 
 @pytest.mark.parametrize(
@@ -170,10 +171,11 @@ def test_a_written_lens_is_read_again_as_it_was(tmp_path, model, count):
     assert np.allclose(where.rotation, pose.rotation) and np.allclose(where.centre, pose.centre)
 
 
-def test_videos_too_short_to_find_the_places_say_so(short, capsys, monkeypatch):
-    monkeypatch.setattr(camera_finder, "FEWEST_FRAMES", 500)
-    assert main(["left", "right", "--height", "1.75", "--export", "walk.npz"]) == 2
-    assert "the place of camera 'right' was not found; expected a person who moves" in capsys.readouterr().err
+def test_a_place_that_was_not_found_is_said():
+    places = SimpleNamespace(newest={"left": EYES[0].pose_at(0)})
+    session = SimpleNamespace(cameras=["left", "right"], placement=SimpleNamespace(places=places), extrinsics=None)
+    with pytest.raises(CameraError, match="the place of camera 'right' was not found; expected a person who moves"):
+        found_poses(session)
 
 
 def test_of_several_people_the_largest_in_each_video_is_tracked_all_the_time(short, capsys, monkeypatch):

@@ -145,7 +145,7 @@ def test_a_leading_slash_in_a_frame_id_makes_no_other_frame(viewer):
     keypoints = cloud(BACKEND, 0, np.zeros((17, 2)), frame_id="/eye")
     for log, message in ((node._on_camera, camera_info(BACKEND, frame_id="/lens")), (node._on_keypoints, keypoints)):
         log(message)
-    assert [node._is_of_camera(name) for name in ("lens", "/lens", "eye", "map")] == [True, True, True, False]
+    assert [node.is_of_camera(name) for name in ("lens", "/lens", "eye", "map")] == [True, True, True, False]
 
 
 def test_the_skeleton_of_a_rectified_image_is_drawn_with_its_lens(tmp_path):
@@ -156,7 +156,7 @@ def test_the_skeleton_of_a_rectified_image_is_drawn_with_its_lens(tmp_path):
     raw = camera_info(BACKEND, distortion_model="plumb_bob", d=[0.1, 0.0, 0.0, 0.0, 0.0])
     raw.p = raw.p * 0.9
     node._on_camera(raw)
-    lens = node._people[""].lens
+    lens = node.lens
     assert np.allclose(lens.K[:2], 0.9 * raw.k.reshape(3, 3)[:2]) and not lens.model
     node.destroy_node()
     context.try_shutdown()

@@ -231,11 +231,7 @@ class Extrinsics:
 
     def _replaces_found(self, pose: CameraPose) -> bool:
         """Whether a camera with a found pose has another one that is given."""
-        found = self.found.get(pose.name, pose)
-        if not pose.known or pose is found:
-            return False
-        same = np.array_equal(pose.rotation, found.rotation) and np.array_equal(pose.translation, found.translation)
-        return not same
+        return pose.known and not pose.is_at(self.found.get(pose.name, pose))
 
     def find(self, name: str, stamp: float, views: tuple[View, View], joints: tuple[np.ndarray, np.ndarray]) -> None:
         """Use a frame of a camera without a pose, see `CameraFinder.add`. The pose is used if the keypoints fit it."""

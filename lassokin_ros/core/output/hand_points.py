@@ -19,7 +19,7 @@ from lassokin_ros.core.body.roles import SIDES, sided
 from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.kernel import lapack
-from lassokin_ros.core.output.uncertainty import JointUncertainty, Posterior
+from lassokin_ros.core.output.uncertainty import JointUncertainty
 
 Levers = Callable[[np.ndarray, np.ndarray], np.ndarray]
 WRIST, INDEX_KNUCKLE, INDEX_TIP, MIDDLE_KNUCKLE = 0, 5, 8, 9
@@ -79,7 +79,7 @@ class HandPoints:
 
     def read(self, pose: BodyPose, visible: np.ndarray, uncertainty: JointUncertainty) -> list[HandReading]:
         """Return the hands. visible: (l,) bool, the keypoints of the frame that have a weight, `Estimate.visible`."""
-        posterior, live = uncertainty.posterior, uncertainty.posterior.model.live
+        live = uncertainty.model.live
         twist = twists(pose, pose.orientations).take(live, axis=0).T
 
         def levers(rows: np.ndarray, moved: np.ndarray) -> np.ndarray:
@@ -87,41 +87,43 @@ class HandPoints:
             turned = hat(pose.positions[0] - pose.landmarks[rows]) @ twist[:3] + twist[3:]
             return np.asarray(turned * moved[:, None, live // 3])
 
-        return [self._read(hand, pose, visible, posterior, levers) for hand in range(len(self.sides))]
+        return [self._read(hand, pose, visible, uncertainty, levers) for hand in range(len(self.sides))]
 
     def _read(
-        self, hand: int, pose: BodyPose, visible: np.ndarray, posterior: Posterior, levers: Levers
+        self, hand: int, pose: BodyPose, visible: np.ndarray, uncertainty: JointUncertainty, levers: Levers
     ) -> HandReading:
         rows = self.rows[hand]
         places = pose.landmarks[rows]
         axes, wrist = hand_axes(places), places[WRIST]
         points = (places - wrist) @ axes
         lever = levers(rows, self._moved[rows] & self._fingers[hand])
-        covariance = axes.T @ _covariance(posterior, lever) @ axes
+        covariance = axes.T @ _covariance(uncertainty, lever) @ axes
         covariance += SIZE_DEVIATION**2 * points[:, :, None] * points[:, None, :]
         covariance += PLACE_DEVIATION**2 * np.eye(3)
         covariance[WRIST] = 0.0
-        ray = self._ray(hand, pose, posterior, levers)
+        ray = self._ray(hand, pose, uncertainty, levers)
         return HandReading(self.sides[hand], wrist, axes, points, covariance, visible[rows], *ray)
 
-    def _ray(self, hand: int, pose: BodyPose, posterior: Posterior, levers: Levers) -> tuple[np.ndarray, float]:
+    def _ray(
+        self, hand: int, pose: BodyPose, uncertainty: JointUncertainty, levers: Levers
+    ) -> tuple[np.ndarray, float]:
         """Return where a hand points, and its deviation, rad."""
         rows = self.rows[hand]
         ends = np.array([*(self._eyes or [rows[INDEX_KNUCKLE]]), rows[INDEX_TIP]])
         lever = levers(ends, self._moved[ends])
         apart = pose.landmarks[ends[-1]] - pose.landmarks[ends[:-1]].mean(axis=0)
         change = lever[-1:] - lever[:-1].mean(axis=0)
-        covariance = posterior.factor[self._tips[hand]] ** 2 * _covariance(posterior, change)[0]
+        covariance = uncertainty.factor[self._tips[hand]] ** 2 * _covariance(uncertainty, change)[0]
         length = max(float(np.linalg.norm(apart)), 1e-6)
         ray = apart / length
         across = float(np.trace(covariance) - ray @ covariance @ ray) / 2 + 2 * PLACE_DEVIATION**2
         return ray, float(np.sqrt(max(across, 0.0)) / length)
 
 
-def _covariance(posterior: Posterior, levers: np.ndarray) -> np.ndarray:
+def _covariance(uncertainty: JointUncertainty, levers: np.ndarray) -> np.ndarray:
     """Return (k, 3, 3) m^2 of points by their levers (k, 3, live), without a factor."""
     count = levers.shape[-1]
-    seen, _ = lapack.dtrtrs(posterior.lower, levers.reshape(-1, count).T, lower=1)
+    seen, _ = lapack.dtrtrs(uncertainty.lower, levers.reshape(-1, count).T, lower=1)
     seen = seen.T.reshape(levers.shape)
     return np.asarray(seen @ seen.swapaxes(1, 2))
 

@@ -82,18 +82,47 @@ class AbsoluteUncertainty:
 
 @dataclass(eq=False)
 class JointUncertainty:
-    """Uncertainty of an estimate.
+    """Uncertainty of an estimate, from the Gaussian posterior of its frame.
 
-    covariance: (n, 3, 3) m^2 of each joint's position relative to the pelvis, in the frame of the skeleton; that of the
-    pelvis is 0. deviation: (n,) m, of each joint relative to the pelvis; two thirds of the errors are smaller.
-    failure_probability: 0 to 1, probability that the mean error of the joints exceeds 100 mm. posterior: from which the
-    other values are computed.
+    problem: the frame's, with its rows scaled. lower: (live, live) Cholesky factor of the information of the live
+    degrees of freedom. live: (n, 3, live) m, of which live live^T is the joints' covariance relative to the pelvis
+    by these. relative: (n, 3, 3) m^2, the whole of it. factor: (n,) on the deviation of each joint. added: (n,) m^2,
+    variance by the lengths. least: (n,) m^2, lower limit of the variances.
     """
 
-    covariance: np.ndarray
-    deviation: np.ndarray
-    failure_probability: float
-    posterior: Posterior
+    model: UncertaintyModel
+    estimate: Estimate
+    problem: Lasso
+    lower: np.ndarray
+    live: np.ndarray
+    relative: np.ndarray
+    factor: np.ndarray
+    added: np.ndarray
+    least: np.ndarray
+
+    def _scaled(self, covariance: np.ndarray) -> np.ndarray:
+        """Covariances (n, 3, 3) times the factors on the deviation, limited by `LARGEST_DEVIATION`, plus `added`."""
+        size = covariance.trace(axis1=1, axis2=2)
+        wanted = np.maximum(self.factor**2 * size / (1 + size / LARGEST_DEVIATION**2) + self.added, self.least)
+        return covariance * (wanted / np.maximum(size, 1e-12))[:, None, None]
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """(n, 3, 3) m^2 of each joint's position relative to the pelvis, whose own is 0, in the skeleton's frame."""
+        return self._scaled(self.relative)
+
+    @cached_property
+    def deviation(self) -> np.ndarray:
+        """(n,) m, of each joint relative to the pelvis; two thirds of the errors are smaller."""
+        return np.asarray(np.sqrt(self.covariance.trace(axis1=1, axis2=2)))
+
+    @cached_property
+    def failure_probability(self) -> float:
+        """0 to 1, probability that the mean error of the joints exceeds 100 mm."""
+        estimate, mean = self.estimate, float(self.deviation[self.model.body].mean())
+        assert estimate.frame is not None
+        cost = estimate.cost / max(estimate.frame.count, 1)
+        return failure_probability(mean, estimate.keypoint_error_ratio, cost)
 
     @cached_property
     def rotation_deviation(self) -> np.ndarray:
@@ -103,9 +132,9 @@ class JointUncertainty:
         between the estimated and the true rotation; two thirds of the angles are smaller. A degree of freedom that is
         not live has the variance of the prior.
         """
-        model, visible = self.posterior.model, self.posterior.estimate.visible
+        model, visible = self.model, self.estimate.visible
         assert visible is not None
-        inverse, _ = lapack.dtrtri(self.posterior.lower, lower=1)
+        inverse, _ = lapack.dtrtri(self.lower, lower=1)
         diagonal = squared_norm(inverse.T)  # of H^-1
         size = ROTATION_FACTOR**2 * (model.own.dot(diagonal) + model.prior_variances)
         size[model.observed.beyond_last_keypoint(visible)] *= FACTOR_BELOW_LAST_KEYPOINT**2
@@ -117,21 +146,21 @@ class JointUncertainty:
 
         It adds that of the pelvis: x = Y (z - A Omega) by (15), and (B^T B)^-1 = Y Y^T for a given Omega.
         """
-        own, estimate, Y = self.posterior, self.posterior.estimate, self.posterior.problem.reduced.Y
+        estimate, Y = self.estimate, self.problem.reduced.Y
         assert estimate.pose is not None and estimate.frame is not None
         frame = estimate.frame
-        pose, count, turns = estimate.pose, len(own.lower), own.model.live_root
+        pose, count, turns = estimate.pose, len(self.lower), self.model.live_root
         columns = np.zeros((count, 6))
         # The root's degrees of freedom come first, and every landmark moves with it.
-        columns[:, :3], columns[: len(turns), 3:] = -Y.dot(own.problem.A).T, pose.orientations[0].T[turns]
-        root, _ = lapack.dtrtrs(own.lower, columns, lower=1)
+        columns[:, :3], columns[: len(turns), 3:] = -Y.dot(self.problem.A).T, pose.orientations[0].T[turns]
+        root, _ = lapack.dtrtrs(self.lower, columns, lower=1)
         pelvis = root.T.dot(root)
-        crossed = own.live.reshape(-1, count).dot(root[:, :3]).reshape(-1, 3, 3)
-        joints = own.scaled(own.relative + crossed + crossed.swapaxes(1, 2) + root[:, :3].T.dot(root[:, :3]))
+        crossed = self.live.reshape(-1, count).dot(root[:, :3]).reshape(-1, 3, 3)
+        joints = self._scaled(self.relative + crossed + crossed.swapaxes(1, 2) + root[:, :3].T.dot(root[:, :3]))
         # The position's factor contains its limit: with the same for the cross block, it is positive semidefinite.
         sizes = np.repeat([math.sqrt(joints[0].trace() / max(pelvis[:3, :3].trace(), 1e-12)), ROTATION_FACTOR], 3)
         pelvis *= sizes[:, None] * sizes
-        place = own.factor[0] ** 2 * Y.dot(Y.T)
+        place = self.factor[0] ** 2 * Y.dot(Y.T)
         place.reshape(-1)[::4] += PLACE_DEVIATION**2
         if not (frame.depth_measured or frame.seen_by > 1):
             scale = max(SCALE_DEVIATION, estimate.size_deviation, WRONG_SCALE * self.failure_probability)
@@ -161,7 +190,7 @@ class UncertaintyModel:
         self._proportions, self._frame_model = proportions, frame_model
         self.observed = ObservedJoints(kinematics.skeleton, kinematics.layout.joints)
         names = kinematics.skeleton.joint_names
-        self._body = body_joints(names)[1:]
+        self.body = body_joints(names)[1:]
         self._hand_alone = names[0] in sided("wrist")
         still = np.isin(names, sided("wrist", "hand", "foot"))
         self.least_rotation = np.sqrt(3) * STILL_DEVIATION * still
@@ -169,15 +198,6 @@ class UncertaintyModel:
 
     def evaluate(self, estimate: Estimate) -> JointUncertainty:
         """The uncertainty of an accepted estimate."""
-        assert estimate.frame is not None
-        posterior = self._posterior(estimate)
-        covariance = posterior.scaled(posterior.relative)
-        deviation = np.sqrt(covariance.trace(axis1=1, axis2=2))
-        mean, cost = float(deviation[self._body].mean()), estimate.cost / max(estimate.frame.count, 1)
-        probability = failure_probability(mean, estimate.keypoint_error_ratio, cost)
-        return JointUncertainty(covariance, deviation, probability, posterior)
-
-    def _posterior(self, estimate: Estimate) -> Posterior:
         assert estimate.pose is not None and estimate.visible is not None
         pose, problem = estimate.pose, self._problem(estimate)
         information = problem.reduced.H.copy()
@@ -192,7 +212,7 @@ class UncertaintyModel:
         factor = self._factor(estimate, pose) * np.where(hidden, FACTOR_BELOW_LAST_KEYPOINT, 1.0)
         relative, least = spread @ np.swapaxes(spread, -1, -2), self._least(hidden)
         added = self._by_lengths(estimate, pose)
-        return Posterior(self, estimate, problem, lower, live, relative, factor, added, least)
+        return JointUncertainty(self, estimate, problem, lower, live, relative, factor, added, least)
 
     def _problem(self, estimate: Estimate) -> Lasso:
         """The frame's problem, with smaller rows of evidence whose errors are not independent from frame to frame."""
@@ -239,33 +259,6 @@ class UncertaintyModel:
             if hidden[knee]:
                 least[skeleton.ancestors[:, knee]] = (HIDDEN_LEG * skeleton.height) ** 2
         return least
-
-
-@dataclass(eq=False)
-class Posterior:
-    """The Gaussian posterior of an estimate, and what turns it into the uncertainty of the joints.
-
-    problem: the frame's, with its rows scaled. lower: (live, live) Cholesky factor of the information of the live
-    degrees of freedom. live: (n, 3, live) m, of which live live^T is the joints' covariance relative to the pelvis
-    by these. relative: (n, 3, 3) m^2, the whole of it. factor: (n,) on the deviation of each joint. added: (n,) m^2,
-    variance by the lengths. least: (n,) m^2, lower limit of the variances.
-    """
-
-    model: UncertaintyModel
-    estimate: Estimate
-    problem: Lasso
-    lower: np.ndarray
-    live: np.ndarray
-    relative: np.ndarray
-    factor: np.ndarray
-    added: np.ndarray
-    least: np.ndarray
-
-    def scaled(self, covariance: np.ndarray) -> np.ndarray:
-        """Covariances (n, 3, 3) times the factors on the deviation, limited by `LARGEST_DEVIATION`, plus `added`."""
-        size = covariance.trace(axis1=1, axis2=2)
-        wanted = np.maximum(self.factor**2 * size / (1 + size / LARGEST_DEVIATION**2) + self.added, self.least)
-        return covariance * (wanted / np.maximum(size, 1e-12))[:, None, None]
 
 
 def moved_joints(skeleton: Skeleton, columns: np.ndarray) -> np.ndarray:

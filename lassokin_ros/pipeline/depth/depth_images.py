@@ -13,8 +13,7 @@ import numpy as np
 
 from lassokin_ros.pipeline.depth.depth_check import MISFIT, DepthCheck
 from lassokin_ros.pipeline.input_checks.messages import FROZEN_S, same_image
-from msg_adapters.compressed_depth import CompressedDepth, decode_compressed_depth
-from msg_adapters.depth_image import DepthImage, decode_depth_image
+from msg_adapters.depth_image import CompressedDepth, DepthImage, decode_compressed_depth, decode_depth_image
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 

@@ -7,8 +7,7 @@ shoulders (90).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.replay.motion import Motion
 
 SIDES = {"left": 1.0, "right": -1.0}
+TRUNK = tuple(f"{side}_{joint}" for side in SIDES for joint in ("hip", "shoulder"))
 HAND_ANGLES = {
     "wrist": (("flexion", 2, -1.0), ("radial deviation", 1, -1.0)),
     "finger1": (("MCP flexion", 2, -1.0), ("MCP deviation", 1, -1.0)),
@@ -56,60 +56,35 @@ def finger_angles(names: Sequence[str], rotations: np.ndarray) -> dict[str, np.n
 def angles_of(names: Sequence[str], positions: np.ndarray) -> dict[str, np.ndarray]:
     """Return (f,) degrees by name, such as "left_knee flexion"; NaN in degenerate poses.
 
-    names: of n joints; angles whose joints are lacking are left out. positions: (f, n, 3) m in a level frame, y down.
+    Knees and elbows: 0 if straight. Hips and shoulders: flexion in the trunk's sagittal plane, 0 hanging along the
+    trunk, positive to the front; abduction positive outwards, of a hip from the sagittal plane, of a shoulder in the
+    frontal plane. names: of n joints; angles whose joints are lacking are left out. positions: (f, n, 3) m in a level
+    frame, y down.
     """
-    place = {name: positions[:, index] for index, name in enumerate(names)}
-    down = np.array([0.0, 1.0, 0.0])
-    angles: dict[str, np.ndarray] = {}
+    place, angles = {name: positions[:, index] for index, name in enumerate(names)}, dict[str, np.ndarray]()
+    trunk = _trunk(place) if set(TRUNK) <= place.keys() else None
     for side, sign in SIDES.items():
-        rules: dict[str, Callable[[], np.ndarray]] = {
-            f"{side}_knee flexion": partial(_bend, place, f"{side}_hip", f"{side}_knee", f"{side}_ankle"),
-            f"{side}_elbow flexion": partial(_bend, place, f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist"),
-            f"{side}_hip flexion": partial(_forward, place, f"{side}_hip", f"{side}_knee"),
-            f"{side}_hip abduction": partial(_sideways, place, f"{side}_hip", f"{side}_knee", sign),
-            f"{side}_shoulder flexion": partial(_forward, place, f"{side}_shoulder", f"{side}_elbow"),
-            f"{side}_shoulder abduction": partial(_outwards, place, f"{side}_shoulder", f"{side}_elbow", sign),
-        }
-        angles |= _known(rules)
-    return angles | _known({"trunk lean": lambda: _between(place["neck"] - place["pelvis"], -down)})
-
-
-def _known(rules: dict[str, Callable[[], np.ndarray]]) -> dict[str, np.ndarray]:
-    found = {}
-    for name, rule in rules.items():
-        try:
-            found[name] = rule()
-        except KeyError:  # a joint that the skeleton lacks
-            continue
-    return found
-
-
-def _bend(place: dict[str, np.ndarray], above: str, joint: str, below: str) -> np.ndarray:
-    """Return the angle by which a limb is bent at a joint; 0 if it is straight."""
-    return _between(place[joint] - place[above], place[below] - place[joint])
-
-
-def _forward(place: dict[str, np.ndarray], joint: str, end: str) -> np.ndarray:
-    """Return the angle of a limb in the trunk's sagittal plane; 0 hanging along the trunk, positive to the front."""
-    limb, (_, up, front) = place[end] - place[joint], _trunk(place)
-    return _raised(_dot(limb, front), _dot(limb, up))
-
-
-def _outwards(place: dict[str, np.ndarray], joint: str, end: str, sign: float) -> np.ndarray:
-    """Return the angle of a limb in the trunk's frontal plane; 0 hanging along the trunk, positive outwards."""
-    limb, (left, up, _) = place[end] - place[joint], _trunk(place)
-    return _raised(sign * _dot(limb, left), _dot(limb, up))
+        for joint, above, below in (("knee", "hip", "ankle"), ("elbow", "shoulder", "wrist")):
+            first, middle, last = (place.get(f"{side}_{part}") for part in (above, joint, below))
+            if first is not None and middle is not None and last is not None:
+                angles[f"{side}_{joint} flexion"] = _between(middle - first, last - middle)
+        for joint, end in (("hip", "knee"), ("shoulder", "elbow")):
+            if trunk is None or f"{side}_{end}" not in place:
+                continue
+            limb, (left, up, front) = place[f"{side}_{end}"] - place[f"{side}_{joint}"], trunk
+            aside, along = sign * _dot(limb, left), _dot(limb, up)
+            angles[f"{side}_{joint} flexion"] = _raised(_dot(limb, front), along)
+            share = np.clip(aside / np.linalg.norm(limb, axis=-1), -1.0, 1.0)
+            outwards = np.degrees(np.arcsin(share)) if joint == "hip" else _raised(aside, along)
+            angles[f"{side}_{joint} abduction"] = outwards
+    if {"neck", "pelvis"} <= place.keys():
+        angles["trunk lean"] = _between(place["neck"] - place["pelvis"], np.array([0.0, -1.0, 0.0]))
+    return angles
 
 
 def _raised(aside: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Return the angle from down to `aside`, from -90 to 270 degrees, so that an arm held overhead does not wrap."""
     return np.asarray((np.degrees(np.arctan2(aside, -up)) + 90.0) % 360.0 - 90.0)
-
-
-def _sideways(place: dict[str, np.ndarray], joint: str, end: str, sign: float) -> np.ndarray:
-    """Return the angle of a limb away from the trunk's sagittal plane; positive outwards, 90 pointing sideways."""
-    limb, (left, _, _) = place[end] - place[joint], _trunk(place)
-    return np.degrees(np.arcsin(np.clip(sign * _dot(limb, left) / np.linalg.norm(limb, axis=-1), -1.0, 1.0)))
 
 
 def _trunk(place: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

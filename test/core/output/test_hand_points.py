@@ -92,7 +92,7 @@ def test_the_covariance_has_the_derivative_of_the_points(tracked):
     """The variance along the increment of one joint: against finite differences of the hand in its axes."""
     tracker, estimate = tracked
     body, uncertainty = tracker.kinematics, tracker.uncertainty(estimate)
-    rows, live = np.arange(33, 54), uncertainty.posterior.model.live
+    rows, live = np.arange(33, 54), uncertainty.model.live
 
     def in_axes(omega):
         points = body.pose(estimate.state.retract(omega, np.zeros(3))).landmarks[rows]
@@ -103,7 +103,7 @@ def test_the_covariance_has_the_derivative_of_the_points(tracked):
         omega = np.zeros(3 * body.joint_count)
         omega[degree] = step
         derivative[..., column] = (in_axes(omega) - in_axes(-omega)) / (2 * step)
-    inverse = np.linalg.inv(np.tril(uncertainty.posterior.lower) @ np.tril(uncertainty.posterior.lower).T)
+    inverse = np.linalg.inv(np.tril(uncertainty.lower) @ np.tril(uncertainty.lower).T)
     expected = derivative @ inverse @ derivative.swapaxes(1, 2)
     (left, _) = HandPoints(body.skeleton, tracker.layout).read(estimate.pose, estimate.visible, uncertainty)
     added = SIZE_DEVIATION**2 * left.points[:, :, None] * left.points[:, None, :] + PLACE_DEVIATION**2 * np.eye(3)

@@ -221,7 +221,9 @@ def test_depth_is_as_uncertain_as_the_size_of_the_body_and_more_if_the_pose_is_l
     uncertainty, (_, _, z) = tracker.uncertainty(estimate), estimate.pose.positions[0]
     deviation = np.sqrt(np.diagonal(uncertainty.absolute.joints[0]))
     assert SCALE_DEVIATION * z < deviation[2] < 2 * SCALE_DEVIATION * z and max(deviation[:2]) < 0.3 * deviation[2]
-    doubtful = replace(uncertainty, failure_probability=0.9).absolute.joints[0]
+    again = tracker.uncertainty(estimate)
+    vars(again)["failure_probability"] = 0.9
+    doubtful = again.absolute.joints[0]
     assert np.sqrt(doubtful[2, 2]) == pytest.approx(0.9 * WRONG_SCALE * z, rel=0.1)
 
 

@@ -96,6 +96,10 @@ def unknown_datatype(message):
     message.fields[0].datatype = 99
 
 
+def id_beyond(message):
+    message.fields[3].offset = 13
+
+
 def offset_outside(message):
     message.fields[0].offset = 14
 
@@ -115,6 +119,7 @@ def offset_outside(message):
         (fractional_id, "wrong_datatype"),
         (unknown_datatype, "wrong_datatype"),
         (offset_outside, "wrong_layout"),
+        (id_beyond, "wrong_layout"),
     ],
 )
 def test_an_inconsistent_cloud_is_refused(backend, change, reason):

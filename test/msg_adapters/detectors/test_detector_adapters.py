@@ -89,23 +89,6 @@ def test_yolo_messages_may_be_empty_or_have_the_id_zero():
     assert reason_of(lambda: decode(YOLO, message)) == "unknown_id"
 
 
-def test_yolos_depths_of_zero_are_not_measured():
-    message = yolo_detections(
-        BACKEND, START_NS, FRAME, [(XY[:17], SCORES[:17]), (XY[:17] + 100, SCORES[:17])], ["1", "2"]
-    )
-    for detection, depths in zip(message.detections, (np.zeros(17), np.r_[3.0, -1.0, np.nan, np.full(14, 2.5)])):
-        detection.keypoints3d.frame_id = FRAME
-        for number, depth in enumerate(depths.tolist(), 1):
-            point = BACKEND.make("yolo_msgs/msg/KeyPoint3D")
-            point.id, point.point.z = number, depth
-            detection.keypoints3d.data.append(point)
-    keypoints = decode(YOLO, message)
-    assert np.isnan(keypoints.depth_as_landmarks(17, 1)).all()
-    assert np.array_equal(
-        keypoints.depth_as_landmarks(17, 2), np.r_[3.0, np.nan, np.nan, np.full(14, 2.5)], equal_nan=True
-    )
-
-
 def test_people_without_keypoints_are_counted():
     """A person who is too near, or hidden. Other things and people who have left do not count."""
     message = yolo_detections(BACKEND, START_NS, FRAME, 3 * [(XY[:17], np.zeros(17))], ["1", "2", "3"])
@@ -155,8 +138,7 @@ def test_zed38_is_in_body38s_order():
     )
 
 
-@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-@pytest.mark.parametrize("message_type", [HRI, YOLO, ZED])
+@pytest.mark.parametrize(("message_type", "storage"), [(HRI, "mcap"), (YOLO, "sqlite3"), (ZED, "mcap")])
 def test_a_recording_of_each_is_tracked(tmp_path, message_type, storage):
     """The joints in the output of `replay` are those of the person; frame_id is the name of the optical frame."""
     frames, layout = 20, {HRI: "hri18", YOLO: "coco17", ZED: "zed38"}[message_type]
