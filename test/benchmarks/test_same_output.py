@@ -1,4 +1,4 @@
-"""same_output.py compares topics by bytes and times; a revision has its own output. It and against.py refuse options."""
+"""same_output.py compares topics by bytes and times, and a revision has its own output; against.py refuses alike."""
 
 import shutil
 import sys
