@@ -27,9 +27,6 @@ GivenPoses = Mapping[str, CameraPose] | Callable[[int], CameraPose]
 class CameraPlaces:
     """The poses of the cameras in one frame."""
 
-    subject, meanwhile = "the cameras' poses", "images of the camera are rejected"
-    """What TF gives, and what is done without it."""
-
     def __init__(self, fixed_frame: str, names: tuple[str, ...], given: GivenPoses | None = None) -> None:
         """fixed_frame: name of the frame; empty for the optical frame of the first camera. names: of the cameras.
 

@@ -56,7 +56,6 @@ def inverse(one):
 WRONG = {
     "images of another camera": ({"instead": {"right": "back"}}, {}, "they are those of 'back': check its topics"),
     "inverse transform": ({}, {"right": inverse(RIGHT)}, "the keypoints fit the inverse transform of 'right'"),
-    "another pose": ({}, {"right": off(RIGHT, 40)}, "check the places (TF or a file, m), and that"),
 }
 
 
