@@ -108,7 +108,7 @@ class JointUncertainty:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(n, 3, 3) m^2 of each joint's position relative to the pelvis, whose own is 0, in the frame of the skeleton."""
+        """(n, 3, 3) m^2 of each joint's position relative to the pelvis (its own is 0), in the skeleton's frame."""
         return self._scaled(self.relative)
 
     @cached_property
