@@ -10,8 +10,7 @@ output, with one table by person, --videos FILE|DIR the keypoints of videos with
 --uncertainty and --failure-probability compare the tracker's own figures of its error with the error. --realistic
 --test-people gives the figures that a user can expect; --validation-people those with which a design is chosen.
 
-Clips that the shipped prior or network was trained with are left out. With --all-clips and --clips they are run, marked
-with *, and not part of the summary.
+Clips that the shipped prior was trained with, and of people of the network's training, are left out.
 """
 
 from __future__ import annotations
@@ -40,8 +39,7 @@ from benchmarks.accuracy_run.uncertainty import (
     uncertainty_of,
 )
 from benchmarks.accuracy_run.videos import VideoJob, run_video, video_files, video_table
-from benchmarks.common.refusals import exit_code
-from benchmarks.common.report import Record, data_folder, table, write_json
+from benchmarks.common.report import Record, data_folder, exit_code, table, write_json
 from benchmarks.data.detections import detection_jobs, run_detections
 from benchmarks.data.recordings import recording_files
 from benchmarks.data.simulated_camera import Condition, rate_of
@@ -64,11 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"No effect with --detections: {', '.join(unheeded(options))}.")
     if options.uncertainty or options.failure_probability:
         print(detections_head(options) if options.detections else head(options))
-        for training in sorted({record["training"] for record in records}):
-            print("\ntraining clips, not to be reported:" if training else "")
-            rows = [record for record in records if record["training"] == training]
-            print(table(rows, _columns(options)))
-            print(rows[-1].get("ranking", ""))
+        print(f"\n{table(records, _columns(options))}")
+        print(records[-1].get("ranking", "") if records else "")
     else:
         report(options, records)
         ends = [record["ends_lost"] for record in records if "ends_lost" in record]
@@ -111,10 +106,10 @@ def measure(options: argparse.Namespace) -> list[Record]:
         files = recording_files(options.detections)
         recordings = detection_jobs(files, methods, options.measured_bones, given_settings(options))
         if options.uncertainty:
-            return _of_recordings(binned(in_parallel(uncertainty_of, recordings, options.jobs)))
+            return binned(in_parallel(uncertainty_of, recordings, options.jobs))
         if options.failure_probability:
             frames = in_parallel(failure_probability.failure_probabilities_of, recordings, options.jobs)
-            return _of_recordings(failure_probability.binned(frames))
+            return failure_probability.binned(frames)
         if not recordings:
             raise SystemExit("none of the --detections holds MediaPipe's own 3D, which mediapipe_world needs")
         return in_parallel(run_detections, recordings, options.jobs)
@@ -136,22 +131,20 @@ def measure(options: argparse.Namespace) -> list[Record]:
         return in_parallel(function, jobs, o.jobs)
 
     if o.uncertainty and o.rotations:
-        return _apart(options, jobs, results(rotation_uncertainty_of), by_joint)
+        return by_joint(results(rotation_uncertainty_of))
     if o.uncertainty:
-        return _apart(options, jobs, results(uncertainty_of), binned)
+        return binned(results(uncertainty_of))
     if o.failure_probability:
-        return _apart(options, jobs, results(failure_probability.failure_probabilities_of), failure_probability.binned)
+        return failure_probability.binned(results(failure_probability.failure_probabilities_of))
     if o.initialisation:
         groups = results(partial(initialise_frames, count=o.per_clip))
-        return _marked(options, [record for group in groups for record in group])
-    if o.gap:
-        return _marked(options, [record for record in results(partial(run_gap, seconds=o.gap)) if record])
-    return _marked(options, [record for record in results(run) if record["frames"] or record["ends_lost"]])
-
-
-def _of_recordings(records: list[Record]) -> list[Record]:
-    """Real recordings are part of no training."""
-    return [{**record, "training": False} for record in records]
+        records = [record for group in groups for record in group]
+    elif o.gap:
+        records = [record for record in results(partial(run_gap, seconds=o.gap)) if record]
+    else:
+        records = [record for record in results(run) if record["frames"] or record["ends_lost"]]
+    people = {job.file.stem: person_of(job.file) for job in jobs}
+    return [{**record, "person": people[record["clip"]]} for record in records]
 
 
 def in_parallel(function: Callable[[Any], T], jobs: Sequence[Any], processes: int) -> list[T]:
@@ -180,18 +173,21 @@ def clip_files(options: argparse.Namespace) -> list[Path]:
     if options.validation_people:
         return validation_clips(options.data or data_folder())
     folder = options.data or data_folder() / "mocap"
-    files = sorted(folder.glob("*.npz"))
+    by_network = dict(options.set).get("depth_prior", True)
+    files = [
+        file
+        for file in sorted(folder.glob("*.npz"))
+        if file.stem not in SEEN and not (by_network and seen_by_network(file))
+    ]
     if not files:
         raise SystemExit(f"no clips (*.npz) in {folder}: give --data, or set LASSOKIN_DATA to the shared data's folder")
     if options.clips:
         unknown = sorted(set(options.clips) - {file.stem for file in files})
         if unknown:
-            raise SystemExit(f"no clip {', '.join(unknown)} in {folder}; it has: {', '.join(f.stem for f in files)}")
+            names = ", ".join(file.stem for file in files)
+            raise SystemExit(f"no clip {', '.join(unknown)} in {folder}, or it is of a training; expected of: {names}")
         files = [file for file in files if file.stem in options.clips]
-    exclude = options.exclude_training
-    if exclude is None:
-        exclude = not (options.clips or options.all_clips)
-    return [file for file in files if not (exclude and file.stem in SEEN)]
+    return files
 
 
 def _other_rates(options: argparse.Namespace) -> str:
@@ -199,35 +195,6 @@ def _other_rates(options: argparse.Namespace) -> str:
     rates = {file.stem: rate_of(file, options.fps) for file in clip_files(options)}
     others = [f"{name} {fps:.3g}" for name, fps in rates.items() if abs(fps - options.fps) > 0.01 * options.fps]
     return f"Not at {options.fps:g} Hz, but at: {', '.join(others)}.\n" if others else ""
-
-
-def _marked(options: argparse.Namespace, records: list[Record]) -> list[Record]:
-    """The records with their person; those whose prior was learned from their clip are marked."""
-    files = {file.stem: file for file in clip_files(options)}
-    return [
-        {**record, "person": person_of(file), "training": _training(options, file)}
-        for record, file in ((record, files[record["clip"]]) for record in records)
-    ]
-
-
-def _training(options: argparse.Namespace, file: Path) -> bool:
-    """Whether the clip, or for the network its person, was part of a training."""
-    by_network = dict(options.set).get("depth_prior", True) and seen_by_network(file)
-    return by_network or file.stem in SEEN
-
-
-def _apart(
-    options: argparse.Namespace,
-    jobs: Sequence[Job],
-    followed: Sequence[T],
-    pooled: Callable[[Sequence[T]], list[Record]],
-) -> list[Record]:
-    """The summary records that `pooled` computes from many runs; training clips are summarised separately."""
-    records = []
-    for training in (False, True):
-        group = [result for job, result in zip(jobs, followed) if _training(options, job.file) == training]
-        records += [{**record, "training": training} for record in (pooled(group) if group else [])]
-    return records
 
 
 def _check_methods(options: argparse.Namespace) -> None:

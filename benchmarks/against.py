@@ -22,11 +22,10 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, data_folder, exit_code, table, write_json  # isort: skip  (before numpy)
 import numpy as np
 
 from benchmarks.common import option_types
-from benchmarks.common.refusals import exit_code
 from benchmarks.common.revision import ROOT, check_out
 from benchmarks.data.motion import FOCAL, FPS, HEIGHT, load_motion, observe, on_skeleton
 from benchmarks.same_output import write_recording

@@ -26,7 +26,7 @@ from typing import Any, Callable, Sequence
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.common.report import Record, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, exit_code, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
 from scipy.signal import butter, filtfilt, lfilter
 
@@ -36,7 +36,6 @@ from benchmarks.accuracy_run.options import setting
 from benchmarks.accuracy_run.people import chosen_clips, person_of
 from benchmarks.accuracy_run.table import mean_of
 from benchmarks.common import option_types
-from benchmarks.common.refusals import exit_code
 from benchmarks.data.mocap import EVALUATED, SMPL_NAME, clip_height, clip_skeleton, load_clip
 from benchmarks.data.rig import Rig, moved, rig_of
 from benchmarks.data.simulated_camera import Condition

@@ -16,11 +16,10 @@ from typing import Sequence
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.common.report import Record, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, exit_code, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
 
 from benchmarks.common import option_types
-from benchmarks.common.refusals import exit_code
 from benchmarks.data.detections import layout_of
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import CameraPose

@@ -22,24 +22,24 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-import numpy as np  # noqa: E402
-from scipy.interpolate import CubicSpline  # noqa: E402
-from scipy.signal import find_peaks  # noqa: E402
-from scipy.spatial.transform import Rotation, Slerp  # noqa: E402
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import find_peaks
+from scipy.spatial.transform import Rotation, Slerp
 
-from benchmarks.accuracy_run.people import person_of  # noqa: E402
-from benchmarks.data.mocap import SMPL_NAME, Clip, clip_height, clip_skeleton, load_clip  # noqa: E402
-from benchmarks.data.simulated_camera import Condition, view_of  # noqa: E402
-from benchmarks.data.strangers import with_peoples_proportions  # noqa: E402
-from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
-from lassokin_ros.core.body.rotations import least_turn  # noqa: E402
-from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
-from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.core.observation import Observation  # noqa: E402
-from lassokin_ros.core.recording import WHOLE_FILE, track_recording  # noqa: E402
-from lassokin_ros.measure.gait import DEVIATIONS, MOST_STEPS, SEEN, SURE, Gait, gait_of, measure_gait  # noqa: E402
-from lassokin_ros.measure.gait_events import SIDES, Walk, walk_of  # noqa: E402
-from lassokin_ros.measure.poses import UNSMOOTHED, MeasureError, Poses  # noqa: E402
+from benchmarks.accuracy_run.people import person_of
+from benchmarks.data.mocap import SMPL_NAME, Clip, clip_height, clip_skeleton, load_clip
+from benchmarks.data.simulated_camera import Condition, view_of
+from benchmarks.data.strangers import with_peoples_proportions
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.rotations import least_turn
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.recording import WHOLE_FILE, track_recording
+from lassokin_ros.measure.gait import DEVIATIONS, MOST_STEPS, SEEN, SURE, Gait, gait_of, measure_gait
+from lassokin_ros.measure.gait_events import SIDES, Walk, walk_of
+from lassokin_ros.measure.poses import UNSMOOTHED, MeasureError, Poses
 
 WALKS = {
     "mocap/02_01": None,

@@ -27,11 +27,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, data_folder, exit_code, table, write_json  # isort: skip  (before numpy)
 import numpy as np
 
 from benchmarks.common import option_types
-from benchmarks.common.refusals import exit_code
 from benchmarks.data.detections import undistorted
 from benchmarks.data.hand_motion import FPS, body_with_hands, detected, hand_alone, noise
 from benchmarks.data.hand_score import Score

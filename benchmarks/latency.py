@@ -19,11 +19,10 @@ from typing import Any, Callable, Mapping, Sequence
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, data_folder, exit_code, table, write_json  # isort: skip  (before numpy)
 import numpy as np
 
 from benchmarks.common import option_types
-from benchmarks.common.refusals import exit_code
 from benchmarks.data.motion import FOCAL, HEIGHT, Motion, load_motion, observe
 from benchmarks.methods.robot_ik import TRUE_PLACES, MinkTracker, PinkTracker, PinocchioLeastSquares, available
 from benchmarks.timing.callback import measure_callback

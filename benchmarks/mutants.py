@@ -21,8 +21,8 @@ from typing import Any
 REPOSITORY = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(REPOSITORY))
 
-from benchmarks.common.report import Record, table, write_json  # noqa: E402
-from benchmarks.mutation.trial import Copy, Trial, difference, tests_of  # noqa: E402
+from benchmarks.common.report import Record, table, write_json
+from benchmarks.mutation.trial import Copy, Trial, difference, tests_of
 
 ROOMS = {
     "core/lasso": "lassokin_ros/core/lasso",

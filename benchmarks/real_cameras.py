@@ -25,13 +25,12 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.common.report import Record, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, exit_code, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
 
 from benchmarks.accuracy_run.metrics import mpjpe, pa_mpjpe
 from benchmarks.accuracy_run.options import setting
 from benchmarks.common import option_types
-from benchmarks.common.refusals import exit_code
 from benchmarks.data.detections import JOINTS, height_of, load_recording, measured
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton

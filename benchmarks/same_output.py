@@ -19,11 +19,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.common.report import Record, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, exit_code, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
 
 from benchmarks.common import option_types
-from benchmarks.common.refusals import exit_code
 from benchmarks.common.revision import ROOT, check_out
 from benchmarks.data.people_in_view import view
 from lassokin_ros.demo.synthetic import WEBCAM

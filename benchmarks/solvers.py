@@ -28,8 +28,7 @@ import benchmarks.accuracy_run.experiment as experiment  # isort: skip  (first: 
 import numpy as np
 
 from benchmarks.common import option_types
-from benchmarks.common.refusals import exit_code
-from benchmarks.common.report import Record, data_folder, table, write_json
+from benchmarks.common.report import Record, data_folder, exit_code, table, write_json
 from benchmarks.timing import formulations
 from benchmarks.timing.formulations import KINDS, Answer, Method, Recorded, record
 from lassokin_ros.core.lasso.certificate import Certificate, certify

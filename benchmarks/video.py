@@ -18,8 +18,7 @@ import numpy as np
 
 from benchmarks.accuracy_run.runs import Track, held
 from benchmarks.common.option_types import command_line
-from benchmarks.common.refusals import exit_code
-from benchmarks.common.report import Record, data_folder, table, write_json
+from benchmarks.common.report import Record, data_folder, exit_code, table, write_json
 from benchmarks.data.detections import DetectionJob, Recording, prepared, run_detections, score
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.body.landmarks import Layout

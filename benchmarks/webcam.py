@@ -21,8 +21,7 @@ from typing import Any, Sequence
 import numpy as np
 
 from benchmarks.common.option_types import command_line, count, positive
-from benchmarks.common.refusals import exit_code
-from benchmarks.common.report import Record, table, write_json
+from benchmarks.common.report import Record, exit_code, table, write_json
 
 GRACE_S, LONGEST_START_S, QUIET_S = 10.0, 60.0, 2.0
 COLUMNS = {"leg": "<", "in": "d", "out": "d", "dropped_percent": ".1f", "p50_ms": ".1f", "p99_ms": ".1f"}

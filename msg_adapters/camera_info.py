@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from types import SimpleNamespace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +34,8 @@ LONGEST_NAME = 64
 """Characters of the name of the distortion model that are used."""
 LARGEST = 1e7
 """px: upper limit of focal lengths and principal point."""
+NOT_CALIBRATED = "the camera is not calibrated"
+IDENTITY = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,33 +73,24 @@ def decode_camera_info(message: Any, rectified: bool = False) -> Intrinsics:
     `camera_not_finite`, `camera_matrix` (no positive focal length, skew), or `camera_distortion` (unknown model, wrong
     number of coefficients).
     """
-    K, R, P = (np.array(values, dtype=float) for values in (message.k, message.r, message.p))
     if len(message.d) > MOST_COEFFICIENTS:
         raise AdapterError(
             "camera_distortion", f"{len(message.d)} coefficients D; expected at most {MOST_COEFFICIENTS}"
         )
+    K, R, P = (np.array(values, dtype=float).reshape(3, -1) for values in (message.k, message.r, message.p))
     D, model = np.array(message.d, dtype=float), message.distortion_model[:LONGEST_NAME]
-    if rectified:
-        D, model = D[:0], ""
-        K = P.reshape(3, 4)[:, :3].ravel() if P[0] else K
-    if not (np.isfinite(R).all() and np.isfinite(P).all()):
-        raise AdapterError("camera_not_finite", "camera_info holds a value that is not finite")
-    size = message.width, message.height
-    means = (
-        "P is filled: set `rectified` if the detector gets the rectified image"
-        if P[0] > 0
-        else "the camera is not calibrated"
-    )
-    K, D, model, warning = checked_camera(K.reshape(3, 3), D, model, size, means)
-    frame_id, P = frame_name(message.header), P.reshape(3, 4)
-    width, height = _apply_window(message, K, P)
-    if min(K[0, 0], K[1, 1]) < 1 or np.abs(K).max() >= LARGEST:
-        raise AdapterError("camera_matrix", f"after binning and region of interest K is {K.tolist()}; expected px")
-    return Intrinsics(K, D, model, R.reshape(3, 3), P, width, height, frame_id, warning)
+    size, frame_id = (message.width, message.height), frame_name(message.header)
+    whole = intrinsics_of(K, D, model, P, size, frame_id, rectified, R)
+    width, height = _apply_window(message, whole.K, whole.P)
+    if min(whole.K[0, 0], whole.K[1, 1]) < 1 or np.abs(whole.K).max() >= LARGEST:
+        raise AdapterError(
+            "camera_matrix", f"after binning and region of interest K is {whole.K.tolist()}; expected px"
+        )
+    return replace(whole, width=width, height=height)
 
 
 def checked_camera(
-    K: np.ndarray, D: np.ndarray, model: str, size: tuple[int, int], uncalibrated: str = "the camera is not calibrated"
+    K: np.ndarray, D: np.ndarray, model: str, size: tuple[int, int], uncalibrated: str = NOT_CALIBRATED
 ) -> tuple[np.ndarray, np.ndarray, str, str]:
     """Return K (3, 3), D and the model as in Intrinsics, and why K is unlikely for the image size, in words.
 
@@ -130,16 +122,19 @@ def intrinsics_of(
     size: tuple[int, int],
     frame_id: str,
     rectified: bool = False,
+    R: np.ndarray = IDENTITY,
 ) -> Intrinsics:
-    """Return the intrinsics of a camera, checked as those of a CameraInfo message; see `decode_camera_info`.
+    """Return the intrinsics of a camera without a window. Raises AdapterError, see `decode_camera_info`.
 
-    K: (3, 3) px, D: in the order of `model`, P: (3, 4) px, of an image of size (width, height) px.
+    K, R: (3, 3), D: in the order of `model`, P: (3, 4), px, of an image of size (width, height) px.
     """
-    whole = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
-    lens = {"k": np.ravel(K), "d": np.ravel(D), "r": np.eye(3).ravel(), "p": np.ravel(P), "distortion_model": model}
-    image = {"width": size[0], "height": size[1], "binning_x": 0, "binning_y": 0, "roi": whole}
-    message = SimpleNamespace(header=SimpleNamespace(frame_id=frame_id), **lens, **image)
-    return decode_camera_info(message, rectified)
+    if rectified:
+        K, D, model = P[:, :3] if P[0, 0] else K, D[:0], ""
+    if not (np.isfinite(R).all() and np.isfinite(P).all()):
+        raise AdapterError("camera_not_finite", "camera_info holds a value that is not finite")
+    filled = "P is filled: set `rectified` if the detector gets the rectified image"
+    K, D, model, warning = checked_camera(K, D, model, size, filled if P[0, 0] > 0 else NOT_CALIBRATED)
+    return Intrinsics(K, D, model, R.copy(), P.copy(), *size, frame_id, warning)
 
 
 def _distortion(model: str, D: np.ndarray) -> tuple[str, np.ndarray]:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common.refusals import exit_code
+from benchmarks.common.report import exit_code
 from benchmarks.data.mocap import Clip, clip_skeleton, load_clips, true_state
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout

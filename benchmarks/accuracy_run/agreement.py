@@ -15,14 +15,14 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-import numpy as np  # noqa: E402
-import proxsuite  # noqa: E402
-import scipy  # noqa: E402
+import numpy as np
+import proxsuite
+import scipy
 
-from lassokin_ros.core.image.projection import project  # noqa: E402
-from lassokin_ros.core.observation import Observation  # noqa: E402
-from lassokin_ros.core.tracker import Tracker  # noqa: E402
-from lassokin_ros.demo.synthetic import motion  # noqa: E402
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.demo.synthetic import motion
 
 FRAMES, RATE, FOCAL, NOISE_PX = 600, 30.0, 1000.0, 2.0
 

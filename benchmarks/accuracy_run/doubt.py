@@ -19,21 +19,21 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-from benchmarks.common.report import Record, table  # noqa: E402
-from benchmarks.data.detections import JOINTS, DetectionJob, Recording, detection_jobs, prepared  # noqa: E402
-from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
-from lassokin_ros.core.estimate import Estimate  # noqa: E402
-from lassokin_ros.core.recording import WHOLE_FILE, published, track_recording  # noqa: E402
-from lassokin_ros.core.tracker import Tracker  # noqa: E402
+from benchmarks.common.report import Record, table
+from benchmarks.data.detections import JOINTS, DetectionJob, Recording, detection_jobs, prepared
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.estimate import Estimate
+from lassokin_ros.core.recording import WHOLE_FILE, published, track_recording
+from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.doubt.doubt import (
-    Doubt,  # noqa: E402
-    signs_of,  # noqa: E402
+    Doubt,
+    signs_of,
 )
-from lassokin_ros.doubt.monitor import DoubtMonitor  # noqa: E402
-from lassokin_ros.replay.report.findings import MOST_MARKED  # noqa: E402
-from lassokin_ros.replay.spans import marked, wrong_spans  # noqa: E402
+from lassokin_ros.doubt.monitor import DoubtMonitor
+from lassokin_ros.replay.report.findings import MOST_MARKED
+from lassokin_ros.replay.spans import marked, wrong_spans
 
 ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 """The joints whose shake is measured, relative to the pelvis."""

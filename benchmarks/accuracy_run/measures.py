@@ -21,21 +21,21 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-from benchmarks.accuracy_run.experiment import Job, scene_of  # noqa: E402
-from benchmarks.data.detections import JOINTS, DetectionJob, Recording, detection_jobs, prepared  # noqa: E402
-from benchmarks.data.mocap import EVALUATED, SMPL_NAME  # noqa: E402
-from benchmarks.data.simulated_camera import Condition  # noqa: E402
-from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
-from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
-from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.core.observation import Observation  # noqa: E402
-from lassokin_ros.core.recording import WHOLE_FILE, published, track_recording  # noqa: E402
-from lassokin_ros.core.tracker import Tracker  # noqa: E402
-from lassokin_ros.measure.exercises import Squat, measure_squats  # noqa: E402
-from lassokin_ros.measure.gait import measure_gait  # noqa: E402
-from lassokin_ros.measure.poses import MeasureError, Poses  # noqa: E402
+from benchmarks.accuracy_run.experiment import Job, scene_of
+from benchmarks.data.detections import JOINTS, DetectionJob, Recording, detection_jobs, prepared
+from benchmarks.data.mocap import EVALUATED, SMPL_NAME
+from benchmarks.data.simulated_camera import Condition
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.recording import WHOLE_FILE, published, track_recording
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.measure.exercises import Squat, measure_squats
+from lassokin_ros.measure.gait import measure_gait
+from lassokin_ros.measure.poses import MeasureError, Poses
 
 WALKS = ("02_01", "02_02", "07_05", "12_01", "exp_walking_1")
 VIEWS = 8

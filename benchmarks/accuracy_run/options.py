@@ -37,9 +37,7 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--seed", type=seed, default=0, help="of cameras, noise and bone errors (0)")
     add("--seeds", type=count, default=1, metavar="N", help="number of seeds, from --seed on, in one summary (1)")
     add("--methods", type=names, default=["lasso"], help=f"comma-separated, of {','.join(METHODS)} (lasso)")
-    add("--clips", type=names, help="comma-separated names (default: all but the training clips)")
-    add("--all-clips", action="store_true", help="run the training clips too")
-    add("--exclude-training", action=switch, default=None, help="default: on, unless another option names the clips")
+    add("--clips", type=names, help="comma-separated names (default: all of no training)")
     people = result.add_mutually_exclusive_group()
     for name, meaning in (("test", "in no training set"), ("validation", "with which the design is chosen")):
         people.add_argument(f"--{name}-people", action="store_true", help=f"people {meaning} (--data: shared data)")

@@ -11,7 +11,7 @@ from benchmarks.accuracy_run import anatomy
 from benchmarks.accuracy_run.options import given
 from benchmarks.common.report import Record, summarise, table
 from benchmarks.data.recordings import counts_apart, recording_files, recording_group
-from training.pose_prior import SEEN, TRAINING
+from training.pose_prior import TRAINING
 
 COLUMNS = {
     "mpjpe_mm": ".1f",
@@ -38,17 +38,12 @@ FLOOR = {"penetration_mm": ".1f"}
 GAP = {"before_mm": ".1f", "gap_end_mm": ".1f", "after_mm": ".1f", "after_no_gap_mm": ".1f", "rise_mm": ".1f"}
 INITIALISATION = {"init_median_mm": ".1f", "init_p90_mm": ".1f", "front_back_percent": ".1f", "ms_p50": ".0f"}
 
-PRIOR_SHIPPED = (
-    f"Prior learned from (never in a summary): {' '.join(TRAINING)}\n"
-    f"Nor is a file of a take that is among these: {' '.join(clip for clip in SEEN if clip not in TRAINING)}"
-)
+PRIOR_SHIPPED = f"Prior learned from these and other takes of them, which are left out: {' '.join(TRAINING)}"
 
 
 def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
-    """Print head, rows and summary. Training clips are never part of the summary."""
+    """Print head, rows and summary."""
     print(detections_head(options) if options.detections else head(options))
-    counted = [r for r in records if not r.get("training")]
-    training = [r for r in records if r.get("training")]
     if not records:
         print("nothing to measure: no clip is long enough")
         return
@@ -59,26 +54,20 @@ def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
     columns = GAP if options.gap else COLUMNS | (HEIGHT if options.unknown_height else {})
     if options.mount and not options.gap:
         columns |= FLOOR
-    if not options.initialisation:
-        shown = [{**r, "clip": r["clip"] + (" *" if r.get("training") else "")} for r in records]
-        seed = {"seed": "d"} if options.seeds > 1 else {}
-        lead = {"clip": "<", "view": "d"} | seed | {"method": "<"} | ({} if options.gap else {"frames": "d"})
-        print(table(shown, lead | columns))
-    for title, group in (("", counted), ("training clips, not to be reported:", training)):
-        if not group:
-            continue
-        print(f"\n{title}".rstrip())
-        if options.initialisation:
-            print(table(initialisation_rows(group), {"method": "<", "frames": "d", "found": "d", **INITIALISATION}))
-            continue
-        lead = {"method": "<", "statistic": "<", "runs": "d"}
-        print(table(summarise(group, ["method"], list(columns)), lead | columns))
-        if not options.gap:
-            print(f"\n{table(summarise(group, ['method'], anatomy.FIGURES), lead | anatomy.COLUMNS)}")
-        if options.test_people or options.validation_people:
-            print(f"\n{person_table(group, GAP if options.gap else BY_PERSON)}")
-        if options.joints and not options.gap:
-            print(f"\n{joint_table(group)}")
+    if options.initialisation:
+        print(table(initialisation_rows(records), {"method": "<", "frames": "d", "found": "d", **INITIALISATION}))
+        return
+    seed = {"seed": "d"} if options.seeds > 1 else {}
+    lead = {"clip": "<", "view": "d"} | seed | {"method": "<"} | ({} if options.gap else {"frames": "d"})
+    print(f"{table(records, lead | columns)}\n")
+    lead = {"method": "<", "statistic": "<", "runs": "d"}
+    print(table(summarise(records, ["method"], list(columns)), lead | columns))
+    if not options.gap:
+        print(f"\n{table(summarise(records, ['method'], anatomy.FIGURES), lead | anatomy.COLUMNS)}")
+    if options.test_people or options.validation_people:
+        print(f"\n{person_table(records, GAP if options.gap else BY_PERSON)}")
+    if options.joints and not options.gap:
+        print(f"\n{joint_table(records)}")
 
 
 def recordings_table(records: Sequence[Record]) -> str:

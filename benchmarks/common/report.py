@@ -1,13 +1,17 @@
-"""Tables on the terminal, records in a JSON file, and where the shared data is."""
+"""Tables and errors on the terminal, records in a JSON file, and where the shared data is."""
 
 from __future__ import annotations
 
 import json
 import os
+import sys
 from pathlib import Path
-from typing import Any, Mapping, Sequence
+from typing import Any, Callable, Mapping, Sequence
 
 import numpy as np
+
+from lassokin_ros.common.command_line import missing_package
+from lassokin_ros.core.errors import LassokinError
 
 Record = dict[str, Any]
 
@@ -66,3 +70,20 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def exit_code(command: Callable[[], int | None]) -> int:
+    """Exit code of a script: that of `command`, or 2 after one line with the reason."""
+    try:
+        return command() or 0
+    except LassokinError as error:
+        why = str(error)
+    except ModuleNotFoundError as error:
+        why = missing_package(error)
+    except SystemExit as end:
+        # argparse uses code 2 for usage errors. A SystemExit with a text would end with code 1, as a traceback does.
+        if not isinstance(end.code, str):
+            raise
+        why = end.code
+    print(f"{Path(sys.argv[0]).name}: {why}", file=sys.stderr)
+    return 2

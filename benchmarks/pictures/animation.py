@@ -19,8 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
 
-from benchmarks.common.refusals import exit_code
-from benchmarks.common.report import data_folder
+from benchmarks.common.report import data_folder, exit_code
 from lassokin_ros.detector.backend import Detected
 from lassokin_ros.video.command import parser as track_options
 from lassokin_ros.video.track import track

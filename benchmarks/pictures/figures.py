@@ -15,10 +15,10 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-from benchmarks.common.refusals import exit_code  # noqa: E402
-from benchmarks.data.figure_scenes import (  # noqa: E402
+from benchmarks.common.report import exit_code
+from benchmarks.data.figure_scenes import (
     NO_GAPS,
     averages,
     error,
@@ -33,8 +33,8 @@ from benchmarks.data.figure_scenes import (  # noqa: E402
     with_gap,
     with_poor_points,
 )
-from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
-from lassokin_ros.demo.synthetic import Detector  # noqa: E402
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.demo.synthetic import Detector
 
 TRUE, COLOURS = "#8a8a8a", ("#d1495b", "#1f6fb4", "#2a9d4a", "#e08d20")
 LEFT_KNEE = 4

@@ -17,14 +17,14 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-from lassokin_ros import joints  # noqa: E402
-from lassokin_ros.robot.check import people  # noqa: E402
-from lassokin_ros.robot.imitation import Imitation  # noqa: E402
-from lassokin_ros.robot.model import RobotModel  # noqa: E402
-from lassokin_ros.robot.person import Person  # noqa: E402
-from lassokin_ros.robot.robot_file import load_robot  # noqa: E402
+from lassokin_ros import joints
+from lassokin_ros.robot.check import people
+from lassokin_ros.robot.imitation import Imitation
+from lassokin_ros.robot.model import RobotModel
+from lassokin_ros.robot.person import Person
+from lassokin_ros.robot.robot_file import load_robot
 
 RATE, FPS = 100.0, 30.0
 

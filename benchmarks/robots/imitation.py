@@ -19,19 +19,19 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-import numpy as np  # noqa: E402
-import pinocchio as pin  # noqa: E402
+import numpy as np
+import pinocchio as pin
 
-from benchmarks.accuracy_run.experiment import Job, Scene, scene_of  # noqa: E402
-from benchmarks.data.mocap import EVALUATED  # noqa: E402
-from benchmarks.data.simulated_camera import Condition  # noqa: E402
-from lassokin_ros import joints  # noqa: E402
-from lassokin_ros.core.tracker import Tracker  # noqa: E402
-from lassokin_ros.robot.clearance import Clearance  # noqa: E402
-from lassokin_ros.robot.imitation import Imitation  # noqa: E402
-from lassokin_ros.robot.model import RobotModel  # noqa: E402
-from lassokin_ros.robot.person import ANKLES, Person  # noqa: E402
-from lassokin_ros.robot.robot_file import CHAINS, SIDES, load_robot  # noqa: E402
+from benchmarks.accuracy_run.experiment import Job, Scene, scene_of
+from benchmarks.data.mocap import EVALUATED
+from benchmarks.data.simulated_camera import Condition
+from lassokin_ros import joints
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.robot.clearance import Clearance
+from lassokin_ros.robot.imitation import Imitation
+from lassokin_ros.robot.model import RobotModel
+from lassokin_ros.robot.person import ANKLES, Person
+from lassokin_ros.robot.robot_file import CHAINS, SIDES, load_robot
 
 FPS, RATE = 30.0, 100.0
 CONDITION = Condition(noise_px=1.5, wander_px=2.5, offset_px=2.5, fps=FPS)

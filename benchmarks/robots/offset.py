@@ -17,12 +17,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, data_folder, exit_code, table, write_json  # isort: skip  (before numpy)
 import numpy as np
 
 from benchmarks.accuracy_run.people import test_clips, validation_clips
 from benchmarks.common import option_types
-from benchmarks.common.refusals import exit_code
 from benchmarks.data.mocap import Clip, clip_height
 from benchmarks.robots import places
 from lassokin_ros.core.config import TrackerConfig

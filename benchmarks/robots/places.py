@@ -23,14 +23,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from benchmarks.common.report import Record, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, exit_code, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from benchmarks.accuracy_run.people import chosen_clips, person_of
 from benchmarks.common import option_types
-from benchmarks.common.refusals import exit_code
 from benchmarks.data.mocap import Clip, clip_height, clip_skeleton, floor_height, landmark_positions, load_clip
 from benchmarks.data.rig import Z_UP
 from benchmarks.data.strangers import with_peoples_proportions

@@ -24,11 +24,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, data_folder, exit_code, table, write_json  # isort: skip  (before numpy)
 import numpy as np
 
 from benchmarks.common import option_types
-from benchmarks.common.refusals import exit_code
 from benchmarks.video import PAIRS
 from lassokin_ros.core.body.rotations import exponential, logarithm
 from lassokin_ros.detector.backend import Detected

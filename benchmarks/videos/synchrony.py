@@ -23,14 +23,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from benchmarks.common.report import Record, table, write_json  # isort: skip  (threads, before numpy)
+from benchmarks.common.report import Record, exit_code, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from benchmarks.accuracy_run.people import chosen_clips
 from benchmarks.common import option_types
-from benchmarks.common.refusals import exit_code
 from benchmarks.data.mocap import clip_height, clip_skeleton, landmark_positions, load_clip
 from benchmarks.data.rig import DISTANCE, Z_UP, moved
 from lassokin_ros.core.body.kinematics import Kinematics

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
@@ -68,7 +68,7 @@ def motion(skeleton: Skeleton, times: np.ndarray) -> BodyState:
     """
     t = np.asarray(times, dtype=float)
     walk, wave, squat = _share(t, 0.0), _share(t, 1 / 3), _share(t, 2 / 3)
-    step = 2 * np.pi * 0.9 * t
+    step, to_and_fro = 2 * np.pi * 0.9 * t, 1.1 + 0.5 * np.sin(2 * np.pi * 1.1 * t)
     rotations = np.tile(np.eye(3), (len(t), skeleton.joint_count, 1, 1))
 
     def turn(joint: str, **angles: np.ndarray | float) -> None:
@@ -95,7 +95,7 @@ def motion(skeleton: Skeleton, times: np.ndarray) -> BodyState:
         turn(f"{side}_ankle", x=0.6 * (thigh - knee) + 0.2 * squat)
         waving = wave if side == "right" else 0.25 * wave
         turn(f"{side}_shoulder", x=0.45 * walk * swing - 0.9 * squat, z=-sign * (1.32 - 1.35 * waving))
-        turn(f"{side}_elbow", y=-sign * (0.35 + 0.25 * walk * (1 - swing)), z=sign * waving * _waving(t))
+        turn(f"{side}_elbow", y=-sign * (0.35 + 0.25 * walk * (1 - swing)), z=sign * waving * to_and_fro)
         turn(f"{side}_wrist", y=-0.1 * sign * np.sin(2 * np.pi * t / 1.7))
     return BodyState(rotations, _on_the_ground(skeleton, rotations, t))
 
@@ -106,21 +106,13 @@ def _share(t: np.ndarray, offset: float) -> np.ndarray:
     return on * on * (3 - 2 * on)
 
 
-def _waving(t: np.ndarray) -> np.ndarray:
-    return 1.1 + 0.5 * np.sin(2 * np.pi * 1.1 * t)
-
-
 def _on_the_ground(skeleton: Skeleton, rotations: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Return translations (f, 3) m that keep the lower foot on the ground, with a small sway."""
-    pose = _pose(skeleton, rotations)
+    pose = _kinematics(skeleton).pose(BodyState(rotations, np.zeros((len(t), 3))))
     feet = [skeleton.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("ankle", "foot")]
     lowest = pose.positions[:, feet, 1].max(axis=1)
     sway = 0.12 * np.sin(2 * np.pi * t / 9.1), 0.2 * np.sin(2 * np.pi * t / 11.7)
     return np.stack([sway[0], CAMERA_HEIGHT - 0.05 - lowest, DISTANCE + sway[1]], axis=-1)
-
-
-def _pose(skeleton: Skeleton, rotations: np.ndarray) -> BodyPose:
-    return _kinematics(skeleton).pose(BodyState(rotations, np.zeros(rotations.shape[:1] + (3,))))
 
 
 @lru_cache

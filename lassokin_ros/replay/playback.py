@@ -152,7 +152,7 @@ class NodeMessages:
     def open(self, topic: topics.OutputTopic, name: str, lasting: bool) -> tuple[str, str, bool] | None:
         """Return full name, type and whether it is latched, of a topic that is recorded; see `Sink`."""
         full = topics.full_name(name, NODE_NAME)
-        return None if topic.name in NOT_RECORDED else (full, topic.message_type, topics.is_latched(full))
+        return None if topic.name in NOT_RECORDED else (full, topic.message_type, topic.latched)
 
     def close(self, out: Any) -> None:
         """Nothing: a recording has no end of a topic."""

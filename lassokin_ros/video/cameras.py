@@ -118,51 +118,44 @@ def open_cameras(options: argparse.Namespace) -> list[Filmed]:
     With --cameras, the cameras are those of the file, by the names of the videos or by their order. Otherwise the place
     of the first camera is the origin, and those of the others are not known.
     """
+    stems = [Path(source).stem for source in options.sources]
+    placed: Mapping[str, tuple[Calibration, CameraPose]] = {}
     if options.cameras is not None:
-        return _placed_cameras(options)
-    names = [_topic(Path(source).stem) for source in options.sources] if len(options.sources) > 1 else [""]
-    _refuse_same(names)
+        if options.camera_info is not None or options.fov is not None:
+            raise CameraError("--cameras has the lenses; expected neither --camera-info nor --fov beside it")
+        names = _names_in_file(options.cameras, stems)
+        placed = read_cameras(options.cameras, names, any_unit=True)
+    else:
+        names = stems if len(stems) > 1 else [""]
+    topics = [_topic(name) if name else "" for name in names]
+    if len(set(topics)) < len(names):
+        raise CameraError(f"the videos' names are those of the cameras, and {', '.join(names)} are not different")
     cameras: list[Filmed] = []
-    for name, path in zip(names, options.sources):
-        source, stored = open_input(path, options)
-        if name and source.live:
-            raise SourceError(f"{path} is live; expected files")
-        lens = _lens(options, source, quiet=bool(cameras))
-        cameras.append(Filmed(name, source, lens, CameraPose(name, known=not cameras), stored))
+    for name, topic, path in zip(names, topics, options.sources):
+        lens, pose = placed.get(name, (None, CameraPose(topic, known=not cameras)))
+        source, stored = open_input(path, options, (0, 0) if lens is None else lens.size)
+        if topic and source.live:
+            raise SourceError(f"{path} is live; expected files" + " with --cameras" * bool(placed))
+        if lens is None:
+            lens = _lens(options, source, quiet=bool(cameras))
+        else:
+            lens, pose = lens.scaled_to(source.size, f"{options.cameras}:{name}"), replace(pose, name=topic)
+        cameras.append(Filmed(topic, source, lens, pose, stored))
     return cameras
 
 
-def _placed_cameras(options: argparse.Namespace) -> list[Filmed]:
-    if options.camera_info is not None or options.fov is not None:
-        raise CameraError("--cameras has the lenses; expected neither --camera-info nor --fov beside it")
-    known = camera_names(options.cameras)
-    stems = [Path(source).stem for source in options.sources]
+def _names_in_file(file: Path, stems: Sequence[str]) -> list[str]:
+    """Return the names in the file of the cameras of the videos: by the videos' names, or by their order."""
+    known = camera_names(file)
     by_topic = {_topic(name): name for name in known}  # --save-cameras writes the names of the topics
     strange = [stem for stem in stems if _topic(stem) not in by_topic]
     if strange and len(strange) < len(stems):
-        raise CameraError(f"'{options.cameras}' has no camera '{strange[0]}'; its cameras are: {', '.join(known)}")
-    names = known[: len(stems)] if strange else [stem if stem in known else by_topic[_topic(stem)] for stem in stems]
-    _refuse_same(names)
-    if len(names) < len(stems):
-        raise CameraError(
-            f"'{options.cameras}' has the cameras {', '.join(known)}; expected one for each of {len(stems)} videos"
-        )
-    found = read_cameras(options.cameras, names, any_unit=True)
-    cameras = []
-    for name, path in zip(names, options.sources):
-        calibration, pose = found[name]
-        source, stored = open_input(path, options, calibration.size)
-        if source.live:
-            raise SourceError(f"{path} is live; expected files with --cameras")
-        scaled, topic = calibration.scaled_to(source.size, f"{options.cameras}:{name}"), _topic(name)
-        cameras.append(Filmed(topic, source, scaled, CameraPose(topic, pose.rotation, pose.translation), stored))
-    return cameras
-
-
-def _refuse_same(names: Sequence[str]) -> None:
-    """Raise CameraError for two videos of one camera."""
-    if len({_topic(name) for name in names}) < len(names):
-        raise CameraError(f"the videos' names are those of the cameras, and {', '.join(names)} are not different")
+        raise CameraError(f"'{file}' has no camera '{strange[0]}'; its cameras are: {', '.join(known)}")
+    if not strange:
+        return [stem if stem in known else by_topic[_topic(stem)] for stem in stems]
+    if len(known) < len(stems):
+        raise CameraError(f"'{file}' has the cameras {', '.join(known)}; expected one for each of {len(stems)} videos")
+    return known[: len(stems)]
 
 
 def _topic(name: str) -> str:

@@ -15,6 +15,7 @@ from recordings import contents, write_recording  # noqa: E402
 from lassokin_ros.archive.archive import tasks_of  # noqa: E402
 from lassokin_ros.archive.runners import on_cluster  # noqa: E402
 from lassokin_ros.archive.tasks import ArchiveError  # noqa: E402
+from lassokin_ros.archive.tasks import _made as made_of  # noqa: E402
 from lassokin_ros.cli.replay import (
     main,  # noqa: E402
     parser,  # noqa: E402
@@ -132,38 +133,38 @@ def test_files_outside_the_output_are_replaced_with_force_alone(tmp_path, capsys
     assert skeleton.read_text().startswith("# Calibrated")
 
 
-def test_the_page_of_another_recording_does_not_count_as_finished(tmp_path, capsys):
+def tasks(*arguments):
+    """The tasks of a command by their names."""
+    return {task.name: task for task in tasks_of(parser().parse_args(list(map(str, arguments))))}
+
+
+def test_the_files_of_another_recording_do_not_count(tmp_path):
     """The names look as if one recording were a person of the other one. A dot in a name does not hide a file."""
-    several = ["-p", "max_people:=2", "--save-skeleton", tmp_path / "lengths"]
-    (tmp_path / "bags").mkdir()
     for name in ("walk", "walk_p2", "walk.v2"):
-        write_recording(tmp_path / "bags" / name, 40)
-    arguments = [tmp_path / "bags", "--output", tmp_path / "out", "--jobs", 1]
-    pages = ["--report", tmp_path / "pages"]
-    assert replayed(capsys, *arguments, *several, *pages)[0] == 0
-    saved = sorted(file.name for file in (tmp_path / "lengths").iterdir())
-    assert saved == ["walk.v2_p1.yaml", "walk_p1.yaml", "walk_p2_p1.yaml"]
-    (tmp_path / "pages" / "walk.html").unlink()
-    outcome = dict.fromkeys(["walk", "walk_p2", "walk.v2"], "done before")
-    code, said = replayed(capsys, *arguments, *several, *pages)
-    assert code == 0 and outcomes(said) == {**outcome, "walk": "tracked"}
-    (tmp_path / "lengths" / "walk_p1.yaml").unlink()
-    code, said = replayed(capsys, *arguments, *several, *pages)
-    assert code == 0 and outcomes(said) == {**outcome, "walk": "tracked"}
-    assert sorted(file.name for file in (tmp_path / "lengths").iterdir()) == saved
+        (tmp_path / "bags" / name).mkdir(parents=True)
+        (tmp_path / "bags" / name / "metadata.yaml").touch()
+    wanted = ["--output", tmp_path / "out", "--report", tmp_path / "pages", "--save-skeleton", tmp_path / "lengths"]
+    found = tasks(tmp_path / "bags", *wanted, "-p", "max_people:=2", "--export", ".csv")
+    for file in ("pages/walk_p2.html", "pages/walk.v2.html", "lengths/walk_p2_p1.yaml", "lengths/walk.v2_p1.yaml"):
+        (tmp_path / file).touch()
+    made = {name: [*made_of(task.options).values()] for name, task in found.items()}
+    assert made == {"walk": [False] * 3, "walk.v2": [True, True, False], "walk_p2": [True, True, False]}
 
 
-def test_links_to_folders_elsewhere_are_followed_once(tmp_path, capsys):
-    (tmp_path / "disk" / "day").mkdir(parents=True)
-    write_recording(tmp_path / "disk" / "day" / "far", 5)
-    (tmp_path / "bags").mkdir()
-    write_recording(tmp_path / "bags" / "near", 5)
+def test_links_to_folders_elsewhere_are_followed_once(tmp_path):
+    """Dots are part of the name of a folder."""
+    for folder in ("disk/day/far.1", "bags/near", "bags/near.2"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "metadata.yaml").touch()
     links = {"a_link": tmp_path / "disk", "b_again": tmp_path / "disk", "near_link": tmp_path / "bags" / "near"}
     links |= {"loop": tmp_path / "bags", "up": tmp_path}
     for name, target in links.items():
         (tmp_path / "bags" / name).symlink_to(target)
-    code, said = replayed(capsys, tmp_path / "bags", "--output", tmp_path / "out", "--jobs", 1)
-    assert code == 0 and outcomes(said) == {"near": "tracked", "a_link/day/far": "tracked"}
+    found = tasks(tmp_path / "bags", "--output", tmp_path / "out")
+    assert set(found) == {"near", "near.2", "a_link/day/far.1"}
+    assert found["near.2"].options.output == tmp_path / "out" / "near.2_tracked"
+    (tmp_path / "one.1.mcap").touch()
+    assert list(tasks(tmp_path / "one.1.mcap", "--output", tmp_path / "b")) == ["one.1"]
 
 
 def test_a_page_that_is_requested_later_is_written_also_if_nobody_was_tracked(tmp_path, capsys):
@@ -176,16 +177,6 @@ def test_a_page_that_is_requested_later_is_written_also_if_nobody_was_tracked(tm
         assert outcomes(replayed(capsys, *arguments, *more)[1]) == {"few": outcome}
     assert record_of(tmp_path / "out" / "few_tracked").figures.frames_out == 0
     assert (tmp_path / "pages" / "few.html").exists()
-
-
-def test_dots_are_part_of_the_name_of_a_folder(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for name in ("walk.1", "walk.2"):
-        write_recording(tmp_path / name, 5)
-        assert replayed(capsys, name)[0] == 0
-    file = next((tmp_path / "walk.1").glob("*.mcap")).rename(tmp_path / "one.1.mcap")
-    assert replayed(capsys, file)[0] == 0
-    assert {"walk.1_tracked", "walk.2_tracked", "one.1_tracked"} < set(os.listdir())
 
 
 def test_another_body_in_a_file_of_the_home_folder_is_another_setting(tmp_path, monkeypatch):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks import accuracy, latency, soak, solvers
-from benchmarks.common.refusals import exit_code
+from benchmarks.common.report import exit_code
 from benchmarks.data.detections import detection_jobs, run_detections
 from benchmarks.data.mocap import load_clip
 from benchmarks.data.simulated_camera import rate_of

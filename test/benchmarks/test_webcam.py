@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.common.refusals import exit_code
+from benchmarks.common.report import exit_code
 from benchmarks.webcam import Times, legs, main
 
 

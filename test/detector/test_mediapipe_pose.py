@@ -24,7 +24,8 @@ from lassokin_ros.video.sources import open_source
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "examples" / "balancing.mp4"
 REFERENCE = data_folder() / "detections" / "balancing_mediapipe_full.npz"
-PYTHONS = ("3.10", "3.11", "3.12", "3.13", "3.14")
+PYTHONS = ("3.10", "3.14")
+"""The oldest and the newest one."""
 WATCHED = """if True:
     import sys
     seen = []

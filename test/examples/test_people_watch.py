@@ -99,17 +99,13 @@ def cloud(stamp_s):
 
 @pytest.mark.parametrize("ahead_s, known", [(-0.6, False), (-0.4, True), (0.0, True), (0.05, True), (0.45, False)])
 def test_people_of_another_clock_are_not_known(node, ahead_s, known):
+    """Nor do those of the future become known after the tracker has died."""
     watch = PeopleWatch(node)
     node.calls["tracker/people"](people(NOW_S + ahead_s))
-    node.calls["tracker/state"](SimpleNamespace(data="tracking"))
+    node.calls["tracker/state"](String(data="tracking"))
     assert (watch.known, watch.state, len(watch.tracked())) == ((True, "tracking", 1) if known else (False, "lost", 0))
     assert len(node.log) == (ahead_s > 0.1) and all("s ahead" in text for text in node.log)
-
-
-def test_people_of_the_future_do_not_become_known_after_the_tracker_has_died(node):
-    watch = PeopleWatch(node)
-    node.calls["tracker/people"](people(NOW_S + 0.45))
-    for node.now_s in np.arange(NOW_S, NOW_S + 1.5, 0.05):
+    for node.now_s in np.arange(NOW_S, NOW_S + 1.5, 0.05) if not known else ():
         assert not watch.known and len(watch.everybody()) == 0
     node.calls["tracker/people"](people(node.now_s))
     assert watch.known
@@ -148,40 +144,24 @@ def test_a_skeleton_is_delivered_if_people_of_its_image_are_certain_in_any_order
     assert got == [first, second, third]
 
 
+@pytest.mark.parametrize("people_first", [False, True])
 @pytest.mark.parametrize(
-    "seen",
+    "age_s, seen, delivered",
     [
-        [report(guessed=True)],
-        [report(doubtful=True)],
-        [report(tracked=False)],
-        [report(), report(id="p2", doubtful=True)],  # ~/skeleton may be that of either
+        *((age_s, [report()], 1) for age_s in (0.4, 0.0, -0.05)),
+        *((age_s, [report()], 0) for age_s in (0.6, -0.3)),
+        *((0.0, [report(**doubt)], 0) for doubt in ({"guessed": True}, {"doubtful": True}, {"tracked": False})),
+        (0.0, [report(), report(id="p2", doubtful=True)], 0),  # ~/skeleton may be that of either
+        (0.0, [report(locked=True), report(id="p2", doubtful=True)], 1),  # it is that of the locked person
     ],
 )
-@pytest.mark.parametrize("people_first", [False, True])
-def test_a_skeleton_in_doubt_is_not_delivered(node, seen, people_first):
+def test_a_skeleton_of_another_time_or_in_doubt_is_not_delivered(node, age_s, seen, delivered, people_first):
     got = []
     PeopleWatch(node).subscribe("skeleton", got.append)
-    sent = [("tracker/skeleton", cloud(NOW_S)), ("tracker/people", people(NOW_S, *seen))]
+    sent = [("tracker/skeleton", cloud(NOW_S - age_s)), ("tracker/people", people(NOW_S - age_s, *seen))]
     for topic, message in reversed(sent) if people_first else sent:
         node.calls[topic](message)
-    assert got == []
-
-
-def test_a_skeleton_is_that_of_the_locked_person_if_somebody_is_locked(node):
-    got = []
-    PeopleWatch(node).subscribe("skeleton", got.append)
-    node.calls["tracker/people"](people(NOW_S, report(locked=True), report(id="p2", doubtful=True)))
-    node.calls["tracker/skeleton"](cloud(NOW_S))
-    assert len(got) == 1
-
-
-@pytest.mark.parametrize("age_s, count", [(0.4, 1), (0.6, 0), (-0.05, 1), (-0.3, 0)])
-def test_a_skeleton_of_another_time_is_not_delivered(node, age_s, count):
-    got = []
-    PeopleWatch(node).subscribe("limbs", got.append)
-    node.calls["tracker/people"](people(NOW_S - age_s))
-    node.calls["tracker/limbs"](cloud(NOW_S - age_s))
-    assert len(got) == count
+    assert len(got) == delivered
 
 
 def test_silence_is_logged_with_the_name_of_the_topic(node):

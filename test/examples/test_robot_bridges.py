@@ -88,45 +88,29 @@ def test_gmr_gets_places_with_z_up_and_a_scale_from_the_pelvis():
     assert np.allclose(Rotation.from_quat(turn, scalar_first=True).apply([0, 1, 0]), [0, 0, 1], atol=1e-6)
 
 
-def read_as_lafan(text):
-    """What the loaders of LAFAN1 read: names, parents, offsets, one order of rotations, frames of place and angles.
-
-    As their extract.py: line by line, CHANNELS with three or six entries, the order of the first joint for all.
-    """
-    names, parents, offsets, order, active, rows, end = [], [], [], None, -1, [], False
-    for line in text.splitlines():
-        if found := re.match(r"\s*(ROOT|JOINT)\s+(\w+)", line):
-            names.append(found[2])
-            parents.append(active)
-            offsets.append(None)
-            active = len(names) - 1
-        elif "End Site" in line:
-            end = True
-        elif "}" in line:
-            active, end = (active, False) if end else (parents[active], False)
-        elif (found := re.match(r"\s*OFFSET\s+(\S+)\s+(\S+)\s+(\S+)", line)) and not end:
-            offsets[active] = [float(value) for value in found.groups()]
-        elif (found := re.match(r"\s*CHANNELS\s+(\d)\s+(.*)", line)) and order is None:
-            order = "".join(word[0] for word in found[2].split()[-3:])
-        elif re.match(r"\s*-?\d", line):
-            rows.append([float(value) for value in line.split()])
-    return names, parents, np.array(offsets), order, np.array(rows)
-
-
 def test_a_bvh_with_nokovs_names_has_what_gmr_reads():
     """GMR's form nokov: LeftFoot for the place and LeftToeBase for the turn; cm; y up, which it turns to z."""
     from lassokin_ros.core.body.skeleton import Skeleton
     from lassokin_ros.core.config import TrackerConfig
     from lassokin_ros.replay.exports.bvh import hierarchy
+    from lassokin_ros.skeleton_readers.bvh import parse_hierarchy
 
     skeleton = Skeleton.load(TrackerConfig(height=1.75).skeleton, 1.7)
     angles = np.zeros((2, 3 * skeleton.joint_count))
     angles[1, 3 * 1] = 30.0  # the first rotation, about z, of the joint after the root
     rows = "\n".join(" ".join(str(v) for v in (0.1, 0.9, -3.0, *frame)) for frame in angles)
     text = f"{hierarchy(skeleton)}MOTION\nFrames: 2\nFrame Time: 0.033333333\n{rows}\n"
-    names, parents, offsets, order, frames = read_as_lafan(load("nokov_bvh").renamed(text))
+    renamed = load("nokov_bvh").renamed(text)
+    tree = parse_hierarchy(renamed, "walk.bvh")
+    names, parents, offsets = list(tree.names), tree.parents, tree.positions - tree.positions[list(tree.parents)]
+    frames = np.array([line.split() for line in renamed.partition("Frame Time")[2].splitlines()[1:]], float)
     assert {"Hips", "LeftUpLeg", "LeftFoot", "LeftToeBase", "RightToeBase", "LeftForeArm", "Head"} <= set(names)
-    assert not {name for name in names if "_" in name or name in joints.NAMES} and order == "ZYX"
+    assert not {name for name in names if "_" in name or name in joints.NAMES}
+    # The loaders of LAFAN1 take words alone for names, three or six channels, and the order of the first joint for all.
+    assert all(re.match(r"\s*(ROOT|JOINT) \w+$", line) for line in renamed.splitlines() if "JOINT" in line)
+    channels = [line.split() for line in renamed.splitlines() if "CHANNELS" in line]
+    assert {int(one[1]) for one in channels} <= {3, 6}
+    assert {"".join(word[0] for word in one[-3:]) for one in channels} == {"ZYX"}
     assert np.allclose(frames[:, :3], [10.0, 90.0, -300.0]) and np.allclose(frames[:, 3:], angles)
     assert offsets[names.index("LeftLeg")] == pytest.approx(
         100 * skeleton.offsets[skeleton.index("left_knee")], abs=1e-3

@@ -37,8 +37,7 @@ from lassokin_ros.replay.record import record_of
 from lassokin_ros.skeleton_readers.load import load_skeleton
 from lassokin_ros.skeleton_readers.naming import tables
 from msg_adapters.camera_info import decode_camera_info
-from msg_adapters.compressed_depth import decode_compressed_depth
-from msg_adapters.depth_image import decode_depth_image
+from msg_adapters.depth_image import decode_compressed_depth, decode_depth_image
 from msg_adapters.detectors.registry import ADAPTERS, keypoint_adapter
 from msg_adapters.errors import AdapterError
 

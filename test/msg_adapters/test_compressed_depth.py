@@ -11,8 +11,8 @@ pytest.importorskip("cv2", reason="OpenCV reads PNG")
 from depth_camera import compressed_message, png  # noqa: E402
 from messages import FRAME, rosbags_backend  # noqa: E402
 
-from msg_adapters import compressed_depth  # noqa: E402
-from msg_adapters.compressed_depth import HEADER_BYTES, decode_compressed_depth  # noqa: E402
+from msg_adapters import depth_image  # noqa: E402
+from msg_adapters.depth_image import HEADER_BYTES, decode_compressed_depth  # noqa: E402
 from msg_adapters.errors import AdapterError  # noqa: E402
 
 BACKEND = rosbags_backend()
@@ -97,4 +97,4 @@ def test_a_chunk_that_claims_more_than_the_data_is_refused_before_opencv_allocat
 def test_a_size_that_no_image_has_is_refused_before_memory_is_allocated(width, height):
     header = width.to_bytes(4, "little") + height.to_bytes(4, "little")
     with pytest.raises(AdapterError, match=f"a header with {width} x {height} px"):
-        compressed_depth._from_rvl(header + bytes(64))
+        depth_image._from_rvl(header + bytes(64))

@@ -5,14 +5,11 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
-from recordings import contents, read, synthetic_pixels, webcam_info, write_messages, write_recording  # noqa: E402
+from recordings import INFO, clouds, contents, read, webcam_info, write_messages, write_recording  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.demo.synthetic import WEBCAM  # noqa: E402
 from lassokin_ros.pipeline.camera.calibration_file import read_calibration  # noqa: E402
-from lassokin_ros.replay.bags import typestore  # noqa: E402
-from msg_adapters.backends import RosbagsBackend  # noqa: E402
-from msg_adapters.inputs import point_cloud  # noqa: E402
 
 FRAMES, LENS = 8, "camera_optical_frame"
 WIDTH, HEIGHT = WEBCAM.size
@@ -38,14 +35,10 @@ def test_files_written_by_opencv_are_read(tmp_path):
 
 def recording(path, at=None, frames=FRAMES, frame_id=LENS):
     """A recording in which camera_info comes once, after `at` keypoint messages, or never."""
-    make = RosbagsBackend(typestore())
-    messages = []
-    for i, (stamp_ns, *seen) in enumerate(zip(*synthetic_pixels(frames))):
-        time_ns = int(stamp_ns)
-        cloud = point_cloud(make, time_ns, frame_id, *seen)
-        messages.append(("/keypoints", "sensor_msgs/msg/PointCloud2", time_ns, cloud))
-        if i + 1 == at:
-            messages.append(("/camera_info", "sensor_msgs/msg/CameraInfo", time_ns + 1, webcam_info(time_ns + 1)))
+    messages = list(clouds(frames, frame_id))
+    if at is not None:
+        time_ns = messages[at - 1][2] + 1
+        messages.insert(at, ("/camera_info", INFO, time_ns, webcam_info(time_ns)))
     return write_messages(path, messages)
 
 

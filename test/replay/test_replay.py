@@ -15,9 +15,12 @@ pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 from cases import copied_body  # noqa: E402
 from forked import Forked  # noqa: E402
 from recordings import (  # noqa: E402
+    CLOUD,
     FRAME_TOPICS,
+    INFO,
     RATE,
     START_NS,
+    clouds,
     contents,
     read,
     synthetic_pixels,
@@ -32,10 +35,8 @@ from lassokin_ros.replay.bag_writer import BagWriter  # noqa: E402
 from lassokin_ros.replay.bags import BagError, BagReader, typestore  # noqa: E402
 from lassokin_ros.replay.exports.exports import is_inside_name  # noqa: E402
 from msg_adapters.backends import RosbagsBackend  # noqa: E402
-from msg_adapters.inputs import point_cloud  # noqa: E402
 
 FRAMES, FEW = 60, 6
-CLOUD, INFO = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
 
 
 @pytest.fixture(scope="module")
@@ -138,13 +139,6 @@ def test_a_recording_without_an_accepted_frame_is_reported_on_stderr(recording, 
     )
 
 
-def clouds(frames, topic="/keypoints"):
-    """Messages of the synthetic motion in a frame without camera_info."""
-    backend = RosbagsBackend(typestore())
-    for stamp_ns, *seen in zip(*synthetic_pixels(frames)):
-        yield topic, CLOUD, int(stamp_ns), point_cloud(backend, int(stamp_ns), "camera", *seen)
-
-
 def test_the_summary_states_why_camera_info_was_rejected(tmp_path, capsys):
     info = webcam_info()
     info.k = np.zeros(9)
@@ -198,7 +192,7 @@ def test_parameters_reach_the_tracker_and_a_single_file_is_a_recording(few, tmp_
 
 def test_topics_of_other_names_are_found_or_named(tmp_path):
     info = ("/cam/info", INFO, START_NS - 1, webcam_info())
-    other, usual = list(clouds(8, "/detector/poses")), list(clouds(8, "/detector/keypoints"))
+    other, usual = list(clouds(8, topic="/detector/poses")), list(clouds(8, topic="/detector/keypoints"))
     lidar = ("/lidar", *other[-1][1:])
     named = ["--keypoints-topic", "detector/poses"]
     for name, messages, options in (("a", other, []), ("b", [*other, lidar], named), ("c", [*usual, lidar], [])):

@@ -11,9 +11,10 @@ from lassokin_ros.replay.bag_writer import BagWriter
 from lassokin_ros.replay.bags import BagReader, typestore
 from lassokin_ros.replay.keypoint_recording import write_keypoint_recording
 from msg_adapters.backends import RosbagsBackend
-from msg_adapters.inputs import camera_info
+from msg_adapters.inputs import camera_info, point_cloud
 
 RATE, START_NS = 30.0, 1_700_000_000_000_000_000
+CLOUD, INFO = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
 
 
 def synthetic_pixels(frames, seed=0):
@@ -42,6 +43,19 @@ def write_messages(path, messages, storage="mcap", types=None):
             write = writer.write_raw if isinstance(message, bytes) else writer.write
             write(topic, message_type, time_ns, message)
     return path
+
+
+def clouds(frames, frame_id="camera_optical_frame", topic="/keypoints", spoil=None, times=None):
+    """Keypoint messages (topic, type, time in ns, message) of the synthetic motion, see `write_recording`.
+
+    times: returns the recording times for the stamps, which are the same otherwise.
+    """
+    backend, (stamps, pixels, confidence) = RosbagsBackend(typestore()), synthetic_pixels(frames)
+    recorded = stamps.copy() if times is None else times(stamps.copy())
+    if spoil is not None:
+        spoil(stamps, pixels, confidence)
+    for time_ns, stamp_ns, *seen in zip(recorded.tolist(), stamps.tolist(), pixels, confidence):
+        yield topic, CLOUD, time_ns, point_cloud(backend, stamp_ns, frame_id, *seen)
 
 
 def beginning_of(video, path, frames):

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from conftest import FRAMES
 from scripted import person, standing, two
-from two_people import RATE, scene
 
 from benchmarks.common.report import data_folder
 from lassokin_ros.detector.backend import Detected
@@ -141,26 +140,6 @@ def test_missing_points_do_not_say_where_a_person_is():
     one.pixels[:12], one.confidence[:12] = 0.0, 0.0
     (found,) = people_in([(i / 10, [one]) for i in range(20)])
     assert found.words(320).endswith("at first right")
-
-
-def test_two_people_who_cross_keep_their_numbers():
-    """Simulated scenes: the share of a person's images that are those of one of the people, over ten scenes."""
-    right = total = 0
-    for seed in range(10):
-        pixels, seen = (one := scene(seed)).pixels, one.seen
-        images, owner = [], {}
-        for f in range(pixels.shape[1]):
-            found = []
-            for who in (0, 1):
-                if seen[who, f]:
-                    points = pixels[who, f]
-                    found.append(Detected(points, np.where(np.isfinite(points[:, 0]), 0.9, 0.0)))
-                    owner[id(found[-1])] = who
-            images.append((f / RATE, found))
-        for one in people_in(images)[:2]:
-            counts = np.bincount([owner[id(detected)] for detected in one.detected], minlength=2)
-            right, total = right + counts.max(), total + counts.sum()
-    assert right > 0.95 * total, (right, total)
 
 
 @pytest.mark.skipif(not RECORDED.is_file(), reason=f"there is no {RECORDED}")

@@ -8,8 +8,6 @@ import pytest
 
 pytest.importorskip("cv2")
 
-from lassokin_ros.core.body.rotations import exponential  # noqa: E402
-from lassokin_ros.pipeline.outputs.frame_messages import principal_axes  # noqa: E402
 from lassokin_ros.video.command import WINDOW, main, parser  # noqa: E402
 from lassokin_ros.video.rerun_scene import RerunScene, ViewError, turns_of_z  # noqa: E402
 
@@ -54,18 +52,6 @@ def test_a_capsule_lies_along_its_bone():
     turns = turns_of_z(directions)
     assert np.allclose(turns @ [0, 0, 1], directions) and np.allclose(turns @ turns.transpose(0, 2, 1), np.eye(3))
     assert np.allclose(np.linalg.det(turns), 1.0)
-
-
-def test_an_ellipsoid_shows_its_covariance():
-    rng = np.random.default_rng(0)
-    roots = rng.normal(size=(5, 3, 3))
-    covariance = roots @ roots.transpose(0, 2, 1)
-    quaternions, half_sizes = principal_axes(covariance)
-    angle = 2 * np.arctan2(np.linalg.norm(quaternions[:, :3], axis=1), quaternions[:, 3])
-    axes = quaternions[:, :3] / np.linalg.norm(quaternions[:, :3], axis=1, keepdims=True)
-    turned = exponential(axes * angle[:, None])
-    assert np.allclose(turned @ (half_sizes[:, :, None] ** 2 * turned.transpose(0, 2, 1)), covariance)
-    assert not principal_axes(np.zeros((1, 3, 3)))[1].any()
 
 
 def test_a_recording_that_cannot_be_flushed_is_reported(tmp_path):

@@ -1,7 +1,5 @@
 """Paths of `lassokin track`: inputs are not replaced, two outputs have two paths, and all is checked at the start."""
 
-import re
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -106,18 +104,3 @@ def test_a_name_that_is_too_long_is_one_line(detected, option, name, capsys, mon
     assert main(["walk.avi", "--height", "1.7", option, name]) == 2
     said = [line for line in capsys.readouterr().err.splitlines() if "field of view of 60" not in line]
     assert len(said) == 1 and LONG in said[0] and not detected
-
-
-@pytest.mark.parametrize(
-    "old, new, export, text",
-    [
-        (r"\bspine3\b", "thorax", "m.trc", "a .trc or .c3d file needs the points of halpe26"),
-        (r"\bpelvis\b", "trunk", "m.amass.npz", "an .amass.npz file needs SMPL's joint names"),
-    ],
-)
-def test_a_body_that_a_format_cannot_hold_is_refused_before_the_detector_runs(detected, old, new, export, text, capsys):
-    body = resources.files("lassokin_ros.core.body") / "skeletons" / "anthropometric.yaml"
-    Path("body.yaml").write_text(re.sub(old, new, body.read_text(encoding="utf-8")), encoding="utf-8")
-    files = ["--export", export, "--export", "m.csv"]
-    assert main(["walk.avi", "--height", "1.7", "--fov", "60", "-p", "skeleton:=body.yaml", *files]) == 2
-    assert text in capsys.readouterr().err and not detected

@@ -50,7 +50,7 @@ class TransformInput:
             self._failing_since = None
             if self._places.known and not self._success_logged:
                 self._success_logged = True
-                self._node.get_logger().info(f"{self._places.subject} {self._places.in_words()}")
+                self._node.get_logger().info(f"the cameras' poses {self._places.in_words()}")
             return ""
         if self._failing_since is None:
             self._failing_since = now
@@ -58,5 +58,5 @@ class TransformInput:
             return ""
         if not self._fault_logged:
             self._fault_logged = True
-            self._node.get_logger().warning(f"{fault}; until it is received, {self._places.meanwhile}")
+            self._node.get_logger().warning(f"{fault}; until it is received, images of the camera are rejected")
         return fault

@@ -15,7 +15,6 @@ from lassokin_ros.core.body.rotations import to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.pipeline.frame_result import BODY_FROM_ROOT
-from lassokin_ros.pipeline.outputs.topics import link_prefix
 from lassokin_ros.pipeline.settings import ALL, NodeSettings
 
 _TRUNK = BODY_FROM_ROOT
@@ -46,11 +45,6 @@ JOINTS: dict[str, tuple[str, float]] = {
 """REP-155's joint -> angle of the skeleton and its sign. The joints that have the same zero and axis in both."""
 
 
-def suffix(person: str) -> str:
-    """Return the suffix of a person's frames and joints."""
-    return f"_{person}"
-
-
 def links_of(joints: Sequence[str]) -> list[tuple[str, int, np.ndarray]]:
     """Return REP-155's links of a skeleton with these joints: name, index of the joint, axes (3, 3)."""
     names = list(joints)
@@ -63,7 +57,7 @@ class MappedJoints:
     def __init__(self, names: Sequence[str], person: str) -> None:
         """names: of the joints, without a suffix."""
         mapped = {name: (names.index(angle), sign) for name, (angle, sign) in JOINTS.items() if angle in names}
-        self.names = [f"{name}{suffix(person)}" for name in (*names, *mapped)]
+        self.names = [f"{name}_{person}" for name in (*names, *mapped)]
         self._indices = [index for index, _ in mapped.values()]
         self._signs = np.array([sign for _, sign in mapped.values()])
 
@@ -84,14 +78,17 @@ class Naming:
 
     @classmethod
     def of_person(cls, config: NodeSettings, node: str, person: str = "") -> Naming:
-        """Return the naming of a person. node: the node's full name without the first slash; person: id or empty."""
+        """Return the naming of a person: by default tracker/pelvis, or tracker/p1/pelvis for the person p1.
+
+        node: the node's full name without the first slash, `~` in frame_prefix; person: id, empty if one is followed.
+        """
         if config.rep155 and person:
             return cls(body_id=person)
-        return cls(link_prefix(config.frame_prefix, node, person))
+        return cls(config.frame_prefix.replace("~", node) + f"{person}/" * bool(person))
 
     def link(self, name: str) -> str:
         """Return the name of a TF frame or URDF link."""
-        return f"{name}{suffix(self.body_id)}" if self.body_id else f"{self.prefix}{name}"
+        return f"{name}_{self.body_id}" if self.body_id else f"{self.prefix}{name}"
 
     def link_of_joint(self, joint: str) -> str:
         """Return the name of the frame of a joint of the skeleton. A frame of REP-155 may have the joint's name."""
@@ -99,7 +96,7 @@ class Naming:
 
     def joint(self, name: str) -> str:
         """Return the name of a URDF joint."""
-        return f"{name}{suffix(self.body_id)}" if self.body_id else name
+        return f"{name}_{self.body_id}" if self.body_id else name
 
 
 BODY = "body"

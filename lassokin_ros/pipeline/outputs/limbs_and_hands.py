@@ -92,26 +92,22 @@ class Hands:
 
         It has pointing up only: a hand that points elsewhere is 0, another gesture.
         """
-        said, up = [], None if frame.estimate is None else frame.estimate.up
-        for side, gesture, points in zip(self._points.sides, self._update(frame), self._places(frame)):
+        assert frame.estimate is not None and frame.estimate.pose is not None
+        said, places = [], frame.estimate.pose.landmarks[self._points.rows]
+        for side, gesture, points in zip(self._points.sides, self._update(frame), places):
             if gesture is not None:
-                elsewhere = gesture[0] == "pointing" and not points_up(points, up)
+                elsewhere = gesture[0] == "pointing" and not points_up(points, frame.estimate.up)
                 number = 0 if elsewhere else REP155_GESTURES.get(gesture[0], 0)
                 said.append((number, SIDES.index(side)))
         return said
 
-    def _places(self, frame: FrameResult) -> np.ndarray:
-        """(hands, 21, 3) m in the frame of the skeleton."""
-        assert frame.estimate is not None and frame.estimate.pose is not None
-        return frame.estimate.pose.landmarks[self._points.rows]
-
     def _update(self, frame: FrameResult) -> list[tuple[str, float] | None]:
         """Name and confidence of each hand's gesture, None for one that is hardly seen; once for each frame."""
         estimate = frame.estimate
-        assert estimate is not None and estimate.visible is not None
+        assert estimate is not None and estimate.pose is not None and estimate.visible is not None
         if frame is not self._frame:
             seen = estimate.visible[self._points.rows].mean(axis=1) >= LEAST_OBSERVED
-            likely = gesture_probabilities(self._places(frame), estimate.up)
+            likely = gesture_probabilities(estimate.pose.landmarks[self._points.rows], estimate.up)
             hands = zip(self._watches, likely, seen)
             self._gestures = [watch.update(estimate.stamp, own) if there else None for watch, own, there in hands]
             self._frame = frame

@@ -15,7 +15,6 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.body_frames import Naming
-from lassokin_ros.pipeline.outputs.topics import link_prefix
 from lassokin_ros.pipeline.outputs.urdf import urdf
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -40,28 +39,21 @@ class RobotDescription:
         self._same: Skeleton | None = None  # compared before
 
     def first(self) -> Any:
-        """Return the message for the given skeleton, before any frame. Raises SkeletonError for an impossible base
-        frame.
-        """
+        """Return the message before any frame. Raises SkeletonError for an impossible base frame."""
         return self._make_description(self._fallback, self._given)
 
     def follow(self, frame: FrameResult) -> Any | None:
-        """Return the message that an accepted frame requires, or None. Raises SkeletonError, once, if frame_id is a
-        link's name.
+        """Return the message that an accepted frame requires, or None.
+
+        Raises SkeletonError, once, if frame_id is a link's name.
         """
         skeleton = frame.skeleton or self._given
         base_frame = frame.frame_id or self._base_frame or self._fallback
-        if base_frame == self._base_frame and not self._differs(skeleton):
-            return None
+        if base_frame == self._base_frame and self._skeleton is not None:
+            if skeleton is self._same or farthest_move(self._skeleton, skeleton) <= LARGEST_ERROR:
+                self._same = skeleton
+                return None
         return self._make_description(base_frame, skeleton)
-
-    def _differs(self, skeleton: Skeleton) -> bool:
-        if skeleton is self._same:
-            return False
-        if self._skeleton is None or farthest_move(self._skeleton, skeleton) > LARGEST_ERROR:
-            return True
-        self._same = skeleton
-        return False
 
     def _make_description(self, base_frame: str, skeleton: Skeleton) -> Any:
         self._base_frame, self._skeleton, self._same = base_frame, skeleton, skeleton
@@ -76,5 +68,5 @@ def farthest_move(one: Skeleton, other: Skeleton) -> float:
 
 def urdf_from_settings(tracker: TrackerConfig, settings: NodeSettings, node: str = NODE_NAME) -> str:
     """Return the URDF as XML text. node: the full name of the node without the first slash. Raises a LassokinError."""
-    prefix = link_prefix(settings.frame_prefix, node)
-    return urdf(load_skeleton(tracker.skeleton, tracker.assumed_height), settings.root_frame, prefix)
+    skeleton = load_skeleton(tracker.skeleton, tracker.assumed_height)
+    return urdf(skeleton, settings.root_frame, Naming.of_person(settings, node).prefix)

@@ -5,8 +5,6 @@ Inputs are relative names. Outputs are private to the node (`~/`), so that they 
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 KEYPOINTS = "keypoints"
 CAMERA_INFO = "camera_info"
 CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
@@ -130,23 +128,3 @@ def full_name(topic: str, node: str) -> str:
     """Return the full name of a topic. node: the node's name with its namespace, without the first slash."""
     name = topic.replace("~", node)
     return name if name.startswith("/") else f"/{name}"
-
-
-_LATCHED_NAMES = {topic.name.rpartition("/")[2] for topic in (*OTHER_OUTPUTS, TRACKED_OUTPUT) if topic.latched}
-_LATCHED_NAMES.add(REP155_DESCRIPTION)
-
-
-@lru_cache(maxsize=1024)
-def is_latched(name: str) -> bool:
-    """True if the topic of this full name is latched."""
-    return name.rpartition("/")[2] in _LATCHED_NAMES
-
-
-def link_prefix(frame_prefix: str, node: str, person: str = "") -> str:
-    """Return what precedes the names of a person's TF frames and URDF links.
-
-    frame_prefix: the parameter, in which `~` is the node; node: its full name without the first slash; person: the id,
-    empty if one person is followed. The default gives tracker/pelvis, or tracker/p1/pelvis for the person p1.
-    """
-    prefix = frame_prefix.replace("~", node)
-    return f"{prefix}{person}/" if person else prefix

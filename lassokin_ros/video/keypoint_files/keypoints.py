@@ -38,6 +38,29 @@ class KeypointFile:
     size: tuple[int, int] | None = None
     relative: bool = False
 
+    def shown_at(self, seconds: np.ndarray, size: tuple[int, int]) -> StoredKeypoints:
+        """Return them as a detector. seconds: (f,) of the images. size: (width, height) px."""
+        scale = np.array(size) if self.relative else np.ones(2)
+        people = [[Detected(one.pixels * scale, one.confidence) for one in image] for image in self.people]
+        several = max(map(len, people), default=0) > 1
+        return StoredKeypoints(self.layout, several, dict(zip(seconds.tolist(), people)))
+
+
+@dataclass(eq=False)
+class StoredKeypoints:
+    """The keypoints of a file as a Detector: the images are known by their times, s."""
+
+    landmarks: str
+    several: bool
+    people: Mapping[float, list[Detected]]
+
+    def detect(self, image: np.ndarray, seconds: float) -> list[Detected]:
+        """See Detector.detect. The image is not looked at."""
+        return self.people.get(seconds, [])
+
+    def close(self) -> None:
+        """See Detector.close."""
+
 
 def detected(points: np.ndarray) -> Detected:
     """Return a person's keypoints. points: (l, 3), x, y and confidence; one that is not finite or (0, 0) is missing."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from lassokin_ros.core.errors import CameraError
-from lassokin_ros.detector.backend import Detected, Detector
+from lassokin_ros.detector.backend import Detector
 from lassokin_ros.pipeline.camera.calibration_file import read_calibration
 from lassokin_ros.video.keypoint_files.json_files import WITH_HANDS, openpose_files, read_openpose, read_results
 from lassokin_ros.video.keypoint_files.keypoints import KeypointFile
@@ -21,27 +21,6 @@ READERS = {".json": read_results, ".csv": read_table, ".npz": read_arrays}
 """Reader of a file by its suffix. A folder of JSON files without images is OpenPose's."""
 PICKLED = (".pickle", ".pkl", ".h5")
 """Suffixes of keypoints that are not read. A pickle can run code, and a table of DeepLabCut is also written as CSV."""
-
-
-class StoredKeypoints:
-    """The keypoints of a file as a Detector: the images are known by their times."""
-
-    def __init__(self, keypoints: KeypointFile, seconds: np.ndarray, size: tuple[int, int]) -> None:
-        """seconds: (f,) of the images. size: (width, height) px."""
-        self.landmarks = keypoints.layout
-        self.several = max(map(len, keypoints.people), default=0) > 1
-        scale = np.array(size) if keypoints.relative else np.ones(2)
-        self._people = {
-            at: [Detected(one.pixels * scale, one.confidence) for one in people]
-            for at, people in zip(seconds.tolist(), keypoints.people)
-        }
-
-    def detect(self, image: np.ndarray, seconds: float) -> list[Detected]:
-        """See Detector.detect. The image is not looked at."""
-        return self._people.get(seconds, [])
-
-    def close(self) -> None:
-        """See Detector.close."""
 
 
 def open_input(
@@ -69,7 +48,7 @@ def open_input(
     period = float(np.median(np.diff(seconds))) if count > 1 else 1 / ASSUMED_FPS
     images = (Image(at, np.zeros((size[1], size[0], 3), np.uint8)) for at in seconds.tolist())
     source = Source(path.name, size, size, 1 / period, count, images, remark=remark)
-    return source, StoredKeypoints(keypoints, seconds, size)
+    return source, keypoints.shown_at(seconds, size)
 
 
 def _read(path: Path, hands: bool) -> KeypointFile | None:

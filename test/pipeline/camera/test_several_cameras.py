@@ -73,15 +73,6 @@ def test_an_image_waits_for_that_of_another_camera_exactly_as_long_as_it_is_told
     assert len(play.session.due(end_ns)) == 1 and play.session.due_at_ns is None
 
 
-def test_without_a_fixed_frame_the_skeleton_is_in_the_frame_of_the_first_camera():
-    play = Play([LEFT, RIGHT], NodeSettings(cameras=("left", "right"))).run()
-    assert {one.frame.frame_id for one in play.results} == {LEFT.frame}
-    pose = LEFT.pose_at(0)
-    frame = play.results[-1].frame
-    expected = pose.into_camera(play.truth((frame.stamp_ns - START_NS) * 1e-9).positions[0])
-    assert np.linalg.norm(frame.estimate.pose.positions - expected, axis=1).mean() < 0.03
-
-
 def test_one_camera_in_a_fixed_frame_gives_the_pose_that_it_gives_in_its_own():
     own, fixed = Play([LEFT], NodeSettings()), Play([LEFT], NodeSettings(fixed_frame=MAP))
     own.session.tracker.learned.vertical = Vertical(given=np.array([0.0, -1.0, 0.0]))  # as the map's
@@ -207,11 +198,6 @@ def test_a_robot_that_is_elsewhere_after_a_reset_has_not_jumped():
     assert not play.session.counts[JUMPS] and not play.refused
 
 
-def test_a_fast_robot_is_no_jump():
-    robot = turning_eye("camera", 4.0)
-    assert not Play([robot], NodeSettings(fixed_frame=MAP), still=True).run(2.0).session.counts[JUMPS]
-
-
 def test_a_camera_without_a_transform_is_left_out_and_named():
     play = Play([LEFT, RIGHT])
     for index in range(30):
@@ -269,28 +255,6 @@ def test_the_followed_person_is_found_in_the_other_image_by_place_and_size():
             message = crowd(BACKEND, stamp_ns, people, [7 + number, 8 - number], frame_id=one.frame)
             play.keep(play.session.frames(message, stamp_ns, name))
     assert play.error() < 25 and play.results[-1].frame.estimate.cameras == 2
-
-
-def test_two_people_are_the_same_two_in_both_cameras():
-    settings = NodeSettings(cameras=("left", "right"), fixed_frame=MAP, max_people=4)
-    play = Play([LEFT, RIGHT], settings)
-    found = []
-    for index in range(90):
-        now = index / 30
-        bodies = [truth_at([now], shift=shift).landmarks[0] for shift in ((0, 0, 0), (1.0, 0.8, 0.0))]
-        for number, (name, one) in enumerate(zip(play.names, play.eyes)):
-            play.transforms(number, now)
-            order = bodies if (index + number) % 2 else bodies[::-1]
-            people = [(pixels(one, now, body, play.random), np.full(17, 0.9)) for body in order]
-            stamp_ns = START_NS + round(1e9 * now)
-            message = crowd(BACKEND, stamp_ns, people, frame_id=one.frame)
-            found.append(play.session.frames(message, stamp_ns, name))
-    assert play.session.counts["people come"] == 2
-    last = {frame.person: frame.estimate for frames in found[-4:] for frame in frames}
-    assert len(last) == 2 and all(estimate.cameras == 2 for estimate in last.values())
-    places = sorted((estimate.pose.positions[0] for estimate in last.values()), key=lambda place: place[0])
-    truth = [truth_at([89 / 30], shift=shift).positions[0, 0] for shift in ((0, 0, 0), (1.0, 0.8, 0.0))]
-    assert np.abs(np.array(places) - truth).max() < 0.05
 
 
 def test_depth_images_are_counted_for_each_camera():
@@ -477,11 +441,6 @@ def test_the_learned_poses_are_saved_as_static_transforms_with_the_frames_of_the
             save_cameras(play.session, Path(impossible))
     with pytest.raises(CamerasFileError, match="there is one camera"):
         save_cameras(Play([LEFT], NodeSettings()).session, path)
-
-
-def test_a_silent_camera_counts_for_half_a_second():
-    play = Play([LEFT, RIGHT]).run(2.0, silent=lambda number, seconds: number == 1 and seconds > 1.0)
-    assert 14 <= sum(one.frame.estimate.cameras == 2 for one in play.results if one.seconds > 1.0) <= 16  # at 30 Hz
 
 
 LEARN = TrackerConfig(height=1.75, extrinsics="learn")

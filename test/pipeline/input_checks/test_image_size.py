@@ -79,8 +79,7 @@ def pelvis(result):
     return result.estimate.pose.positions[0]
 
 
-@pytest.mark.parametrize("distance", [3.76, 6.96])
-@pytest.mark.parametrize("factor", [0.5, 2 / 3, 1.0, 2.0])
+@pytest.mark.parametrize("factor, distance", [(0.5, 3.76), (2 / 3, 6.96), (1.0, 3.76), (2.0, 6.96)])
 @pytest.mark.parametrize("kind", [ZED, YOLO])
 def test_the_detectors_3d_points_tell_the_size_of_its_image(kind, factor, distance):
     session, results = run(kind, info(factor), distance, aside=-0.4 if distance > 5 else 0.0)

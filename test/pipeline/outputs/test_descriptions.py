@@ -6,9 +6,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from description_check import DescribedBody
 from detector_messages import backend as detector_backend
 from messages import rosbags_backend
 
+from benchmarks.common.report import data_folder
+from benchmarks.data.mocap import load_clip, true_state
+from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import SkeletonError
@@ -25,8 +31,10 @@ from lassokin_ros.pipeline.outputs.saved_files import (
     check_skeleton_file,
     for_person,
 )
-from lassokin_ros.pipeline.outputs.urdf import has_prefix, joint_names, urdf
+from lassokin_ros.pipeline.outputs.urdf import RANGES, has_prefix, joint_names, range_of, urdf
+from lassokin_ros.pipeline.people.joint_angles import JointAngleReader
 from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.skeleton_readers import urdf as urdf_reader
 
 BACKEND = rosbags_backend()
 
@@ -51,17 +59,15 @@ def test_topics_of_persons():
 def test_full_names_and_prefixes():
     assert topics.full_name("~/joints", "robot/tracker") == "/robot/tracker/joints"
     assert topics.full_name("/tf", "tracker") == "/tf" and topics.full_name("keypoints", "tracker") == "/keypoints"
-    assert topics.link_prefix("~/", "tracker") == "tracker/" and topics.link_prefix("", "tracker") == ""
-    assert topics.link_prefix("~/", "a/tracker", "p1") == "a/tracker/p1/"
+    assert [
+        Naming.of_person(NodeSettings(frame_prefix=prefix), "a/b", person).prefix
+        for prefix, person in (("~/", ""), ("", ""), ("~/", "p1"))
+    ] == ["a/b/", "", "a/b/p1/"]
     assert topics.people_output("a/msg/B") == topics.OutputTopic("~/people", "a/msg/B", False)
 
 
-def test_latched_topics_are_recognised_by_their_names():
+def test_latched_topics():
     outputs = (*topics.PERSON_OUTPUTS, *topics.OTHER_OUTPUTS, topics.TRACKED_OUTPUT, topics.TF)
-    for output in outputs:
-        assert topics.is_latched(topics.full_name(output.name, "tracker")) == output.latched, output
-    assert topics.is_latched("/humans/bodies/p1/urdf") and topics.is_latched("/humans/bodies/tracked")
-    assert not topics.is_latched("/state/joints")
     assert {output.name for output in outputs if output.latched} == {
         "~/robot_description",
         "~/state",
@@ -231,3 +237,77 @@ def test_names_of_skeleton_files(tmp_path, monkeypatch):
         with pytest.raises(SkeletonError, match="me.yaml"):
             check_skeleton_file(name, False, False)
         check_skeleton_file(name, False, True)
+
+
+SKELETON = Skeleton.load("body_hands", 1.75)
+BENT = {"index1": (0, 0.2, -1.2), "index2": (0, 0, -1.6), "ring3": (0, 0, -1.0), "thumb1": (0.5, 0.4, 0.1)}
+BENT |= {"thumb3": (0, 1.0, 0), "wrist": (0, 0.2, -0.8)}
+
+
+@pytest.fixture(scope="module")
+def pose():
+    """Rotations (54, 3, 3) and positions (54, 3) of a body with bent fingers, and its angles (54, 3)."""
+    vectors = np.zeros((54, 3))
+    for part, vector in BENT.items():
+        vectors[SKELETON.index(f"left_{part}")] = vector
+        vectors[SKELETON.index(f"right_{part}")] = np.array(vector) * [1, -1, -1]
+    vectors[0] = np.pi, 0, 0
+    rotations = exponential(vectors)
+    body = Kinematics(SKELETON, Layout.load("mediapipe75", SKELETON))
+    positions = body.pose(BodyState(rotations, np.array([0.1, 0.2, 2.5]))).positions
+    return positions, JointAngleReader(SKELETON.axes).read(rotations)
+
+
+def test_the_urdf_is_read_back_as_the_same_tree():
+    again = urdf_reader.parse(urdf(SKELETON, "camera", "person/"), "robot_description", height=1.75)
+    assert again.joint_names == SKELETON.joint_names and again.axes == SKELETON.axes
+    assert np.allclose(again.offsets, SKELETON.offsets, atol=1e-9)
+
+
+def test_the_urdf_is_driven_by_the_joint_states(pose):
+    positions, angles = pose
+    state = SimpleNamespace(
+        name=joint_names(SKELETON),
+        position=np.array([0.1, 0.2, 2.5, *angles.reshape(-1)]),
+    )
+    assert np.allclose(DescribedBody(urdf(SKELETON, "camera", "person/")).positions(state), positions, atol=1e-6)
+
+
+def test_locked_axes_have_a_range_about_zero_and_bends_lie_inside(pose):
+    for joint, name in enumerate(SKELETON.joint_names[24:], 24):
+        for axis, letter in enumerate("xyz"):
+            low, high = range_of(name, letter)
+            if 3 * joint + axis in SKELETON.locked:
+                assert high == pytest.approx(-low) and high < 0.2
+            assert low <= pose[1][joint, axis] <= high, (name, letter)
+
+
+CLIPS = sorted((data_folder() / "corpus").glob("*.npz"))[::18]
+
+
+def test_sides_are_mirrored_and_other_joints_have_no_range():
+    low, high = range_of("left_hip", "z")
+    assert range_of("right_hip", "z") == (-high, -low) and range_of("right_hip", "x") == range_of("left_hip", "x")
+    assert range_of("pelvis", "x") is None and range_of("tail", "y") is None and range_of("left_wing", "y") is None
+    assert all(low <= high for ranges in RANGES.values() for low, high in ranges.values())
+
+
+@pytest.mark.skipif(not CLIPS, reason=f"there is no motion capture in {data_folder() / 'corpus'}")
+def test_recorded_angles_lie_within_the_limits():
+    """Over all angles of 30 clips; feet and wrists of motion capture hardly move."""
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    kinematics = Kinematics(skeleton, Layout.load("coco17", skeleton))
+    angles = []
+    for clip in CLIPS:
+        for rotations in true_state(load_clip(clip), kinematics).rotations[::10]:
+            angles.append(JointAngleReader(skeleton.axes).read(rotations))
+    found = np.array(angles)
+    inside = {}
+    for joint, name in enumerate(skeleton.joint_names):
+        for axis, letter in enumerate("xyz"):
+            if (limits := range_of(name, letter)) is not None:
+                values = found[:, joint, axis]
+                inside[f"{name}_{letter}"] = np.mean((limits[0] <= values) & (values <= limits[1]))
+    assert len(found) > 500 and np.mean(list(inside.values())) > 0.98, inside
+    sure = [name for name in inside if "ankle" not in name and "collar" not in name]
+    assert min(inside[name] for name in sure) > 0.9, inside

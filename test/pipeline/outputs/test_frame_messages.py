@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from detector_messages import detector_types
 from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion, rosbags_backend
 from scipy.spatial.transform import Rotation
 
@@ -11,7 +10,7 @@ from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import ROOT, NodeSettings
-from msg_adapters.backends import RclpyBackend, RosbagsBackend
+from msg_adapters.backends import RclpyBackend
 from msg_adapters.output_messages.builders import set_header
 
 START_NS, PERIOD_NS = 5_000_000_000, 16_666_667
@@ -79,16 +78,6 @@ def test_tf_gives_position_and_front_of_the_pelvis(session):
     front, left, up = turn.T  # in the camera's frame: the person is upright and looks into the camera
     assert front[2] < -0.8 and left[0] > 0.8 and up[1] < -0.8
     assert np.allclose(left, tracked.estimate.pose.orientations[0][:, 0])
-
-
-def test_rep155s_body_is_midway_between_the_hips(session):
-    tracked = frame(session, 0)
-    config, backend = NodeSettings(publish_tf=ROOT, rep155=True), RosbagsBackend(detector_types())
-    messages = FrameMessages(backend, session.tracker.skeleton, config=config)
-    place = dict(messages.build(tracked))[topics.TF].transforms[0].transform.translation
-    hips = tracked.estimate.pose.positions[[1, 2]]
-    assert np.allclose([place.x, place.y, place.z], hips.mean(axis=0))
-    assert np.linalg.norm(hips.mean(axis=0) - tracked.positions[:3]) > 0.05
 
 
 def test_messages_have_the_stamp_and_frame_of_the_keypoints(session):

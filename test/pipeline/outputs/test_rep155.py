@@ -50,16 +50,6 @@ def test_all_links_of_rep155_are_there():
     assert len(set(joints)) == len(joints)
 
 
-def test_frames_hang_below_the_body(built):
-    _, messages = built
-    parents = {t.child_frame_id: t.header.frame_id for t in messages[topics.TF].transforms}
-    assert {f"{name}_abc" for name in OF_REP155} <= set(parents)
-    for name in parents:
-        while name != "body_abc":
-            assert name.endswith("_abc")
-            name = parents[name]
-
-
 def pose_of_hanging_arms():
     """World axes are those of the camera: x right, y down, z forward; a person who faces the camera, standing."""
     facing = Rotation.from_matrix([[1, 0, 0], [0, -1, 0], [0, 0, -1]]).as_matrix()

@@ -112,16 +112,6 @@ def test_covariances_are_computed_only_for_a_message(frames):
     assert "uncertainty" in vars(frame)
 
 
-def test_people_who_left_or_are_of_another_camera_are_left_out(frames):
-    messages = PeopleMessages(BACKEND, CLOUD_TYPE)
-    messages.update(frames, [""])
-    at = frames[-1].stamp_ns
-    assert messages.build((at, "another_camera"), 1.0, 3.0).width == 0
-    assert messages.build((at, FRAME), 1.0, 3.0).width == 1
-    messages.update([], ["p2"])
-    assert messages.build((at, FRAME), 1.0, 3.0).width == 0
-
-
 def test_one_person_does_not_come_back_when_stamps_that_have_jumped_back_reach_the_old_time(frames):
     messages = PeopleMessages(BACKEND, CLOUD_TYPE)
     messages.update(frames, None)

@@ -41,10 +41,10 @@ def session():
         name="",
         key=lambda count: count,
         camera=SimpleNamespace(view=view, warning="", fault="", intrinsics=None),
-        frame_id="",
         depth=None,
-        depth_check=SimpleNamespace(fault=""),
-        **dict.fromkeys(("stamp_rate", "own_depth", "landmark_ids", "image_size"), SimpleNamespace(concern=None)),
+        stamps=SimpleNamespace(rate=SimpleNamespace(concern=None), delay_s=None),
+        last=(0, ""),
+        **dict.fromkeys(("own_depth", "landmark_ids", "image_size"), SimpleNamespace(concern=None)),
     )
     return SimpleNamespace(
         enabled=True,
@@ -96,7 +96,8 @@ def frame(stamp_ns=SECOND, reprojection_px=2.0, depth=3.5, repeated=0.0, deviati
 
 def give_depth(session, **settings):
     """Depth images of the only camera."""
-    session.first.depth, session.config = SimpleNamespace(fault="", frozen=False), NodeSettings(**settings)
+    session.first.depth = SimpleNamespace(fault="", frozen=False, check=SimpleNamespace(fault=""))
+    session.config = NodeSettings(**settings)
 
 
 def said(diagnostics, now=11.0, **more):
@@ -185,22 +186,53 @@ def test_concerns_of_the_camera_and_of_others_stand_after_the_state(session, dia
     assert said(diagnostics, concern="busy") == (WARN, "tracking; K hardly fits; busy")
 
 
-@pytest.mark.parametrize(("outside", "level"), [(5, OK), (6, WARN)])
-def test_keypoints_outside_of_the_image(session, diagnostics, outside, level):
-    session.counts.update({"received": 10, OUTSIDE_IMAGE: outside})
-    found = said(diagnostics)
-    assert found[0] == level and ("outside the image of 640 x 480 px" in found[1]) == (level == WARN)
-    session.counts.update({"received": 10, OUTSIDE_IMAGE: 10})
-    session.first.camera.view = None
+PEOPLE = {"people come": 3, "people left": 3}
+
+
+@pytest.mark.parametrize(
+    ("counts", "words"),
+    [
+        ({"received": 10, OUTSIDE_IMAGE: 5}, ""),
+        ({"received": 10, OUTSIDE_IMAGE: 6}, "outside the image of 640 x 480 px"),
+        *(
+            ({"received": 100, key: count}, f"tracking; messages {key}: " * (count > 2))
+            for key in (OVERTAKEN, LOST)
+            for count in (2, 3)
+        ),
+        (PEOPLE, "set person_ids to node"),
+        (PEOPLE | {"people come": 2}, ""),
+        (PEOPLE | {"people left": 2}, ""),
+        (PEOPLE | {"resets": 1}, ""),
+    ],
+)
+def test_counts_of_a_period_from_which_a_warning_is_due(session, diagnostics, counts, words):
+    session.counts.update(counts)
+    level, message = said(diagnostics)
+    assert level == (WARN if words else OK) and words in message and (words or message == "tracking")
+
+
+@pytest.mark.parametrize(
+    "settings", [{"person_ids": "node"}, {"rep155": True, "keypoints_type": "hri_msgs/msg/Skeleton2D"}]
+)
+def test_people_may_come_and_leave_where_no_number_of_a_message_counts(session, diagnostics, settings):
+    session.config = NodeSettings(**settings)
+    session.counts.update(PEOPLE)
     assert said(diagnostics) == (OK, "tracking")
 
 
-@pytest.mark.parametrize(("messages", "level"), [(2, OK), (3, WARN)])
-@pytest.mark.parametrize("key", [OVERTAKEN, LOST])
-def test_unused_messages(session, diagnostics, key, messages, level):
-    session.counts.update({"received": 100, key: messages})
-    found, message = said(diagnostics)
-    assert found == level and message.startswith("tracking" if level == OK else f"tracking; messages {key}: ")
+@pytest.mark.parametrize(
+    ("fact", "words"),
+    [
+        ({"jumped_number": 7}, "number 7 has moved to another person"),
+        ({"numbers_may_be_indices": True}, "0, 1, ..."),
+        ({}, "re-identified by position only"),
+    ],
+)
+def test_doubtful_identities_are_a_warning(diagnostics, session, fact, words):
+    vars(session.people).update(fact)
+    diagnostics.count_message([replace(frame(), guessed=not fact)], SECOND, 10.5, 0.001)
+    level, message = said(diagnostics)
+    assert level == WARN and words in message
 
 
 def test_rejected_messages_are_named_once_with_advice_and_without_numbers(session, diagnostics):
@@ -224,30 +256,6 @@ def test_keypoints_that_are_no_bodys(diagnostics, pixels, level):
     assert found[0] == level
     if level == WARN:
         assert "keypoints are more than 0.10 m off the best body" in found[1] and "`landmarks: coco17`" in found[1]
-    assert said(diagnostics) == (OK, "tracking")
-
-
-@pytest.mark.parametrize(
-    ("changes", "level"),
-    [
-        ({"people come": 3, "people left": 3}, WARN),
-        ({"people come": 2, "people left": 3}, OK),
-        ({"people come": 3, "people left": 2}, OK),
-        ({"people come": 3, "people left": 3, "resets": 1}, OK),
-    ],
-)
-def test_people_who_come_and_leave(session, diagnostics, changes, level):
-    session.counts.update(changes)
-    found = said(diagnostics)
-    assert found[0] == level and ("set person_ids to node" in found[1]) == (level == WARN)
-
-
-@pytest.mark.parametrize(
-    "settings", [{"person_ids": "node"}, {"rep155": True, "keypoints_type": "hri_msgs/msg/Skeleton2D"}]
-)
-def test_people_may_come_and_leave_where_no_number_of_a_message_counts(session, diagnostics, settings):
-    session.config = NodeSettings(**settings)
-    session.counts.update({"people come": 3, "people left": 3})
     assert said(diagnostics) == (OK, "tracking")
 
 
@@ -343,7 +351,7 @@ def test_figures_of_a_period(session, diagnostics):
 def test_figures_of_several_people(session, diagnostics):
     session.roster.ids = ["p1", "p2", "p3"]
     session.counts.update({"people come": 3, "people left": 1, "people beyond max_people": 2})
-    session.first.depth = SimpleNamespace(fault="", frozen=False)
+    session.first.depth = SimpleNamespace(fault="", frozen=False, check=SimpleNamespace(fault=""))
     values = diagnostics.line(11.0, Presence(Status.TRACKING, ["p1"])).values
     assert (values["people"], values["people come"], values["people left"]) == ("p1", "3", "3")
     assert values["people beyond max_people"] == "2" and values[f"{RECEIVED} [messages]"] == "0"
@@ -393,19 +401,3 @@ def test_a_period_above_lost_after_is_a_warning_about_it(diagnostics, session, s
     stale, remedy = ("stale_after is 0.4 s and ", "both") if stale_after == 0.4 else ("", "it")
     expected = f"keypoints come every 1.2 s, and {stale}lost_after is 1 s: people are reported as lost in between: set "
     assert f"{expected}{remedy} to two or three periods" in said(diagnostics, 17.6)[1]
-
-
-def test_a_guessed_identity_is_a_warning(diagnostics, session):
-    diagnostics.count_message([replace(frame(), guessed=True)], SECOND, 10.5, 0.001)
-    level, message = said(diagnostics)
-    assert level == WARN and "re-identified by position only" in message
-
-
-@pytest.mark.parametrize(
-    ("fact", "words"),
-    [({"jumped_number": 7}, "number 7 has moved to another person"), ({"numbers_may_be_indices": True}, "0, 1, ...")],
-)
-def test_person_numbers_that_are_not_used_are_a_warning(diagnostics, session, fact, words):
-    vars(session.people).update(fact)
-    level, message = said(diagnostics)
-    assert level == WARN and words in message and "set person_ids to " in message

@@ -1,7 +1,6 @@
 """The joints' uncertainty as messages: the values of the core in a cloud and as ellipsoids."""
 
 from dataclasses import replace
-from importlib.util import find_spec
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +14,6 @@ from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
-from msg_adapters.backends import RclpyBackend
 from msg_adapters.output_messages.clouds import SKELETONS_POINT
 
 START_NS = 5_000_000_000
@@ -48,14 +46,13 @@ def tracked():
     return session, frames[-1]
 
 
-BACKENDS = [rosbags_backend(), *([RclpyBackend()] if find_spec("rclpy") else [])]
+BACKEND = rosbags_backend()
 
 
-@pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
-def test_the_cloud_contains_the_values_of_the_core(tracked, backend):
+def test_the_cloud_contains_the_values_of_the_core(tracked):
     session, frame = tracked
     expected = session.tracker.uncertainty(frame.estimate)
-    (message,) = (m for t, m in FrameMessages(backend, frame.skeleton).build(frame) if t == topics.JOINT_UNCERTAINTY)
+    (message,) = (m for t, m in FrameMessages(BACKEND, frame.skeleton).build(frame) if t == topics.JOINT_UNCERTAINTY)
     assert [f.name for f in message.fields] == FIELDS and message.header.frame_id == FRAME
     points = points_of(message)
     assert points["joint"].tolist() == list(range(24))
@@ -70,24 +67,17 @@ def test_the_cloud_contains_the_values_of_the_core(tracked, backend):
     assert points["deviation"].max() > 0.01
 
 
-@pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
-def test_the_skeleton_has_the_deviations_of_rotations_after_its_other_fields(tracked, backend):
+def test_the_skeleton_has_rotations_deviations_and_the_vertical_after_its_other_fields(tracked):
     session, frame = tracked
-    expected = session.tracker.uncertainty(frame.estimate).rotation_deviation
-    (message,) = (m for t, m in FrameMessages(backend, frame.skeleton).build(frame) if t == topics.SKELETON)
+    message = dict(FrameMessages(BACKEND, frame.skeleton).build(frame))[topics.SKELETON]
     offsets = {field.name: field.offset for field in message.fields}
     assert (offsets["zz"], offsets["index"], offsets["contact"], offsets["rotation_deviation"]) == (44, 48, 56, 60)
-    points = points_of(message)
-    assert np.allclose(points["rotation_deviation"], expected, rtol=1e-6) and points["observed"].tolist().count(1) > 10
-    assert SKELETONS_POINT.fields["person"][1] == 60
-
-
-def test_the_skeleton_has_rotations_relative_deviations_and_the_vertical(tracked):
-    _, frame = tracked
-    points = points_of(dict(FrameMessages(rosbags_backend(), frame.skeleton).build(frame))[topics.SKELETON])
+    points, expected = points_of(message), session.tracker.uncertainty(frame.estimate)
+    assert np.allclose(points["rotation_deviation"], expected.rotation_deviation, rtol=1e-6)
+    assert points["observed"].tolist().count(1) > 10 and SKELETONS_POINT.fields["person"][1] == 60
     turns = Rotation.from_quat(np.stack([points[name] for name in ("qx", "qy", "qz", "qw")], axis=1)).as_matrix()
     assert np.allclose(turns, frame.estimate.pose.orientations, atol=1e-6)
-    assert np.allclose(points["deviation"], frame.uncertainty.deviation, rtol=1e-6) and points["deviation"][0] == 0
+    assert np.allclose(points["deviation"], expected.deviation, rtol=1e-6) and points["deviation"][0] == 0
     up = np.stack([points[name] for name in ("up_x", "up_y", "up_z")], axis=1)
     assert np.allclose(up, frame.estimate.up, atol=1e-6) and up[0] @ turns[joints.PELVIS][:, 1] > 0.9
     assert points["still"].sum() == frame.estimate.still.sum()
@@ -100,10 +90,9 @@ def test_deviations_of_rotations_are_not_computed_without_a_subscriber(tracked):
     assert "absolute" in vars(fresh.uncertainty) and "rotation_deviation" not in vars(fresh.uncertainty)
 
 
-@pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
-def test_ellipsoids_are_one_standard_deviation_along_each_axis(tracked, backend):
+def test_ellipsoids_are_one_standard_deviation_along_each_axis(tracked):
     _, frame = tracked
-    built = dict(FrameMessages(backend, frame.skeleton, person="p4").build(frame))
+    built = dict(FrameMessages(BACKEND, frame.skeleton, person="p4").build(frame))
     markers = built[topics.UNCERTAINTY_MARKERS].markers
     assert [m.id for m in markers] == list(range(24)) and {m.ns for m in markers} == {"p4/uncertainty"}
     for marker, covariance in list(zip(markers, frame.uncertainty.covariance))[1:]:
@@ -114,10 +103,9 @@ def test_ellipsoids_are_one_standard_deviation_along_each_axis(tracked, backend)
     assert min(markers[0].scale.x, markers[0].scale.y, markers[0].scale.z) > 0  # 0 for the pelvis, but still a marker
 
 
-@pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
-def test_limbs_are_relative_to_their_roots_in_axes_of_chest_and_pelvis(tracked, backend):
+def test_limbs_are_relative_to_their_roots_in_axes_of_chest_and_pelvis(tracked):
     _, frame = tracked
-    (message,) = (m for t, m in FrameMessages(backend, frame.skeleton).build(frame) if t == topics.LIMBS)
+    (message,) = (m for t, m in FrameMessages(BACKEND, frame.skeleton).build(frame) if t == topics.LIMBS)
     limbs, places = points_of(message), frame.estimate.pose.positions
     named = {(joints.NAMES[limb["root"]], joints.NAMES[limb["index"]]): limb for limb in limbs}
     assert len(named) == 12 and ("left_shoulder", "left_hand") in named and ("right_hip", "right_foot") in named

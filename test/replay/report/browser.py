@@ -1,9 +1,15 @@
-"""A real headless Chromium for the pages of this project."""
+"""The data in a page of the report, and a real headless Chromium that shows it."""
 
+import base64
+import json
+import re
 import shutil
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
+
+from lassokin_ros.replay.report.page_json import MISSING
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = (
@@ -13,6 +19,17 @@ FLAGS = (
 
 DEADLINE_MS = 180_000
 """After this time a condition counts as never met: a busy machine may need a minute to draw a scene without a GPU."""
+
+
+def held(page, name="data"):
+    """The data for the page's scripts. page: its text."""
+    return json.loads(re.search(rf'<script type="application/json" id="{name}">(.*?)</script>', page).group(1))
+
+
+def unpacked(packed):
+    """The array in `page_json.packed`."""
+    counts = np.frombuffer(base64.b64decode(packed["data"]), "<i2").reshape(packed["shape"])
+    return np.where(counts == MISSING, np.nan, counts * packed["step"])
 
 
 @contextmanager

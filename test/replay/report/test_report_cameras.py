@@ -1,7 +1,6 @@
 """The report of several cameras: each has its image with its own keypoints and the body as it sees it."""
 
 import base64
-import json
 import re
 from dataclasses import replace
 
@@ -11,7 +10,7 @@ import pytest
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 cv2 = pytest.importorskip("cv2")
 
-from browser import Page, browser  # noqa: E402
+from browser import Page, browser, held, unpacked  # noqa: E402
 from camera_rig import MAP, Eye, eye, keypoints, pixels, tf_of, truth_at  # noqa: E402
 from messages import HEIGHT, WIDTH, camera_info, rosbags_backend  # noqa: E402
 from recordings import write_messages  # noqa: E402
@@ -56,20 +55,9 @@ def recorded(placed, phase=0.0, seeing=EYES):
     return sorted(messages, key=lambda message: message[2])
 
 
-def held(page, name):
-    text = page.read_text(encoding="utf-8")
-    return json.loads(re.search(rf'<script type="application/json" id="{name}">(.*?)</script>', text).group(1))
-
-
-def unpacked(array):
-    counts = np.frombuffer(base64.b64decode(array["data"]), "<i2").astype(float)
-    counts[counts == -32768] = np.nan
-    return array["step"] * counts.reshape(array["shape"])
-
-
 def test_each_camera_has_its_own_keypoints_and_reprojection(rig):
     phase, page = rig
-    data = held(page, "data")
+    data = held(page.read_text(), "data")
     assert [one["name"] for one in data["cameras"]] == ["left", "right"]
     assert [one["image"] for one in data["cameras"]] == [[WIDTH, HEIGHT]] * 2
     (person,) = data["people"]
@@ -105,7 +93,7 @@ def test_a_person_far_from_the_origin_of_the_map_is_drawn_and_has_the_distance_t
     bag, page = write_messages(tmp_path / "bag", recorded(far)), tmp_path / "page.html"
     options = ["-p", "camera_pitch:=0.3", "-p", "smoothing_lag:=0.25"]  # a fixed frame gives the vertical
     assert main([str(bag), "-o", str(tmp_path / "out"), "--report", str(page), *CAMERAS, *options]) == 0
-    data, text = held(page, "data"), page.read_text(encoding="utf-8")
+    data, text = held(page.read_text(), "data"), page.read_text(encoding="utf-8")
     assert data["level"] == np.eye(3).tolist()
     joints = unpacked(data["people"][0]["positions"])
     assert np.abs(joints[:, 0] - [50.0, -0.9, 0.0]).max() < 0.3 and np.ptp(joints[5], axis=0).min() > 0.2
@@ -117,7 +105,7 @@ def test_a_person_far_from_the_origin_of_the_map_is_drawn_and_has_the_distance_t
 
 def test_each_camera_has_its_own_images(rig):
     _, page = rig
-    images = held(page, "images")
+    images = held(page.read_text(), "images")
     for name, own in zip(GREY, [images, *images["others"]]):
         assert len(own["time"]) >= FRAMES - 2
         decoded = [cv2.imdecode(np.frombuffer(base64.b64decode(image), np.uint8), 1) for image in own["jpeg"]]

@@ -1,8 +1,6 @@
 """The images of a recording under the image plane of the report: those that are kept, and those that the page draws."""
 
 import base64
-import json
-import re
 
 import numpy as np
 import pytest
@@ -10,7 +8,7 @@ import pytest
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 cv2 = pytest.importorskip("cv2")
 
-from browser import Page, browser  # noqa: E402
+from browser import Page, browser, held  # noqa: E402
 from recordings import START_NS, synthetic_pixels, webcam_info, write_messages  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
@@ -105,9 +103,9 @@ def test_the_page_holds_the_images_of_the_frames(topic, numbers, bag, capsys):
     output = capsys.readouterr().out
     assert ("not shown: image_encoding 2" in output) == (5 not in numbers and 1 in numbers)
     assert f"{8 if 1 in numbers else 4} have the stamp of keypoints" in output
-    held = json.loads(re.search(r'<script type="application/json" id="images">(.*?)</script>', page).group(1))
-    assert np.allclose(held["time"], np.array(numbers) / 30, atol=1e-3)
-    decoded = [cv2.imdecode(np.frombuffer(base64.b64decode(image), np.uint8), 1) for image in held["jpeg"]]
+    images = held(page, "images")
+    assert np.allclose(images["time"], np.array(numbers) / 30, atol=1e-3)
+    decoded = [cv2.imdecode(np.frombuffer(base64.b64decode(image), np.uint8), 1) for image in images["jpeg"]]
     assert np.abs([image.mean() - grey(number) for image, number in zip(decoded, numbers)]).max() < 3
 
 
