@@ -205,13 +205,12 @@ def test_a_camera_without_a_transform_is_left_out_and_named():
         for number in range(2):
             play.image(number, index / 30)
     assert len(play.results) == 30 and play.session.counts["no transform of right"] >= 28
-    assert (
-        "right_optical" in play.session.placement.places.faults["right"]
-        and "left" not in play.session.placement.places.faults
-    )
+    faults = play.session.placement.places.faults
+    assert list(faults) == ["right"] and "right_optical" in faults["right"]
     nothing = Play([LEFT, RIGHT]).run(0.5, tf=False)
     assert not nothing.results and {one.rejection for one in nothing.refused} == {"no_transform"}
     assert MAP in nothing.refused[0].detail
+    assert nothing.line().message.startswith("no images can be used: no pose of camera 'left' in fixed_frame 'map'")
 
 
 @pytest.mark.parametrize("extrinsics", ["given", "check", "learn"])  # the pose of one camera is not found from a person
@@ -394,8 +393,9 @@ def test_a_late_camera_is_counted_and_its_delay_is_said():
 def test_camera_info_of_the_other_camera_is_named():
     play = Play([LEFT, RIGHT])
     play.session.cameras["right"].camera = Camera(rectified=False)
+    assert "no camera_info of camera 'right'" in play.run(0.1).line().message
     play.session.set_camera(camera_info(BACKEND, frame_id=LEFT.frame), "right")
-    play.run(1.0)
+    play.run(1.0, begin=0.1)
     assert "right/camera_info is of another camera" in play.line().message
 
 
