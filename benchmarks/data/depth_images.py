@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lassokin_ros.pipeline.depth.depth_sampling import sample_depth
+from lassokin_ros.pipeline.depth.depth_images import sample_depth
 from msg_adapters.depth_image import DepthImage
 
 OCCLUDERS = 0.1, 0.5

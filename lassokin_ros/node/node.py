@@ -309,7 +309,7 @@ class TrackerNode(Node):
         if words:
             self._warning.log("duplicate_node", words)
         for keypoints, camera in zip(self._keypoints, self._session.cameras.values()):
-            keypoints.check(now, camera.received > 0)
+            keypoints.check(now, camera.counts[camera.key("received")] > 0)
         concern = "; ".join(filter(None, concerns))
         line = self._diagnostics.line(now, presence, concern, self._outputs.state, self._as_of_ns)
         self._diagnostics_out.publish(self._status.fill(self._now_ns(), "", [line]))

@@ -153,14 +153,14 @@ class Inputs:
 
         A camera sends messages if its last one is at most `stale_after` older than the newest one.
         """
-        sending = [one for one in self._cameras.values() if one.received or one.nobody_in_view]
+        sending = [one for one in self._cameras.values() if one.arrival_ns or one.counts[one.key("received")]]
         since_ns = max((one.arrival_ns for one in sending), default=0) - 1e9 * self._config.stale_after
-        return bool(sending) and all(one.nobody_in_view for one in sending if one.arrival_ns >= since_ns)
+        return bool(sending) and all(one.unused_confidence is not None for one in sending if one.arrival_ns >= since_ns)
 
     @property
     def unused_confidence(self) -> float:
         """Largest confidence in the last messages without a confident keypoint; 0 if they had no keypoint."""
-        return max(camera.unused_confidence for camera in self._cameras.values())
+        return max(camera.unused_confidence or 0.0 for camera in self._cameras.values())
 
     @property
     def has_camera(self) -> bool:
@@ -204,7 +204,6 @@ class Inputs:
         for camera in self._cameras.values():
             if camera.depth is not None:
                 camera.depth.reset()
-            camera.depth_check.reset()
 
     def reset_sets(self) -> None:
         """Forget the images that wait for those of other cameras."""

@@ -69,8 +69,8 @@ class Session:
         """The answers that wait for `smoothing_lag`."""
         self.people = PeopleTracker(self.roster)
         """Who is who in the images."""
-        names, layout = self.config.camera_names, self.tracker.layout
-        self.cameras = {name: CameraImages(name, tracker_config, self.config, layout, self.counts) for name in names}
+        names = self.config.camera_names
+        self.cameras = {name: CameraImages(name, self.tracker, self.config, self.counts) for name in names}
         """The inputs of each camera by name; the name of the only camera is empty. With a topic per body they are those
         of the last body."""
         self.first = self.cameras[names[0]]
@@ -168,10 +168,9 @@ class Session:
         for tracked in self.roster.bodies:
             tracked.tracker.tune(tracker_config)
         self.config = config
-        for stream in [*self.cameras.values(), *self.inputs.streams.values()]:
-            stream.tracker_config, stream.config = tracker_config, config
-            if tracker_config.smoothing_lag > 0:
-                stream.depth_check.reset()  # it is not updated, see `compare`
+        for depth in [camera.depth for camera in self.cameras.values()]:
+            if depth is not None and tracker_config.smoothing_lag > 0:
+                depth.check.reset()  # it is not updated, see `_track`
         self.roster.tune(config)
         self.placement.use_floor(config.floor)
         self.inputs.tune(config)
@@ -257,11 +256,13 @@ class Session:
 
     def _process(self, stream: str, messages: Iterable[tuple[Any, int]]) -> list[Answer]:
         """Return the answers of messages of a stream, with their arrivals, and those of earlier ones that are due."""
-        answers, self._ready = self._ready, []
+        answers, self._ready, camera = self._ready, [], self.inputs.streams[stream]
         for message, arrival_ns in messages:
             self.counts["received"] += 1
+            if camera.name:
+                self.counts[camera.key("received")] += 1
             if self.enabled:
-                answers += self._answers(message, arrival_ns, self.inputs.streams[stream])
+                answers += self._answers(message, arrival_ns, camera)
             else:
                 self.counts["ignored while disabled"] += 1
         return answers
@@ -275,14 +276,17 @@ class Session:
         except AdapterError as error:
             self.scene.refuse([camera.body or camera.name])
             detail = f"camera '{camera.name}': {error}" if camera.name else str(error)
-            return self._refusal(camera.stamp_ns, camera.frame_id, arrival_ns, error.reason, detail)
+            return self._refusal(*camera.last, arrival_ns, error.reason, detail)
         if self.identities is not None:
             image = identified(image, self.identities)
         answers: list[Answer] = []
         if changed:
             answers = self.answers.flush(self.roster.flush())
             if camera.body:
-                self.roster.forget(camera.body)
+                for person in self.roster.people:
+                    if person.id == camera.body:
+                        person.body.reset()
+                self.counts["resets"] += 1
             else:
                 self._forget_people(unlock=False, but=camera)
         for images in self.inputs.sets_with(image, arrival_ns):
@@ -313,8 +317,11 @@ class Session:
         lately = several and self.roster.tracked_lately(stamp_ns)
         if several:
             frames = self.answers.without_absences(frames, lately)
-        for camera in self.cameras.values():
-            camera.compare(images, frames)
+            self.placement.agreement.note(frames)
+        if self.tracker.config.smoothing_lag == 0:
+            for image in images:
+                if (depth := self.cameras[image.camera.name].depth) is not None:
+                    depth.check.update(image.people, frames, image.camera.name)
         apart = several or images[0].body  # the stamps of cameras, and of bodies, need no common order
         newest = self.scene.arrive(stamp_ns, arrival_ns, frame_id, tracked, LONGEST_LATE_NS if apart else 0)
         if not several and all(frame.accepted for frame in frames):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from importlib import import_module
 from typing import Any, Protocol
 
@@ -37,6 +38,7 @@ def full_type_name(message_type: str) -> str:
     return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else message_type
 
 
+@cache
 def keypoint_adapter(message_type: str) -> KeypointAdapter:
     """Return an adapter for a message type in long or short form. Raises KeyError if there is none."""
     adapter: Any = import_module(ADAPTERS[full_type_name(message_type)])

@@ -8,16 +8,14 @@ are used if that is the optical frame of the image, in which z is the depth.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
-from msg_adapters.detectors.people import gather
+from msg_adapters.detectors.people import NOT_MEASURED, Point, gather
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import MAX_POINTS, Keypoints, check_count, frame_name, header_stamp
 
 PERSON = "person"
 """Name of the class of people in COCO. A person without keypoints is one who is too near, or hidden."""
-NOT_MEASURED = (math.nan,) * 3
 
 
 def decode(message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
@@ -26,36 +24,27 @@ def decode(message: Any, image_size: tuple[int, int] | None = None) -> Keypoints
     check_count(min(len(message.detections), MAX_POINTS + 1))
     seen = [d for d in message.detections if len(d.keypoints.data)]
     check_count(sum(len(d.keypoints.data) for d in seen))
-    people = [[(p.id - 1, p.point.x, p.point.y, p.score) for p in d.keypoints.data] for d in seen]
+    frame_id, note = frame_name(message.header), ""
+    people: list[list[Point]] = []
+    for detection in seen:
+        measured, by_id = getattr(detection, "keypoints3d", None), {}
+        if measured is not None and frame_id and measured.frame_id.lstrip("/") == frame_id:
+            by_id = _places(measured.data)
+        elif measured is not None and len(measured.data):
+            note = note or (
+                f"keypoints3d are in the frame {ascii(measured.frame_id[:40])}, the image in {ascii(frame_id[:40])}: "
+                "their depth is not used; set target_frame of yolo_ros to the optical frame of the image"
+            )
+        points = detection.keypoints.data
+        people.append([(p.id - 1, p.point.x, p.point.y, p.score, *by_id.get(p.id, NOT_MEASURED)) for p in points])
     if any(point[0] < 0 for person in people for point in person):
         raise AdapterError("unknown_id", "a keypoint has an id below 1; expected COCO's index plus 1")
-    frame_id = frame_name(message.header)
-    places = [_places(d, frame_id) for d in seen]
-    depths, rays = [[p[0] for p in own] for own in places], [[p[1:] for p in own] for own in places]
-    note = next(filter(None, (_depth_note(d, frame_id) for d in seen)), "")
-    measured = depths if any(depths) else None
     unplaced = sum(not len(d.keypoints.data) and d.class_name == PERSON for d in message.detections)
-    ids = [d.id for d in seen]
-    return gather(stamp, frame_id, people, ids, measured, depth_note=note, unplaced=unplaced, rays=rays)
+    return gather(stamp, frame_id, people, [d.id for d in seen], depth_note=note, unplaced=unplaced)
 
 
-def _places(detection: Any, frame_id: str) -> list[tuple[float, float, float]]:
-    """Return the depth of each keypoint, m, and its ray, see Keypoints; NaN = not measured (yolo_ros may write 0)."""
-    measured = getattr(detection, "keypoints3d", None)
-    if measured is None or not frame_id or measured.frame_id.lstrip("/") != frame_id:
-        return [NOT_MEASURED] * len(detection.keypoints.data)
-    check_count(len(measured.data))
-    points = ((p.id, float(p.point.x), float(p.point.y), float(p.point.z)) for p in measured.data if p.point.z > 0)
-    by_id = {number: (z, x / z, y / z) for number, x, y, z in points}
-    return [by_id.get(p.id, NOT_MEASURED) for p in detection.keypoints.data]
-
-
-def _depth_note(detection: Any, frame_id: str) -> str:
-    """Return why the measured points of a detection are not used; empty if they are, or if there are none."""
-    measured = getattr(detection, "keypoints3d", None)
-    if measured is None or not len(measured.data) or (frame_id and measured.frame_id.lstrip("/") == frame_id):
-        return ""
-    return (
-        f"keypoints3d are in the frame {ascii(measured.frame_id[:40])}, the image in {ascii(frame_id[:40])}: their "
-        "depth is not used; set target_frame of yolo_ros to the optical frame of the image"
-    )
+def _places(points: Any) -> dict[int, tuple[float, float, float]]:
+    """Return depth, m, and ray of measured keypoints by their ids. yolo_ros may write 0 for those without depth."""
+    check_count(len(points))
+    places = ((p.id, float(p.point.x), float(p.point.y), float(p.point.z)) for p in points if p.point.z > 0)
+    return {number: (z, x / z, y / z) for number, x, y, z in places}

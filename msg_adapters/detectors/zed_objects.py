@@ -8,10 +8,9 @@ depth of a keypoint is x of the 3D skeleton, which ZED fits inside the body. y t
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
-from msg_adapters.detectors.people import gather
+from msg_adapters.detectors.people import NOT_MEASURED, Point, gather
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import MAX_POINTS, Keypoints, check_count, header_stamp
 
@@ -23,7 +22,6 @@ TRACKED, TERMINATED = 1, 3
 
 FULL = 100.0
 """Confidences are percentages."""
-NOT_MEASURED = (math.nan,) * 3
 
 
 def decode(message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
@@ -34,17 +32,12 @@ def decode(message: Any, image_size: tuple[int, int] | None = None) -> Keypoints
         o for o in message.objects if o.skeleton_available and (not o.tracking_available or o.tracking_state == TRACKED)
     ]
     check_count(sum(_count(body) for body in bodies))
-    found = [_points(body) for body in bodies]
-    people = [[point[:4] for point in person] for person in found]
-    depths = [[point[4] for point in person] for person in found]
-    rays = [[point[5:] for point in person] for person in found]
+    people = [_points(body) for body in bodies]
     ids = [str(body.label_id) if body.tracking_available else "" for body in bodies]
     sizes = {_count(body) for body in bodies}
     size = sizes.pop() if len(sizes) == 1 else None
     unplaced = len(message.objects) - len(bodies) - sum(_has_left(body) for body in message.objects)
-    return gather(
-        stamp, "", people, ids, depths, depth_of_surface=False, layout_size=size, unplaced=unplaced, rays=rays
-    )
+    return gather(stamp, "", people, ids, depth_of_surface=False, layout_size=size, unplaced=unplaced)
 
 
 def _has_left(body: Any) -> bool:
@@ -57,8 +50,8 @@ def _count(body: Any) -> int:
     return COUNTS[body.body_format]
 
 
-def _points(body: Any) -> list[tuple[int, float, float, float, float, float, float]]:
-    """Return (landmark, x, y, confidence, depth, and its ray's two) of a body. Missing points are negative or NaN."""
+def _points(body: Any) -> list[Point]:
+    """Return the points of a body. Missing ones are negative or NaN in the message."""
     count = _count(body)
     pixels = [point.kp for point in body.skeleton_2d.keypoints[:count]]
     own = [float(value) for value in getattr(body, "skeleton_keypoint_confidence", ())[:count]]

@@ -1,4 +1,4 @@
-"""same_output.py: topics are compared by bytes and times, and a revision has the same output as itself."""
+"""same_output.py compares topics by bytes and times, and a revision has its own output; against.py refuses alike."""
 
 import shutil
 import sys
@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from benchmarks import same_output
+from benchmarks import against, same_output
 from benchmarks.common import revision
 from benchmarks.common.report import exit_code
 from benchmarks.same_output import compare
@@ -49,10 +49,19 @@ def test_a_revision_is_unpacked(tmp_path, monkeypatch):
 
 
 @needs_repository
-@pytest.mark.parametrize("arguments", [["no_such_revision"], ["HEAD", "--people", "ten"], []])
-def test_an_unusable_argument_is_refused_in_one_line(arguments, capsys):
+@pytest.mark.parametrize(
+    ("command", "arguments"),
+    [
+        (same_output.main, ["no_such_revision"]),
+        (same_output.main, ["HEAD", "--people", "ten"]),
+        (same_output.main, []),
+        (against.main, ["no_such_revision"]),
+        (against.main, ["HEAD", "--figures", "nothing"]),
+    ],
+)
+def test_an_unusable_argument_is_refused_in_one_line(command, arguments, capsys):
     with pytest.raises(SystemExit) as end:
-        sys.exit(exit_code(lambda: same_output.main(arguments)))
+        sys.exit(exit_code(lambda: command(arguments)))
     said = capsys.readouterr()
     assert end.value.code == 2 and said.out == ""
     assert arguments == [] or arguments[-1] in said.err

@@ -1,13 +1,11 @@
 """Launch file, parameter files, RViz and Foxglove configurations agree with the code."""
 
-import importlib.util
 import re
-import sys
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
 
 import pytest
 import yaml
+from launch_files import ROOT, actions_of, load, replace_launch
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TYPICAL_HEIGHT, TrackerConfig
@@ -20,7 +18,6 @@ from lassokin_ros.pipeline.outputs.urdf import urdf
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
 
-ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "config"
 FILES = sorted(file.stem for file in CONFIG.glob("*.yaml"))
 
@@ -54,43 +51,19 @@ def test_the_urdf_follows_from_settings():
 CLOCK = {"use_sim_time": True}
 
 
-class Recorded(SimpleNamespace):
-    """Replaces any class of launch and records its arguments."""
-
-    def __init__(self, *args, **kwargs):
-        super().__init__(args=args, **kwargs)
+@pytest.fixture
+def installed(monkeypatch):
+    return replace_launch(monkeypatch)
 
 
 @pytest.fixture
-def launch_file(monkeypatch):
-    """The launch file as a module, with recording replacements if launch is not installed (it is not on PyPI)."""
-    for name, members in {
-        "ament_index_python": (),
-        "ament_index_python.packages": ("get_package_prefix",),
-        "launch": ("LaunchContext", "LaunchDescription"),
-        "launch.actions": ("DeclareLaunchArgument", "ExecuteProcess", "LogInfo", "OpaqueFunction"),
-        "launch_ros": (),
-        "launch_ros.actions": ("Node",),
-        "launch_ros.parameter_descriptions": ("ParameterValue",),
-    }.items():
-        module = ModuleType(name)
-        for member in members:
-            setattr(module, member, Recorded)
-        monkeypatch.setitem(sys.modules, name, module)
-    spec = importlib.util.spec_from_file_location("tracker_launch", ROOT / "launch" / "tracker.launch.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def launch_file(installed):
+    return load("tracker")
 
 
 def start(launch_file, **given):
     """The nodes that are started for these arguments, by package, and the bag's command."""
-    *arguments, function = launch_file.generate_launch_description().args[0]
-    defaults = {argument.args[0]: argument.default_value for argument in arguments}
-    assert all(argument.description for argument in arguments)
-    context = SimpleNamespace(launch_configurations={**defaults, **given})
-    actions = function.function(context)
-    return {getattr(action, "package", "bag"): action for action in actions}
+    return {getattr(action, "package", "bag"): action for action in actions_of(launch_file, **given)[0]}
 
 
 def own_urdf(height=TYPICAL_HEIGHT, node="tracker", base=OPTICAL_FRAME):
@@ -111,11 +84,8 @@ def test_launch_starts_the_default_nodes(launch_file):
     assert not hasattr(tracker, "namespace")
 
 
-def test_the_tracker_publishes_all_frames_if_robot_state_publisher_is_not_installed(launch_file, monkeypatch):
-    def missing(package):
-        raise LookupError(package)
-
-    monkeypatch.setattr(launch_file, "get_package_prefix", missing)
+def test_the_tracker_publishes_all_frames_if_robot_state_publisher_is_not_installed(launch_file, installed):
+    installed.clear()
     started = start(launch_file)
     assert started["lassokin_ros"].parameters[1] == {"publish_tf": "all"}
     assert set(started) == {"lassokin_ros", "bag"} and "not installed" in started["bag"].msg

@@ -1,81 +1,30 @@
-"""webcam.launch.py: the camera that it starts, and its parameters; with recording replacements of `launch`."""
+"""webcam.launch.py and imitate.launch.py: the nodes that they start, and their parameters."""
 
-import importlib.util
 import re
-import sys
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
 
 import pytest
+from launch_files import ROOT, actions_of, load, replace_launch
+from toy_robot import urdf
 
 from lassokin_ros.pipeline.parameter_files import offline_settings
-
-ROOT = Path(__file__).resolve().parents[2]
-
-
-class Recorded(SimpleNamespace):
-    """Replaces any class of launch and records its arguments."""
-
-    def __init__(self, *args, **kwargs):
-        super().__init__(args=args, **kwargs)
-
-
-class NotFound(LookupError):
-    """Replaces PackageNotFoundError."""
 
 
 @pytest.fixture
 def webcam(monkeypatch, tmp_path):
     """(module of the launch file, set of the installed packages)."""
-    installed = set()
-
-    def share(package):
-        if package not in installed:
-            raise NotFound
-        return str(ROOT)
-
-    for name, members in {
-        "ament_index_python": {},
-        "ament_index_python.packages": {
-            "PackageNotFoundError": NotFound,
-            "get_package_prefix": share,
-            "get_package_share_directory": share,
-        },
-        "launch": {"LaunchContext": Recorded, "LaunchDescription": Recorded},
-        "launch.actions": dict.fromkeys(
-            ("DeclareLaunchArgument", "ExecuteProcess", "IncludeLaunchDescription", "LogInfo", "OpaqueFunction"),
-            Recorded,
-        ),
-        "launch.launch_description_sources": {"PythonLaunchDescriptionSource": Recorded},
-        "launch_ros": {},
-        "launch_ros.actions": {"Node": Recorded},
-        "launch_ros.parameter_descriptions": {"ParameterValue": Recorded},
-    }.items():
-        module = ModuleType(name)
-        vars(module).update(members)
-        monkeypatch.setitem(sys.modules, name, module)
+    installed = replace_launch(monkeypatch)
     module = load("webcam")
     monkeypatch.setattr(module, "CALIBRATIONS", tmp_path)
     monkeypatch.setattr(module, "DEVICES", tmp_path / "devices")
     return module, installed
 
 
-def load(name):
-    spec = importlib.util.spec_from_file_location(f"{name}_launch", ROOT / "launch" / f"{name}.launch.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def start(module, **given):
     """(camera, detector, arguments of tracker.launch.py) of the started nodes."""
-    *arguments, function = module.generate_launch_description().args[0]
-    defaults = {argument.args[0]: argument.default_value for argument in arguments}
-    assert all(argument.description for argument in arguments)
-    context = SimpleNamespace(launch_configurations={**defaults, **given})
-    camera, detector, tracker = function.function(context)
+    (camera, detector, tracker), values = actions_of(module, **given)
     assert Path(tracker.args[0].args[0]).samefile(ROOT / "launch" / "tracker.launch.py")
-    return camera, detector, {**context.launch_configurations, **dict(tracker.launch_arguments)}
+    return camera, detector, {**values, **dict(tracker.launch_arguments)}
 
 
 def test_without_a_driver_opencv_reads_the_camera(webcam):
@@ -141,9 +90,7 @@ def test_the_tracker_gets_the_detectors_layout(webcam, tmp_path):
     for given, layout in cases:
         _, _, arguments = start(webcam[0], height="1.6", **given)
         # tracker.launch.py warns of misspelt names and starts the tracker.
-        *declared, function = tracker_launch.generate_launch_description().args[0]
-        defaults = {argument.args[0]: argument.default_value for argument in declared}
-        actions = function.function(SimpleNamespace(launch_configurations={**defaults, **arguments}))
+        actions, _ = actions_of(tracker_launch, **arguments)
         node = next(action for action in actions if getattr(action, "package", "") == "lassokin_ros")
         assignments = [f"{name}:={value}" for name, value in node.parameters[-1].items()]
         settings, node_settings = offline_settings([Path(node.parameters[0])], assignments)
@@ -180,3 +127,17 @@ def test_all_nodes_have_the_namespace_and_the_clock(webcam, tmp_path):
 
 def test_the_words_for_true_are_those_of_the_tracker(webcam):
     assert set(webcam[0].TRUE) == {word for word, value in load("tracker").BOOLEANS.items() if value}
+
+
+def test_a_humanoid_starts_with_the_tracker_and_its_model(webcam, tmp_path):
+    module, path = load("imitate"), tmp_path / "toy.urdf"
+    path.write_text(urdf())
+    given = {"required": ("robot", "urdf"), "robot": "g1", "urdf": str(path)}
+    (tracker, imitate, shown), _ = actions_of(module, **given, free_base="true")
+    assert Path(tracker.args[0].args[0]).samefile(ROOT / "launch" / "tracker.launch.py")
+    (parameters,) = imitate.parameters
+    assert imitate.executable == "imitate" and parameters["robot"] == "g1" and parameters["free_base"] is True
+    assert ("joint_states", "joint_commands") in shown.remappings
+    assert len(actions_of(module, **given, robot_model="false")[0]) == 2
+    with pytest.raises(RuntimeError, match="expected the path of the robot's URDF"):
+        actions_of(module, **{**given, "urdf": str(tmp_path / "none.urdf")})

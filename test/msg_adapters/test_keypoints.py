@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from msg_adapters.detectors.people import gather
+from msg_adapters.detectors.people import NOT_MEASURED, gather
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import (
     LARGEST_PIXEL,
@@ -200,7 +200,7 @@ def test_the_number_of_points_is_limited():
     assert f"{MAX_POINTS + 1} keypoints" in refused(lambda: check_count(MAX_POINTS + 1), "too_many_points")
 
 
-PERSON = [(0, 1.0, 2.0, 0.5), (3, 4.0, 5.0, 0.75)]
+PERSON = [(0, 1.0, 2.0, 0.5, *NOT_MEASURED), (3, 4.0, 5.0, 0.75, *NOT_MEASURED)]
 
 
 @pytest.mark.parametrize(
@@ -225,8 +225,8 @@ def test_people_are_numbered_by_their_ids_or_in_order(ids, numbers, persistent):
 
 
 def test_depths_are_gathered_and_people_may_be_none():
-    found = gather(5, "", [PERSON], ["1"], [[1.5, float("nan")]], depth_of_surface=False)
+    found = gather(5, "", [[(0, 1.0, 2.0, 0.5, 1.5, 0.1, 0.2), PERSON[1]]], ["1"], depth_of_surface=False)
     assert found.depth[0] == 1.5 and np.isnan(found.depth[1]) and not found.depth_of_surface
-    assert gather(5, "", [PERSON], ["1"], [[float("nan")] * 2]).depth is None
+    assert found.rays[0].tolist() == [0.1, 0.2] and np.isnan(found.rays[1]).all()
     nobody = gather(5, "", [], [])
     assert nobody.persistent and nobody.xy.shape == (0, 2) and len(nobody.persons) == 0

@@ -48,7 +48,8 @@ class CameraPlaces:
         """The pose at the last image of each camera, by name."""
         self.faults: dict[str, str] = {}
         """Why the last image of a camera could not be placed, in words, by name."""
-        self._frame_ids: dict[str, str] = {}  # of the last image of each camera
+        self.frame_ids: dict[str, str] = {}
+        """frame_id of the last image of each camera."""
 
     def pose(self, name: str, frame_id: str, stamp_ns: int) -> CameraPose:
         """Return the pose of a camera at the time of its image, and keep it in `newest`.
@@ -56,7 +57,7 @@ class CameraPlaces:
         name: of the camera; frame_id: its optical frame; stamp_ns: ns, of the image. Raises AdapterError with the
         reason `no_transform`.
         """
-        self._frame_ids[name] = frame_id = frame_id.lstrip("/")
+        self.frame_ids[name] = frame_id = frame_id.lstrip("/")
         try:
             self.newest[name] = self._pose(name, frame_id, stamp_ns)
         except TransformError as error:
@@ -75,7 +76,7 @@ class CameraPlaces:
 
     def moves(self, name: str) -> bool:
         """Return True if TF moves a camera that has sent images."""
-        return self.transforms.reach_ns(self._frame_ids.get(name, ""), self.base) is not None
+        return self.transforms.reach_ns(self.frame_ids.get(name, ""), self.base) is not None
 
     def others(self, names: Collection[str], stamp_ns: int) -> list[CameraPose]:
         """Return where the cameras without an image are at a time, as far as TF tells it. They may be on a robot.
@@ -88,7 +89,7 @@ class CameraPlaces:
     def at(self, name: str, stamp_ns: int) -> CameraPose | None:
         """Return where a camera that has sent images was at a time, ns; None if TF does not tell it."""
         try:
-            return self._pose(name, self._frame_ids[name], stamp_ns)
+            return self._pose(name, self.frame_ids[name], stamp_ns)
         except TransformError:
             return None
 
@@ -129,7 +130,7 @@ class CameraPlaces:
     def shared_frame(self) -> str:
         """That cameras have one frame_id, and so one place, in words; empty if they do not."""
         by_frame: dict[str, list[str]] = {}
-        for name, frame_id in self._frame_ids.items():
+        for name, frame_id in self.frame_ids.items():
             if self._given is None or not self._given[name].known:
                 by_frame.setdefault(frame_id, []).append(name)
         for frame_id, names in by_frame.items():

@@ -152,7 +152,7 @@ def _depth(period: Period) -> Iterator[Raised]:
         frozen = frozen or camera.depth.frozen  # `_inputs` says it
         if recent[camera.key(RECEIVED)] == 0:
             faults.append(say("no_depth_images", of=_named(name), topic=session.config.depth_topic(name)))
-        elif fault := camera.depth.fault or camera.depth_check.fault:
+        elif fault := camera.depth.fault or camera.depth.check.fault:
             faults.append(say("depth_unused", of=_named(name), fault=fault))
         if recent[camera.key(UNMATCHED)] > recent[camera.key(MATCHED)]:
             unmatched.append(say("depth_unmatched", of=_named(name)))
@@ -205,13 +205,13 @@ def _inputs(period: Period) -> Iterator[Raised]:
     """Yield that inputs are not what they seem, see `pipeline/input_checks`."""
     session, recent = period.session, period.recent
     for name, camera in session.cameras.items():
-        for check in (camera.stamp_rate, camera.image_size, camera.own_depth, camera.landmark_ids):
+        for check in (camera.stamps.rate, camera.image_size, camera.own_depth, camera.landmark_ids):
             if (raised := check.concern) is not None:
                 yield raised._replace(text=f"{_named(name)}: {raised.text}") if name else raised
         if camera.depth is not None and camera.depth.frozen:
             yield say("depth_frozen", topic=session.config.depth_topic(name), limit=FROZEN_S)
     for name, camera in session.cameras.items():
-        of_keypoints, view = camera.frame_id, camera.camera.view
+        of_keypoints, view = camera.last[1], camera.camera.view
         own = view.intrinsics.frame_id if view is not None and session.scene.image is not None else ""
         if of_keypoints and own and of_keypoints != own:
             topic = f"{name}/camera_info" if name else "camera_info"
@@ -301,7 +301,7 @@ def of_cameras(period: Period, now: float) -> Iterator[Raised]:
             yield say("camera_without_info", camera=name)
         elif not empty and period.silent_s(name, now) > SILENCE_S:
             yield say("camera_silent", camera=name, limit=SILENCE_S)
-    delays = {n: delay_s for n in period.sending if (delay_s := session.cameras[n].delay_s) is not None}
+    delays = {n: delay_s for n in period.sending if (delay_s := session.cameras[n].stamps.delay_s) is not None}
     first, last = min(delays, key=delays.__getitem__, default=""), max(delays, key=delays.__getitem__, default="")
     if delays and (apart := delays[last] - delays[first]) > APART_S:
         yield say("camera_late", last=last, first=first, apart=apart)

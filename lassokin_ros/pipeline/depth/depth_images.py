@@ -1,4 +1,7 @@
-"""The depth images of the last second: matched to keypoint messages by stamp, and sampled at the keypoints."""
+"""The depth images of the last second: matched to keypoint messages by stamp, and sampled at the keypoints.
+
+A keypoint gets one depth, robust against holes, noise and the background.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.pipeline.depth.depth_sampling import sample_depth
+from lassokin_ros.pipeline.depth.depth_check import MISFIT, DepthCheck
 from lassokin_ros.pipeline.input_checks.messages import FROZEN_S, same_image
 from msg_adapters.depth_image import CompressedDepth, DepthImage, decode_compressed_depth, decode_depth_image
 from msg_adapters.errors import AdapterError
@@ -25,6 +28,17 @@ OVERTAKEN_NS = 500_000_000
 has jumped back; as `stamps.JUMP_BACK_S` for keypoints."""
 LARGEST_ASPECT_ERROR = 0.02
 """Largest difference of width / height between a depth image and the image of its camera_info."""
+
+RADIUS = 0.004
+"""Half of the window's side, by the width of the depth image; at least SMALLEST_RADIUS px."""
+SMALLEST_RADIUS = 2
+MEASURED_SHARE = 0.2
+"""Least share of the window's pixels with a measurement."""
+NEAR_QUANTILE = 0.25
+"""Quantile of the window's depths about which the sample is taken. The body is in front of the background, so
+a keypoint at the edge of a limb gets the depth of the limb."""
+SAME_SURFACE = 0.1
+"""m: depths this near to the quantile are of the same surface."""
 
 REGISTERED_NAMES = ("aligned_depth_to_color", "depth_registered", "depth_to_rgb")
 """Parts of topic names of depth images that drivers register to the colour image."""
@@ -62,11 +76,17 @@ class DepthImages:
         """Number of images, usable or not, and the arrival of the last one, ns."""
         self.fault = ""
         """Why depth images are not used, in words; empty if they are."""
+        self.check = DepthCheck()
+        """Whether they show the tracked people."""
         self.note = ""
         """What is unusual about the depth images that are used, in words; empty if nothing is."""
 
     def reset(self) -> None:
-        """Forget the images, because time or camera have changed."""
+        """Forget the images, because time or camera have changed, and whether they show the people."""
+        self._forget_images()
+        self.check.reset()
+
+    def _forget_images(self) -> None:
         self._images.clear()
         self._period_ns, self._newest = LONGEST_PERIOD_NS, None
 
@@ -111,7 +131,7 @@ class DepthImages:
             if -OVERTAKEN_NS < step <= 0:
                 return None
             if step <= 0:
-                self.reset()  # a bag loop, or a seek
+                self._forget_images()  # a bag loop, or a seek
         self._keep(image, image.stamp_ns)
         return None
 
@@ -142,6 +162,8 @@ class DepthImages:
         """
         if keypoints.depth is not None:
             return keypoints
+        if self.check.fault:
+            self._counts[MISFIT] += 1
         image = self._nearest(stamp_ns)
         if image is None:
             self._count(UNMATCHED)
@@ -211,3 +233,36 @@ class DepthImages:
             return f"{differs}: {advice}, or if it is, remap the topic depth_registered to it, and name that in depth"
         self.note = f"{differs}: the depth image is used as registered to the colour image"
         return ""
+
+
+def sample_depth(image: DepthImage, xy: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Return the depth of the surface at keypoints (k, 2) px, as (k,) m, NaN = not measured.
+
+    size: (width, height) px of the image of the keypoints. The depth image may have another resolution.
+    """
+    width, height = image.size
+    scale = np.array([width / size[0], height / size[1]])
+    with np.errstate(invalid="ignore"):
+        centre = np.floor((xy + 0.5) * scale)  # pixel i covers [i, i + 1) of the scaled image
+        inside = ((centre >= 0) & (centre < [width, height])).all(axis=1)
+    result = np.full(len(xy), np.nan)
+    if not inside.any():
+        return result
+    radius = max(SMALLEST_RADIUS, round(RADIUS * width))
+    steps = np.arange(-radius, radius + 1)
+    columns, rows = (centre[inside].astype(int)[:, :, None] + steps).swapaxes(0, 1)
+    windows = image.metres(rows.clip(0, height - 1)[:, :, None], columns.clip(0, width - 1)[:, None, :])
+    result[inside] = _nearest_surface(windows.reshape(len(windows), -1))
+    return result
+
+
+def _nearest_surface(windows: np.ndarray) -> np.ndarray:
+    """Return the mean depth (k,) of the nearest surface in windows (k, n), m, NaN = missing."""
+    ordered = np.sort(windows, axis=1)  # NaN last
+    count = np.count_nonzero(np.isfinite(ordered), axis=1)
+    enough = count >= max(1.0, MEASURED_SHARE * windows.shape[1])
+    quantile = ordered[np.arange(len(ordered)), (NEAR_QUANTILE * np.maximum(count - 1, 0)).astype(int)]
+    with np.errstate(invalid="ignore"):
+        same = np.abs(ordered - quantile[:, None]) <= SAME_SURFACE
+    total = np.where(same, ordered, 0.0).sum(axis=1)
+    return np.where(enough, total / np.maximum(np.count_nonzero(same, axis=1), 1), np.nan)

@@ -30,16 +30,20 @@ LITTLE_AHEAD_S = 4.0
 
 DEFAULT_PERIOD_NS = 33_333_333
 """ns: assumed period of the messages before two stamps are known."""
+DELAY_SHARE = 0.1
+"""Weight of a new message in the average of the delays."""
 
 
 class StampWatch:
     """Tracks the newest processed stamp, and a jump that is not confirmed yet; ns."""
 
     def __init__(self) -> None:
+        self.rate = StampRate()
+        """The rates of the stamps and of the arrivals."""
         self.reset()
 
     def reset(self) -> None:
-        """Forget all stamps. The next stamp is accepted, whatever it is."""
+        """Forget all stamps, but not their rate. The next stamp is accepted, whatever it is."""
         self._oldest: int | None = None
         self._newest: int | None = None
         self._jump: int | None = None
@@ -48,6 +52,8 @@ class StampWatch:
         self._reference: tuple[int, int] | None = None
         self._period_ns: int | None = None
         self._last = 0, 0
+        self.delay_s: float | None = None
+        """s from stamp to arrival, averaged; None before the first stamp."""
 
     def estimate(self, arrival_ns: int) -> int:
         """Return the stamp of a message that has none, ns.
@@ -69,17 +75,25 @@ class StampWatch:
             self._period_ns = step if self._period_ns is None else min(step, 2 * self._period_ns)
         self._reference = stamp_ns, arrival_ns
 
-    def is_first_stamp(self, stamped: bool) -> bool:
-        """Return True for the first message with a stamp after messages without one."""
-        return stamped and self._reference is None and self._newest is not None
-
-    def check(self, stamp_ns: int, arrival_ns: int) -> bool:
+    def check(self, stamp_ns: int, arrival_ns: int, stamped: bool = False) -> bool:
         """Return True if time jumped back by more than JUMP_BACK_S, so that the state must be reset.
 
-        arrival_ns: ns of any monotonic clock. Raises AdapterError for an old stamp (`old_stamp`) and for a jump that
-        does not follow another jump (`stamp_jump`).
+        arrival_ns: ns of any monotonic clock. stamped: whether the message had the stamp itself: the first one after
+        others without is of another clock, and a jump. Raises AdapterError for an old stamp (`old_stamp`) and for a
+        jump that does not follow another jump (`stamp_jump`).
         """
-        back = self._newest is not None and self._compare(stamp_ns, arrival_ns, self._newest)
+        if stamped:
+            self.rate.add(stamp_ns, arrival_ns)
+        try:
+            back = self._newest is not None and self._compare(stamp_ns, arrival_ns, self._newest)
+        except AdapterError:
+            if not stamped or self._reference is not None:
+                raise
+            return True
+        if stamped:
+            delay_s = (arrival_ns - stamp_ns) * 1e-9
+            before_s = delay_s if back or self.delay_s is None else self.delay_s
+            self.delay_s = before_s + DELAY_SHARE * (delay_s - before_s)
         self._last = stamp_ns, arrival_ns
         if not back:  # an image of the new time may not be usable, and then changes nothing
             self._before, self._used = self._used, stamp_ns

@@ -132,7 +132,8 @@ def _of_cameras(period: Period, now: float, seconds: float) -> Iterator[tuple[st
             age = period.silent_s(name, now) if counts[received] else math.inf
             yield f"{prefix}input rate [Hz]", f"{recent[received] / seconds:.2f}"
             yield f"{prefix}keypoints age [s]", f"{age:.1f}"
-            residual = np.median(camera.residuals) if camera.residuals else math.nan
+            residuals = session.placement.agreement.residuals.get(name)
+            residual = np.median(residuals) if residuals else math.nan
             yield f"{prefix}residual median [px]", f"{residual:.2f}"
         yield f"{prefix}no transform [messages]", str(counts[f"no transform of {name}" if name else "no transform"])
         if left_out := counts[f"{name}: {LEFT_OUT}"]:

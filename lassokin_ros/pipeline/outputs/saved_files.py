@@ -154,7 +154,7 @@ def camera_commands(session: Session) -> list[str]:
         qx, qy, qz, qw = to_quaternion(pose.rotation.T[None])[0].tolist()
         commands.append(
             f"{COMMAND} --x {x:.4f} --y {y:.4f} --z {z:.4f} --qx {qx:.6f} --qy {qy:.6f} --qz {qz:.6f} --qw {qw:.6f} "
-            f"--frame-id {shlex.quote(places.base)} --child-frame-id {shlex.quote(camera.image_frame)}"
+            f"--frame-id {shlex.quote(places.base)} --child-frame-id {shlex.quote(places.frame_ids[camera.name])}"
         )
     if not commands:
         raise CamerasFileError(

@@ -14,8 +14,10 @@ from itertools import combinations
 
 import numpy as np
 
+from lassokin_ros.core.image.projection import norm, project
 from lassokin_ros.core.learned.height import SizeCheck
 from lassokin_ros.pipeline.camera.rig_check import CHECK
+from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.matching import compared, triangulated
 from lassokin_ros.pipeline.seen import Sight
 
@@ -30,6 +32,8 @@ LONGEST_APART_NS = 50_000_000
 """ns: largest difference of the stamps of two sights that are compared."""
 WORSE = 1.5
 """Ratio of the costs by which one of two cameras with the same keypoints must fit a third one worse to be left out."""
+RESIDUALS = 30
+"""Number of images whose residuals are kept."""
 SAME_PX = 1.0
 """px: median distance of the keypoints of two cameras below which they are of one image."""
 
@@ -75,6 +79,8 @@ class CameraAgreement:
         self._pairs: dict[frozenset[str], _Pair] = {}
         self.left_out: dict[str, str] = {}
         """Why a camera is left out, in words, by name."""
+        self.residuals: dict[str, deque[float]] = {}
+        """px, by camera: median distances of a person's landmarks from the keypoints of the last images."""
 
     def is_due(self, name: str, stamp_ns: int) -> bool:
         """Return whether the sight of a camera at a stamp, ns, is of use."""
@@ -89,6 +95,18 @@ class CameraAgreement:
                     self._compare(sight, other, size)
         if sights:
             self.left_out = {name: words for name in self._newest if (words := self._why_left_out(name))}
+
+    def note(self, frames: Sequence[FrameResult]) -> None:
+        """Note how far the accepted bodies are from the keypoints of each camera."""
+        for frame in frames:
+            estimate = frame.estimate
+            if not frame.accepted or estimate is None or estimate.pose is None:
+                continue
+            for one in frame.images:
+                apart = norm(project(one.camera.into_camera(estimate.pose.landmarks)) - one.points)
+                if (known := np.isfinite(apart)).any():
+                    kept = self.residuals.setdefault(one.camera.name, deque(maxlen=RESIDUALS))
+                    kept.append(one.lens.focal * float(np.median(apart[known])))
 
     def _compare(self, one: Sight, other: Sight, size: SizeCheck) -> None:
         pair = self._pairs.setdefault(frozenset((one.camera.name, other.camera.name)), _Pair())

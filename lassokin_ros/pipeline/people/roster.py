@@ -243,13 +243,6 @@ class Roster:
             elif (newcomer := self.add(self.numbers.next, ())) is not None:
                 newcomer.name = name
 
-    def forget(self, name: str) -> None:
-        """Forget what is known of a person of the detector's list, who stays in the list."""
-        for person in self.people:
-            if person.id == name:
-                person.body.reset()
-                self.counts["resets"] += 1
-
     def remove(self, person: Person) -> None:
         """Take the tracker from a person. The results that wait for `smoothing_lag` are kept in `left`."""
         self.people.remove(person)

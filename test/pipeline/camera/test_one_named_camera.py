@@ -44,7 +44,7 @@ def test_its_depth_images_are_compared_with_the_person():
     session.cameras["left"].depth.add(image, START_NS)
     (frame,) = session.frames(cloud(BACKEND, START_NS, pixels_of_motion(1)[0]), START_NS, "left")
     assert frame.accepted and frame.estimate.frame.depth_measured
-    assert session.cameras["left"].depth_check._frames == 1
+    assert session.cameras["left"].depth.check._frames == 1
 
 
 def test_it_sees_bodies_with_a_topic_each():

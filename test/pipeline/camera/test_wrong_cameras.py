@@ -181,7 +181,7 @@ def test_poses_are_saved_when_the_fault_is_mended(tmp_path):
     with pytest.raises(CamerasFileError, match="camera 'right' is not used"):
         save_cameras(rig.session, tmp_path / "cameras.sh")
     rig.send(2.5, 6.0)
-    assert not rig.left_out and rig.session.cameras["right"].residuals
+    assert not rig.left_out and rig.session.placement.agreement.residuals["right"]
     assert "is not used" not in rig.line(6.0).message and np.median(rig.errors[-20:]) < 0.03
     assert len(save_cameras(rig.session, tmp_path / "cameras.sh").read_text().splitlines()) == 3
 

@@ -46,7 +46,7 @@ def play(session, pixels, images, start=0, encoding="16UC1"):
         stamp_ns = START_NS + round((start + TIMES[i]) * 1e9)
         session.first.depth.add(depth_message(BACKEND, stamp_ns, images[i], encoding), stamp_ns)
         assert session.process(cloud(BACKEND, stamp_ns, pixels[i]), stamp_ns).accepted
-        faults.append(session.first.depth_check.fault)
+        faults.append(session.first.depth.check.fault)
     return faults
 
 
@@ -118,7 +118,7 @@ def test_of_several_cameras_the_one_whose_depth_does_not_fit_is_named_and_its_de
             seen = keypoints(BACKEND, one, START_NS, TIMES[index], body.landmarks[0], random)
             frames = session.frames(seen, stamp_ns, name)
             diagnostics.count_message(frames, stamp_ns, 0.9, 0.001)
-    left, right = (session.cameras[name].depth_check for name in eyes)
+    left, right = (session.cameras[name].depth.check for name in eyes)
     assert right.fault and not left.fault and frames[0].estimate.frame.depth_measured
     assert np.linalg.norm(frames[0].estimate.pose.positions - body.positions[0], axis=1).mean() < 0.03
     diagnostics.count_camera_info(0.9)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lassokin_ros.pipeline.depth.depth_sampling import _nearest_surface, sample_depth
+from lassokin_ros.pipeline.depth.depth_images import _nearest_surface, sample_depth
 from msg_adapters.depth_image import DepthImage
 
 NAN = float("nan")

@@ -132,14 +132,16 @@ def test_the_period_shrinks_at_once_and_grows_by_doubling():
     assert time.estimate(200.0) == pytest.approx(105.1)
 
 
-def test_the_first_stamp_after_arrivals_is_recognised():
+def test_the_first_stamp_after_arrivals_is_a_jump():
     watch = StampWatch()
-    assert not watch.is_first_stamp(True)
-    watch.check(10**9, 10**9)
-    watch.seen(10**9, True)
-    assert watch.is_first_stamp(True) and not watch.is_first_stamp(False)
-    watch.follow(10**9, 10**9, True)
-    assert not watch.is_first_stamp(True)
+    assert not watch.check(9 * 10**9, 9 * 10**9)
+    watch.seen(9 * 10**9, True)
+    with pytest.raises(AdapterError):
+        watch.check(10**9, 9 * 10**9 + 1)
+    assert watch.check(10**9, 9 * 10**9 + 1, stamped=True)
+    watch.follow(9 * 10**9, 9 * 10**9, True)
+    with pytest.raises(AdapterError):
+        watch.check(10**9 - 1, 9 * 10**9 + 2, stamped=True)
 
 
 def test_a_stamp_that_lies_back_by_the_limit_is_old_and_beyond_it_a_jump(time):

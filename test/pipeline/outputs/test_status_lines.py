@@ -41,10 +41,10 @@ def session():
         name="",
         key=lambda count: count,
         camera=SimpleNamespace(view=view, warning="", fault="", intrinsics=None),
-        frame_id="",
         depth=None,
-        depth_check=SimpleNamespace(fault=""),
-        **dict.fromkeys(("stamp_rate", "own_depth", "landmark_ids", "image_size"), SimpleNamespace(concern=None)),
+        stamps=SimpleNamespace(rate=SimpleNamespace(concern=None), delay_s=None),
+        last=(0, ""),
+        **dict.fromkeys(("own_depth", "landmark_ids", "image_size"), SimpleNamespace(concern=None)),
     )
     return SimpleNamespace(
         enabled=True,
@@ -96,7 +96,8 @@ def frame(stamp_ns=SECOND, reprojection_px=2.0, depth=3.5, repeated=0.0, deviati
 
 def give_depth(session, **settings):
     """Depth images of the only camera."""
-    session.first.depth, session.config = SimpleNamespace(fault="", frozen=False), NodeSettings(**settings)
+    session.first.depth = SimpleNamespace(fault="", frozen=False, check=SimpleNamespace(fault=""))
+    session.config = NodeSettings(**settings)
 
 
 def said(diagnostics, now=11.0, **more):
@@ -350,7 +351,7 @@ def test_figures_of_a_period(session, diagnostics):
 def test_figures_of_several_people(session, diagnostics):
     session.roster.ids = ["p1", "p2", "p3"]
     session.counts.update({"people come": 3, "people left": 1, "people beyond max_people": 2})
-    session.first.depth = SimpleNamespace(fault="", frozen=False)
+    session.first.depth = SimpleNamespace(fault="", frozen=False, check=SimpleNamespace(fault=""))
     values = diagnostics.line(11.0, Presence(Status.TRACKING, ["p1"])).values
     assert (values["people"], values["people come"], values["people left"]) == ("p1", "3", "3")
     assert values["people beyond max_people"] == "2" and values[f"{RECEIVED} [messages]"] == "0"

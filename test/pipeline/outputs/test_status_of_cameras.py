@@ -84,10 +84,10 @@ def test_an_old_recording_of_cameras_with_different_rates_has_one_clock():
     scene = Scene(late=30 * 86400.0)
     lines = [scene.second(sends=lambda name, index: name == "left" or index % 2 == 0) for _ in range(3)]
     assert not any("arrive" in line.message for line in lines)
-    jumped = [scene.session.cameras[name].delay_s for name in EYES]
+    jumped = [scene.session.cameras[name].stamps.delay_s for name in EYES]
     assert jumped == pytest.approx([30 * 86400.0] * 2)
     scene.session.reset()
-    assert [scene.session.cameras[name].delay_s for name in EYES] == [None, None]
+    assert [scene.session.cameras[name].stamps.delay_s for name in EYES] == [None, None]
 
 
 def test_an_odd_camera_info_is_that_of_its_camera(name="right"):
@@ -122,7 +122,9 @@ def test_the_unit_of_the_stamps_and_first_ids_are_checked_for_each_camera():
     scene = Scene()
     for text in ("stamp_rate", "own_depth", "landmark_ids"):
         odd = {"concern": Raised("remark", PROBLEM, f"odd {text}"), "add": lambda *_: None}
-        setattr(scene.session.cameras["right"], text, SimpleNamespace(**odd))
+        owner = scene.session.cameras["right"]
+        owner, name = (owner.stamps, "rate") if text == "stamp_rate" else (owner, text)
+        setattr(owner, name, SimpleNamespace(**odd))
     scene.session.cameras["right"].own_depth.checked = lambda keypoints, _: keypoints
     message = scene.second().message
     assert all(f"camera 'right': odd {text}" in message for text in ("stamp_rate", "own_depth", "landmark_ids"))

@@ -69,7 +69,7 @@ def test_reset_and_settings_count_once_and_reach_all(bodies):
     bodies.keep(["a"])
     bodies.tune(replace(TrackerConfig(height=1.75), noise_px=5.0), replace(CONFIG, forget_after=1.5))
     assert bodies.counts["resets"] == 1 and bodies.config.forget_after == 1.5 and bodies.config.max_people == 2
-    assert bodies.roster.trackers["a"].config.noise_px == 5.0 and bodies.inputs.streams["a"].config.forget_after == 1.5
+    assert bodies.roster.trackers["a"].config.noise_px == 5.0 and bodies.roster.config.forget_after == 1.5
     bodies.tune(replace(TrackerConfig(), height=1.5), CONFIG)
     assert bodies.counts["resets"] == 2
     assert all(one.tracker.skeleton.height == 1.5 for one in bodies.roster.bodies) and bodies.roster.ids == ["a"]
