@@ -15,7 +15,7 @@ import numpy as np
 
 from lassokin_ros.common.atomic_files import refuse_existing
 from lassokin_ros.common.command_line import one_line
-from lassokin_ros.core.body.rotations import logarithm, to_quaternion
+from lassokin_ros.core.body.rotations import least_turn, logarithm, to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.observation import CameraPose
@@ -76,7 +76,11 @@ class RerunScene:
         self._stream.send_recording_name(name)
         self._open(replace)
         self.set_axes(z_up)
-        self._log_styles()
+        lines = self._rerun.SeriesLines
+        for joint in PLOTTED:
+            self._log(f"{ANGLES}/{joint}", lines(colors=COLOURS[joint.split("_")[0]], names=joint), static=True)
+        for figure, title in FIGURES.items():
+            self._log(f"{ERRORS}/{figure}", lines(names=title), static=True)
 
     def set_axes(self, z_up: bool) -> None:
         """Set whether the body's frame has z up, see `__init__`."""
@@ -121,7 +125,7 @@ class RerunScene:
     def add_outline(self, place: str, skeleton: Skeleton, pixels: np.ndarray, camera: str = "") -> None:
         """Log the body in an image. pixels: its joints (n, 2) px."""
         bones = np.array([(parent, joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0])
-        colours = [COLOURS[_side(skeleton.joint_names[joint])] for _, joint in bones]
+        colours = [COLOURS.get(skeleton.joint_names[joint].split("_")[0], COLOURS["middle"]) for _, joint in bones]
         points = pixels[bones] * self._scales.get(camera, 1.0)
         lines = self._rerun.LineStrips2D(points, colors=colours, radii=LINE_SIZE)
         self._log(f"{_image(camera)}/skeleton{place}", lines)
@@ -130,12 +134,12 @@ class RerunScene:
         """Return the body as capsules. Rerun's capsule lies along z from its translation."""
         first, last, radii, sides = zip(*capsules(skeleton))
         axes = joints[list(last)] - joints[list(first)]
-        lengths = np.linalg.norm(axes, axis=1)
+        turns = [least_turn(np.array([0.0, 0.0, 1.0]), axis) for axis in axes]
         return self._rerun.Capsules3D(
-            lengths=lengths,
+            lengths=np.linalg.norm(axes, axis=1),
             radii=np.array(radii),
             translations=joints[list(first)],
-            quaternions=to_quaternion(turns_of_z(axes / np.maximum(lengths, 1e-9)[:, None])),
+            quaternions=to_quaternion(np.array(turns)),
             colors=[COLOURS[side] for side in sides],
         )
 
@@ -217,14 +221,6 @@ class RerunScene:
             collapse_panels=True,
         )
 
-    def _log_styles(self) -> None:
-        rerun = self._rerun
-        for name in PLOTTED:
-            colour = COLOURS[name.split("_")[0]]
-            self._log(f"{ANGLES}/{name}", rerun.SeriesLines(colors=colour, names=name), static=True)
-        for figure, name in FIGURES.items():
-            self._log(f"{ERRORS}/{figure}", rerun.SeriesLines(names=name), static=True)
-
     def _plot(self, path: str, value: float) -> None:
         self._log(path, self._rerun.Scalars(float(value)))
 
@@ -283,25 +279,12 @@ class LiveView(RerunScene):
             self.add_error(place, REPROJECTION, estimate.reprojection_px)
 
 
-def turns_of_z(directions: np.ndarray) -> np.ndarray:
-    """Return rotations (k, 3, 3) that turn z to unit vectors (k, 3)."""
-    aside = np.where(np.abs(directions[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-    across = np.cross(aside, directions)
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    return np.stack([across, np.cross(directions, across), directions], axis=2)
-
-
 def _camera(name: str) -> str:
     return f"{CAMERA}/{name}" if name else CAMERA
 
 
 def _image(camera: str) -> str:
     return f"{_camera(camera)}/image"
-
-
-def _side(name: str) -> str:
-    first = name.split("_")[0]
-    return first if first in COLOURS else "middle"
 
 
 def _rerun(option: str) -> Any:
