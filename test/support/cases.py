@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
@@ -13,9 +14,11 @@ from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, right_jacobian_inverse
 from lassokin_ros.core.body.skeleton import AXIS_ORDERS, Skeleton
+from lassokin_ros.core.evidence.evidence import Evidence
+from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.image.frame_data import LEVEL_CAMERA_UP, FrameData, View
-from lassokin_ros.core.image.projection import project, stacked_matrices
+from lassokin_ros.core.image.projection import huber_weights, project, stacked_matrices
 from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
 
 FACING = np.diag([1.0, -1.0, -1.0])
@@ -159,6 +162,37 @@ def central_difference(function, size: int, step: float = 1e-5) -> np.ndarray:
         increment[k] = step
         columns.append((function(increment) - function(-increment)).reshape(-1) / (2 * step))
     return np.stack(columns, axis=-1)
+
+
+def after_step(model: FrameModel, state: BodyState, step: np.ndarray) -> BodyState:
+    """The state after a step (live + 3,) of the columns of a frame's rows."""
+    omega = np.zeros(3 * model.kinematics.joint_count)
+    omega[model.live] = step[:-3]
+    return state.retract(omega, step[-3:])
+
+
+def pull_and_gradient(
+    model: FrameModel, piece: Evidence, state: BodyState, frame: FrameData
+) -> tuple[np.ndarray, np.ndarray]:
+    """(live + 3,) each: J^T z of the rows of one piece of evidence, and the gradient of its cost, negative."""
+    rows = model.linearise(model.evaluate(state), frame, huber_weights)
+    which = rows.rows[piece.name]
+
+    def cost(step: np.ndarray) -> np.ndarray:
+        return np.array(piece.cost(model.evaluate(after_step(model, state, step)), frame))
+
+    return rows.columns[:, which] @ rows.z[which], -central_difference(cost, len(rows.columns), 1e-6)[0]
+
+
+def assert_states_are_alike(model: FrameModel, piece: Evidence, states: Sequence[BodyState], frame: FrameData) -> None:
+    """Rows and cost of several states at once are those of each alone."""
+    both = BodyState(np.stack([one.rotations for one in states]), np.stack([one.translation for one in states]))
+    whole, costs = model.linearise(model.evaluate(both), frame, huber_weights), piece.cost(model.evaluate(both), frame)
+    for number, one in enumerate(states):
+        alone = model.linearise(model.evaluate(one), frame, huber_weights)
+        assert np.allclose(whole.columns[number], alone.columns, atol=1e-9)
+        assert np.allclose(whole.z[number], alone.z, atol=1e-9)
+        assert np.isclose(costs[number], piece.cost(model.evaluate(one), frame), rtol=1e-9)
 
 
 def relative_error(actual: np.ndarray, expected: np.ndarray) -> float:

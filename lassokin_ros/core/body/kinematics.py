@@ -73,7 +73,12 @@ class Kinematics:
         ancestors = skeleton.ancestors.astype(float)
         reach = ancestors[layout.joints]
         depth = skeleton.ancestors.sum(axis=1)
-        self._levels = [np.flatnonzero(depth == level) for level in range(2, depth.max() + 1)]
+        #: Parents and joints of each level of the tree; a slice, which is faster, if the joints follow each other.
+        self._levels: list[tuple[np.ndarray, np.ndarray | slice]] = []
+        for joints in (np.flatnonzero(depth == level) for level in range(2, depth.max() + 1)):
+            one, last = joints[[0, -1]].tolist()
+            own = slice(one, last + 1) if last - one + 1 == len(joints) else joints
+            self._levels.append((skeleton.parents[joints], own))
         # Centres and landmarks are sums of vectors: bones are fixed to the parent joint, landmark offsets to the joint.
         self._carriers = np.concatenate([np.maximum(skeleton.parents, 0), layout.joints])
         self._sums = np.block([[ancestors, np.zeros(reach.T.shape)], [reach, np.eye(len(reach))]])
@@ -143,9 +148,9 @@ class Kinematics:
             if kernel.pose(state.rotations, state.translation, *tree, vectors, orientations, places):
                 return BodyPose(orientations, places[..., :n, :], places[..., n:, :])
         orientations = state.rotations.copy()
-        for joints in self._levels:  # of the tree
-            above = orientations.take(self.skeleton.parents[joints], axis=-3)
-            orientations[..., joints, :, :] = above @ state.rotations.take(joints, axis=-3)
+        for parents, joints in self._levels:
+            above = orientations.take(parents, axis=-3)
+            orientations[..., joints, :, :] = above @ state.rotations[..., joints, :, :]
         places = self._sums @ (orientations.take(self._carriers, axis=-3) @ vectors)[..., 0]
         places += state.translation[..., None, :]
         return BodyPose(orientations, places[..., :n, :], places[..., n:, :])

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from cases import one_view, random_state
+from cases import after_step, one_view, random_state
 from simulated.hands import hand_tracker, kinematics_of, scene, seen
 
-from lassokin_ros.core.body.kinematics import BodyState
-from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.learned_depth import TAIL
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
@@ -37,10 +35,7 @@ def test_rows_are_the_derivative_of_the_errors(case):
     given = frame.views[0].hands[0]
 
     def errors(step):
-        omega = np.zeros(48)
-        omega[model.live] = step[:-3]
-        moved = BodyState(state.rotations @ exponential(omega.reshape(-1, 3)), state.translation + step[-3:])
-        depths = model.kinematics.pose(moved).landmarks[piece._index] @ given.sight
+        depths = model.kinematics.pose(after_step(model, state, step)).landmarks[piece._index] @ given.sight
         return scale * ((1 + given.ratios) * depths[0] - depths[1:]) @ given.whitening.T
 
     weight = np.sqrt((TAIL + 1) / (TAIL + whitened**2))

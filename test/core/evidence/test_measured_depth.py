@@ -4,11 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import body, one_view, random_state, with_view
+from cases import after_step, body, one_view, random_state, with_view
 from sequences import CONFIG, FOCAL, RATE, aligned_error, observations
 
-from lassokin_ros.core.body.kinematics import BodyState
-from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.image_points import LARGEST_COST
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
@@ -41,10 +39,7 @@ def test_rows_are_the_derivative_of_the_depth(scene):
     J, z = rows.columns[:, which].T, rows.z[which]
 
     def depths(step):
-        omega = np.zeros(72)
-        omega[model.live] = step[:-3]
-        moved = BodyState(state.rotations @ exponential(omega.reshape(-1, 3)), state.translation + step[-3:])
-        return model.kinematics.pose(moved).landmarks[:, 2]
+        return model.kinematics.pose(after_step(model, state, step)).landmarks[:, 2]
 
     steps = 1e-6 * np.eye(J.shape[1])
     slopes = np.stack([(depths(step) - depths(-step)) / 2e-6 for step in steps], axis=1)

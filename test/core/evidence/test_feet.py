@@ -1,75 +1,102 @@
-"""The floor: rows against finite differences, lengths, cost; and stairs, a seat and a jump, which are no fault."""
+"""Feet on the floor and feet that stand still: rows, lengths, cost; stairs, a seat and a jump are no fault."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import body, one_view, random_state
+from cases import assert_states_are_alike, body, one_view, pull_and_gradient, random_body, random_state
 from sequences import CONFIG, FOCAL, RATE, aligned_error
 
-from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.roles import ANKLES
-from lassokin_ros.core.evidence.feet import ANKLE_HEIGHT, FLOOR_DEVIATION, Floor
+from lassokin_ros.core.evidence.feet import ANKLE_HEIGHT, Floor, FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import huber_weights, project
+from lassokin_ros.core.kernel import kernel
 from lassokin_ros.core.learned.vertical import level_from_camera, vertical_of
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 
+DEVIATION = 0.02
 
-@pytest.fixture
+
 def scene():
-    """A model, a state, and a frame with a floor on which both ankles are 2 cm too low."""
+    """A model, a state, its ankles' places, and a frame without feet."""
     kinematics = body()
     model = FrameModel(kinematics, PoseDistribution.load(kinematics.skeleton))
-    random = np.random.default_rng(0)
-    state = random_state(random, kinematics, 0.3)
+    state = random_state(np.random.default_rng(0), kinematics, 0.3)
     ankles = kinematics.pose(state).positions[[kinematics.skeleton.index(ankle) for ankle in ANKLES]]
-    up = np.cross(ankles[1] - ankles[0], random.normal(size=3))  # both are at one height
+    return model, state, ankles, one_view(np.zeros((17, 2)), np.ones(17))
+
+
+@pytest.fixture
+def floor():
+    """A model, a state, and a frame with a floor on which both ankles are 2 cm too low."""
+    model, state, ankles, frame = scene()
+    up = np.cross(ankles[1] - ankles[0], [0.3, -1.0, 0.5])  # both are at one height
     up /= np.linalg.norm(up)
-    floor = np.append(up, ANKLE_HEIGHT * kinematics.skeleton.height - 0.02 - ankles[0] @ up)
-    return model, state, one_view(np.zeros((17, 2)), np.ones(17), floor=floor)
+    height = ANKLE_HEIGHT * model.kinematics.skeleton.height
+    return model, state, replace(frame, floor=np.append(up, height - 0.02 - ankles[0] @ up))
 
 
-def moved(model, state, step):
-    omega = np.zeros(3 * model.kinematics.joint_count)
-    omega[model.live] = step[:-3]
-    return model.evaluate(state.retract(omega, step[-3:]))
+@pytest.fixture
+def contact():
+    """A model, a state, and a frame in which the left ankle is 1 and 2 cm off its anchor, and the right one is free."""
+    model, state, ankles, frame = scene()
+    anchors = ankles + np.array([[0.01, -0.02, 0.0], [0.3, 0.3, 0.3]])
+    return model, state, replace(frame, anchors=anchors, stiffness=np.array([1 / DEVIATION, 0.0]))
 
 
-def test_the_rows_are_the_derivative_of_the_ankles_height(scene):
-    model, state, frame = scene
-    found = model.linearise(model.evaluate(state), frame, huber_weights)
-    which = found.rows[Floor.name]
-
-    def errors(states, frame):
-        return model.floor._errors(states, frame)[0][..., 0]
-
-    steps = 1e-6 * np.eye(len(found.columns))
-    jacobian = [
-        (errors(moved(model, state, -step), frame) - errors(moved(model, state, step), frame)) / 2e-6 for step in steps
-    ]
-    weight = found.z[which] / errors(model.evaluate(state), frame)
-    assert np.allclose(found.columns[:, which], weight * np.array(jacobian), atol=1e-5)
-    assert np.allclose(found.columns[-3:, which], weight / FLOOR_DEVIATION * frame.floor[:3, None])
+PIECES = pytest.mark.parametrize("name", [Floor.name, FootContact.name])
 
 
-def test_the_pull_of_the_rows_is_the_gradient_of_the_cost(scene):
-    model, state, frame = scene
-    rows = model.linearise(model.evaluate(state), frame, huber_weights)
-    which = rows.rows[Floor.name]
-    steps = 1e-6 * np.eye(len(rows.columns))
-    cost = [[float(model.floor.cost(moved(model, state, s * step), frame)) for s in (1, -1)] for step in steps]
-    gradient = np.array([(above - below) / 2e-6 for above, below in cost])
-    assert np.allclose(rows.columns[:, which] @ rows.z[which], -gradient, atol=1e-5 * np.abs(gradient).max())
+def of(name, request):
+    model, state, frame = request.getfixturevalue("floor" if name == Floor.name else "contact")
+    return model, model.pieces[name], state, frame
+
+
+@PIECES
+@pytest.mark.parametrize("compiled", [True, False])
+def test_the_pull_of_the_rows_is_the_gradient_of_the_cost(name, compiled, request):
+    with kernel.switched(compiled):
+        pull, gradient = pull_and_gradient(*of(name, request))
+    assert np.allclose(pull, gradient, atol=1e-5 * np.abs(gradient).max())
     assert np.abs(gradient[-3:]).max() > 1  # the body as a whole is moved, too
 
 
-def test_the_rows_of_the_lengths_are_the_gradient_of_the_cost(scene):
-    model, state, frame = scene
+@PIECES
+def test_several_states_at_once_give_the_same_as_each_alone(name, request):
+    model, piece, state, frame = of(name, request)
+    other = random_state(np.random.default_rng(1), model.kinematics, 0.3)
+    assert_states_are_alike(model, piece, (state, other), frame)
+
+
+def test_the_kernel_and_python_give_the_same_rows_of_contacts(contact):
+    model, state, frame = contact
+    found = []
+    for compiled in (True, False):
+        with kernel.switched(compiled):
+            found.append(model.linearise(model.evaluate(state), frame, huber_weights))
+    assert np.allclose(found[0].columns, found[1].columns, atol=1e-9) and np.allclose(found[0].z, found[1].z, atol=1e-9)
+
+
+@PIECES
+def test_without_its_data_there_are_no_rows(name, request):
+    model, _, state, frame = of(name, request)
+    without = replace(frame, floor=None, anchors=None)
+    assert name not in model.linearise(model.evaluate(state), without, huber_weights).rows
+
+
+def test_a_skeleton_without_ankles_has_no_rows_of_feet():
+    other = random_body(np.random.default_rng(0))
+    model = FrameModel(other, PoseDistribution.load(other.skeleton))
+    assert model.foot_contact is None and model.floor is None
+
+
+def test_the_rows_of_the_lengths_are_the_gradient_of_the_cost(floor):
+    model, state, frame = floor
     kinematics, proportions = model.kinematics, Proportions(model.kinematics)
     about = model.evaluate(state)
     rows = model.linearise(about, frame, huber_weights)
@@ -85,8 +112,8 @@ def test_the_rows_of_the_lengths_are_the_gradient_of_the_cost(scene):
     assert np.abs(pull[proportions.names.index("shank")]) > 1
 
 
-def test_a_foot_far_from_the_floor_has_hardly_any_influence(scene):
-    model, state, frame = scene
+def test_a_foot_far_from_the_floor_has_hardly_any_influence(floor):
+    model, state, frame = floor
     about = model.evaluate(state)
     for off in (-0.4, 0.4):
         far = replace(frame, floor=frame.floor + (0, 0, 0, off))
@@ -95,21 +122,22 @@ def test_a_foot_far_from_the_floor_has_hardly_any_influence(scene):
         assert float(model.floor.cost(about, far)) < len(ANKLES) * 0.5 * Floor.scale**2
 
 
-def test_several_states_at_once_give_the_same_as_each_alone(scene):
-    model, state, frame = scene
-    other = random_state(np.random.default_rng(1), model.kinematics, 0.3)
-    both = BodyState(np.stack([state.rotations, other.rotations]), np.stack([state.translation, other.translation]))
-    whole = model.linearise(model.evaluate(both), frame, huber_weights)
-    costs = model.floor.cost(model.evaluate(both), frame)
-    for number, one in enumerate((state, other)):
-        alone = model.linearise(model.evaluate(one), frame, huber_weights)
-        assert np.allclose(whole.columns[number], alone.columns, atol=1e-9)
-        assert costs[number] == pytest.approx(float(model.floor.cost(model.evaluate(one), frame)))
+def test_a_foot_without_contact_has_no_rows_and_no_cost(contact):
+    model, state, frame = contact
+    about = model.evaluate(state)
+    rows = model.linearise(about, frame, huber_weights)
+    right = slice(rows.rows[FootContact.name].start + 3, rows.rows[FootContact.name].stop)
+    assert not rows.columns[:, right].any() and not rows.z[right].any()
+    square = (0.01**2 + 0.02**2) / DEVIATION**2
+    assert model.foot_contact.cost(about, frame) == pytest.approx(0.5 * square / (1 + square / FootContact.scale**2))
 
 
-def test_without_a_floor_there_are_no_rows(scene):
-    model, state, frame = scene
-    assert Floor.name not in model.linearise(model.evaluate(state), replace(frame, floor=None), huber_weights).rows
+def test_a_wrong_anchor_has_hardly_any_influence(contact):
+    model, state, frame = contact
+    frame.anchors[0] += (0.5, 0.0, 0.0)
+    rows = model.linearise(model.evaluate(state), frame, huber_weights)
+    assert np.abs(rows.z[rows.rows[FootContact.name]]).max() < 0.6
+    assert float(model.foot_contact.cost(model.evaluate(state), frame)) < 0.5 * FootContact.scale**2
 
 
 PITCH = 0.35
