@@ -365,3 +365,36 @@ def test_real_people_in_a_changing_order_keep_their_ids(camera):
             (of_the_known if miss < 60 else others).append(frame.person)
     assert len(set(of_the_known)) == 1 and len(of_the_known) >= len(everybody) - 3
     assert not set(of_the_known) & set(others)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.1])
+def test_an_error_in_one_persons_step_does_not_affect_later_messages(monkeypatch, lag):
+    """The outputs of the others keep their own stamps."""
+    tracks = [walk(40, x, 3.5, phase, seed)[1] for seed, (x, phase) in enumerate([(-1.2, 0.0), (0.0, 0.5), (1.2, 1.0)])]
+    session = Session(TrackerConfig(height=1.75, smoothing_lag=lag), NodeSettings(max_people=4, person_ids="message"))
+    assert session.set_camera(camera_info(BACKEND)) is None
+
+    def message(index):
+        people = [(track[index], np.full(17, 0.9)) for track in tracks]
+        return crowd(BACKEND, stamp(index), people, [0, 1, 2])
+
+    published = defaultdict(list)
+    for index in range(40):
+        with monkeypatch.context() as patch:
+            if index == 20:
+                patch.setattr(session.roster.trackers["p1"], "_estimate", lambda *arguments: 1 / 0)
+                with pytest.raises(ZeroDivisionError):
+                    session.frames(message(index), 0)
+                for person in ("p0", "p2"):  # tracked before and after the one whose step fails
+                    assert person in {one.id for one in session.roster.people if one.body.seen_ns == stamp(index)}
+                continue
+            for frame in session.frames(message(index), 0):
+                assert frame.accepted
+                published[frame.person].append(frame)
+    for frame in session.roster.flush():
+        published[frame.person].append(frame)
+    for person in ("p0", "p2"):
+        stamps = [frame.stamp_ns for frame in published[person]]
+        assert stamps == sorted(stamps) and len(stamps) >= 36
+        for frame in published[person]:
+            assert frame.estimate.stamp == pytest.approx((frame.stamp_ns - stamps[0]) * 1e-9)
