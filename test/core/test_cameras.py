@@ -10,8 +10,7 @@ from sequences import CONFIG, FOCAL, RATE
 from lassokin_ros.core import increment
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.cameras import Camera
-from lassokin_ros.core.errors import ConfigurationError
-from lassokin_ros.core.image.frame_data import FrameData, View, triangulate
+from lassokin_ros.core.image.frame_data import FrameData, View
 from lassokin_ros.core.image.projection import carried, huber_weights, project
 from lassokin_ros.core.observation import CameraPose, Observation, Rejection
 from lassokin_ros.core.output import uncertainty
@@ -269,16 +268,6 @@ def test_a_camera_without_a_pose_is_not_found_by_a_frozen_image():
     assert tracker.learned.extrinsics._finders["side"]._count <= 1
 
 
-def test_triangulation_is_exact_and_needs_two_views():
-    random = np.random.default_rng(3)
-    points = random.normal(size=(6, 3)) + [0, 0, 4.0]
-    cameras = [CameraPose(str(k), exponential(0.3 * random.normal(size=3)), random.normal(size=3)) for k in range(3)]
-    weights = np.full((3, 6), 100.0)
-    weights[1:, 0], weights[:, 1] = 0.0, 0.0
-    found = triangulate([View(project(c.into_camera(points)), w, camera=c) for c, w in zip(cameras, weights)])
-    assert np.isnan(found[:2]).all() and np.allclose(found[2:], points[2:], atol=1e-9)
-
-
 class RecordingNetwork:
     """Stands in for `DepthEstimator`: keeps what it was told."""
 
@@ -363,19 +352,6 @@ def test_a_large_motion_is_linearised_again_if_any_camera_measures_depth(monkeyp
         asked.clear()
         tracker.track([observe(front, 0), replace(observe(side, 0), depth=measured)])
         assert bool(asked) == (measured is not None)
-
-
-@pytest.mark.parametrize(
-    "up", [np.zeros(3), np.array([0, 0, np.nan]), np.array([0, 0, np.inf]), np.zeros(2), np.eye(3), "z", [0, "a", 1]]
-)
-def test_a_vertical_that_is_none_is_refused(up):
-    with pytest.raises(ConfigurationError, match=r"up is .*; expected the vertical of the fixed frame, \(3,\)"):
-        Tracker(CONFIG, up=up)
-
-
-def test_the_length_of_the_vertical_does_not_count():
-    for up in ([0, 0, 5.0], (0, 0, 1), np.array([0, 0, 1e-3])):
-        assert np.array_equal(Tracker(CONFIG, up=up).learned.vertical.direction, [0.0, 0.0, 1.0])
 
 
 @pytest.mark.parametrize(("degrees", "least", "most"), [(0.0, 0.0, 0.5), (3.0, 0.9, 1.1)])
