@@ -30,7 +30,7 @@ def test_an_error_in_one_persons_step_does_not_affect_later_messages(monkeypatch
     for index in range(40):
         with monkeypatch.context() as patch:
             if index == 20:
-                patch.setattr(session.roster.trackers["p1"], "_smooth", lambda *arguments: 1 / 0)
+                patch.setattr(session.roster.trackers["p1"]._smoothing, "smoothed", lambda *arguments: 1 / 0)
                 with pytest.raises(ZeroDivisionError):
                     session.frames(message(index), 0)
                 for person in ("p0", "p2"):  # tracked before and after the one whose step fails
