@@ -54,7 +54,7 @@ class OutputVideo:
     def __init__(
         self, path: Path, sizes: Mapping[str, tuple[int, int]], fps: float, files: AtomicFiles, level: np.ndarray
     ) -> None:
-        """sizes: (width, height) px of the images of each camera, by name. files: has the file. level: see `BodyView`.
+        """sizes: (width, height) px of each camera's images, by name. files: takes the file. level: see `BodyView`.
 
         Raises VideoError.
         """

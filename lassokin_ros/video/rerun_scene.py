@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.common.atomic_files import refuse_existing
+from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.command_line import one_line
 from lassokin_ros.core.body.rotations import least_turn, logarithm, to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
@@ -46,7 +46,7 @@ class ViewError(LassokinError):
 
 
 class RerunScene:
-    """Logs to a viewer window, or records for the viewer. A recording has its name only after `finish`.
+    """Logs to a viewer window, or records for the viewer.
 
     `place` in the methods is empty for one person, else "/" and the person's id. `camera` is empty for one camera, else
     its name.
@@ -57,24 +57,23 @@ class RerunScene:
         path: Path | None,
         name: str,
         option: str,
-        replace: bool,
+        files: AtomicFiles,
         timeline: str,
         cameras: Sequence[str] = ("",),
         z_up: bool = False,
     ) -> None:
         """path: of the recording (.rrd); None opens a window. name: of the recording in the viewer.
 
-        option: the option or command that asks for the scene, for errors. replace: an existing file may be replaced.
-        cameras: their names. z_up: whether the body's frame has z up, and is not the optical frame of a camera.
+        option: the option or command that asks for the scene, for errors. files: takes the recording. cameras: their
+        names. z_up: whether the body's frame has z up, and is not the optical frame of a camera.
         Raises ViewError.
         """
         self._rerun = _rerun(option)
-        self._path, self._part = path, None if path is None else path.with_name(f".{path.stem}.{os.getpid()}.part.rrd")
-        self._option, self._timeline = option, timeline
+        self._path, self._option, self._timeline = path, option, timeline
         self._cameras, self._scales = tuple(cameras), dict[str, float]()
         self._stream = self._rerun.RecordingStream("lassokin")
         self._stream.send_recording_name(name)
-        self._open(replace)
+        self._open(files)
         self.set_axes(z_up)
         lines = self._rerun.SeriesLines
         for joint in PLOTTED:
@@ -170,45 +169,32 @@ class RerunScene:
             self._log(path, self._rerun.Clear(recursive=False))
 
     def finish(self) -> None:
-        """End the recording and give it its name. A second call does nothing. Raises ViewError."""
+        """End the recording. A second call does nothing. Raises ViewError."""
         try:
             self._stream.flush()
         except Exception as error:  # RuntimeError of Rerun, such as for a full disk, or its own of newer releases
             reason = one_line(error, 200)
             raise ViewError(f"'{self._path or 'the view'}' cannot be written completely: {reason}") from None
         self._stream.disconnect()
-        part, self._part = self._part, None
-        if part is not None and self._path is not None:
-            try:
-                part.replace(self._path)
-            except OSError as error:
-                raise ViewError(f"'{self._path}' cannot be written: {error.strerror}") from None
 
-    def discard(self) -> None:
-        """Remove what was recorded, unless `finish` has run."""
-        self._stream.disconnect()
-        if self._part is not None:
-            self._part.unlink(missing_ok=True)
-
-    def _open(self, replace: bool) -> None:
-        if self._path is None or self._part is None:
-            if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-                raise ViewError(
-                    f"{self._option} opens a window, and this machine has no display; record for the viewer instead, "
-                    "with a name that ends in .rrd"
-                )
-            try:
-                self._stream.spawn(default_blueprint=self._blueprint())
-            except Exception as error:  # Rerun's own, of several kinds
-                raise ViewError(f"the viewer cannot be started: {one_line(error, 200)}") from None
-            return
-        if self._path.suffix != ".rrd":
+    def _open(self, files: AtomicFiles) -> None:
+        display = sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        if self._path is None and not display:
+            raise ViewError(
+                f"{self._option} opens a window, and this machine has no display; record for the viewer instead, with "
+                "a name that ends in .rrd"
+            )
+        if self._path is not None and self._path.suffix != ".rrd":
             raise ViewError(f"{self._option} '{self._path}'; expected a name that ends in .rrd, or none (a window)")
-        refuse_existing(self._path, replace, ViewError)
+        part = None if self._path is None else files.part(self._path)
         try:
-            self._stream.save(self._part, default_blueprint=self._blueprint())
-        except Exception as error:
-            raise ViewError(f"'{self._path}' cannot be written: {one_line(error, 200)}") from None
+            if part is None:
+                self._stream.spawn(default_blueprint=self._blueprint())
+            else:
+                self._stream.save(part, default_blueprint=self._blueprint())
+        except Exception as error:  # Rerun's own, of several kinds
+            failed = "the viewer cannot be started" if part is None else f"'{self._path}' cannot be written"
+            raise ViewError(f"{failed}: {one_line(error, 200)}") from None
 
     def _blueprint(self) -> Any:
         from rerun import blueprint
@@ -236,14 +222,14 @@ class LiveView(RerunScene):
         path: Path | None,
         name: str,
         cameras: Mapping[str, tuple[Calibration, tuple[int, int]]],
-        replace: bool,
+        files: AtomicFiles,
         z_up: bool = False,
     ) -> None:
         """cameras: by name, empty if there is one, the lens and (width, height) px of the images. Raises ViewError.
 
-        path, name, replace, z_up: see RerunScene.
+        path, name, files, z_up: see RerunScene.
         """
-        super().__init__(path, name, "--view", replace, "video", tuple(cameras), z_up)
+        super().__init__(path, name, "--view", files, "video", tuple(cameras), z_up)
         for camera, (calibration, size) in cameras.items():
             self.set_camera(calibration.K, size, camera)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections import deque
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 
 from lassokin_ros.common.atomic_files import AtomicFiles
@@ -42,14 +41,9 @@ class TrackOutputs:
     """Everything that a run writes or shows. Images wait in a queue until the tracker has returned their frames."""
 
     def __init__(
-        self,
-        options: argparse.Namespace,
-        cameras: Sequence[Filmed],
-        tracker: Playback,
-        files: AtomicFiles,
-        stack: ExitStack,
+        self, options: argparse.Namespace, cameras: Sequence[Filmed], tracker: Playback, files: AtomicFiles
     ) -> None:
-        """Open the outputs before anything is tracked. tracker: of the first pass. stack: ends what is not finished.
+        """Open the outputs before anything is tracked. tracker: of the first pass. files: takes video and recording.
 
         Raises a LassokinError for a path that cannot be written.
         """
@@ -83,8 +77,7 @@ class TrackOutputs:
                 print_note(f"{PROGRAM}: {WITHOUT_H264}")
         if options.view is not None:
             path = options.view if options.view.name else None
-            self._view = LiveView(path, source.name, views, options.force, bool(session.config.fixed_frame))
-            stack.callback(self._view.discard)
+            self._view = LiveView(path, source.name, views, files, bool(session.config.fixed_frame))
 
     @property
     def needs_images(self) -> bool:

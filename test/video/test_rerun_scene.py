@@ -53,6 +53,6 @@ def test_a_recording_that_cannot_be_flushed_is_reported(tmp_path):
             raise RuntimeError("File-writer thread shut down\nprematurely")
 
     view = RerunScene.__new__(RerunScene)
-    view._stream, view._path, view._part = Full(), tmp_path / "a.rrd", tmp_path / ".a.part.rrd"
+    view._stream, view._path = Full(), tmp_path / "a.rrd"
     with pytest.raises(ViewError, match="a.rrd' cannot be written completely: File-writer thread shut"):
         view.finish()

@@ -23,12 +23,10 @@ from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.observation import has_passed, is_longer
 
-INITIAL = 0.004
-"""Initial standard deviation / height."""
+INITIAL, INITIAL_WEIGHT = 0.004, 0.3
+"""Initial standard deviation / height, and its weight as a duration of frames, s."""
 LEAST_ERROR, LARGEST_ERROR = 0.002, 0.02
 """Limits of the standard deviation / height."""
-INITIAL_WEIGHT = 0.3
-"""s: weight of the initial value, as a duration of frames."""
 CAP = 3.0
 """Upper limit of a landmark's squared residual, in units of its expectation; larger ones are outliers."""
 
