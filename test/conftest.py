@@ -42,17 +42,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
 @pytest.fixture
-def forked_workers(monkeypatch):
-    """The workers of an archive's replay are forked, which takes a tenth of the time."""
-    from forked import CONTEXT, start_server
-
-    from lassokin_ros.archive import runners
-
-    start_server()
-    monkeypatch.setattr(runners.multiprocessing, "get_context", lambda _: CONTEXT)
-
-
-@pytest.fixture
 def tasks_here(monkeypatch):
     """The recordings of an archive are replayed in this process."""
     from lassokin_ros.archive import archive, tasks
