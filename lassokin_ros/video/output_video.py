@@ -69,12 +69,11 @@ class OutputVideo:
             raise VideoError(f"--video '{name}' is not UTF-8; choose another name")
         self._cv2, self._path, self._fps = cv2, path, fps
         most = min(HEIGHT if len(sizes) == 1 else HEIGHT_OF_SEVERAL, next(iter(sizes.values()))[1])
-        self._scales = {name: most / size[1] for name, size in sizes.items()}
         height = max(round(most), 2)
         self._sizes = {name: (max(round(size[0] * most / size[1]), 2), height) for name, size in sizes.items()}
         self._size = sum(width for width, _ in self._sizes.values()), height
         self._bar = max(round(BAR * self._size[1]), 12)
-        self._even = (self._size[0] + self._size[1]) // 2 * 2, (self._size[1] + self._bar) // 2 * 2
+        even = (self._size[0] + self._size[1]) // 2 * 2, (self._size[1] + self._bar) // 2 * 2
         self._view = BodyView(cv2, self._size[1], level)
         self._images: deque[Mapping[str, Image]] = deque()  # of the instants whose results are not known yet
         self._apart_ns = 0 if "" in sizes else SAME_INSTANT_NS
@@ -84,7 +83,7 @@ class OutputVideo:
         """The picture that is repeated until the time of the next one."""
         self._person = ""
         """The person in the view of the body."""
-        self._encoder = open_encoder(self._part, self._even, fps)
+        self._encoder = open_encoder(self._part, even, fps)
         self._written = 0
 
     @property
@@ -144,12 +143,12 @@ class OutputVideo:
         left = [self._image(name, images[name].rgb, frames) for name in self._sizes]
         halves = np.hstack([*left, self._view.draw(seconds, shown)])
         bar = np.full((self._bar + 1, halves.shape[1], 3), BACKGROUND, np.uint8)
-        picture: np.ndarray = np.vstack([halves, bar])[: self._even[1], : self._even[0]]
-        return np.ascontiguousarray(picture)
+        height, width = (self._size[1] + self._bar) // 2 * 2, halves.shape[1] // 2 * 2
+        return np.ascontiguousarray(np.vstack([halves, bar])[:height, :width])
 
     def _image(self, name: str, rgb: np.ndarray, frames: list[FrameResult]) -> np.ndarray:
         """Return the image of a camera with skeletons and keypoints."""
-        cv2, scale = self._cv2, self._scales[name]
+        cv2, scale = self._cv2, self._sizes[name][1] / rgb.shape[0]
         image: np.ndarray = cv2.cvtColor(cv2.resize(rgb, self._sizes[name]), cv2.COLOR_RGB2BGR)
         for frame in frames:
             own = next((one for one in frame.images if one.camera.name == name), None)
