@@ -23,7 +23,7 @@ from lassokin_ros.pipeline.camera.calibration_file import Calibration
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.frame_messages import principal_axes
 from lassokin_ros.replay.body import capsules
-from lassokin_ros.video.sources import Image
+from lassokin_ros.video.sources import FIRST_STAMP_NS, Image
 
 CAMERA, BODY = "camera", "body"
 ANGLES, ERRORS = "angles", "errors"
@@ -239,9 +239,9 @@ class LiveView(RerunScene):
         for camera, image in images.items():
             self.add_image(image.rgb, camera)
 
-    def add(self, seconds: float, frames: Sequence[FrameResult]) -> None:
-        """Show the results for the images of this time."""
-        self.set_time(duration=seconds)
+    def add(self, stamp_ns: int, frames: Sequence[FrameResult]) -> None:
+        """Show the results for the images of this stamp."""
+        self.set_time(duration=(stamp_ns - FIRST_STAMP_NS) * 1e-9)
         several = len(self._cameras) > 1
         for frame in frames:
             place = f"/{frame.person}" if frame.person else ""

@@ -185,7 +185,7 @@ class Run:
             notes += words
             self._poses = {camera.name: pose for camera, pose in zip(cameras, poses)}  # in m
         for footage in (camera.footage for camera in cameras):
-            if isinstance(footage, Footage):
+            if footage is not None:
                 footage.finish()
                 notes += footage.remarks()
                 self._outputs.remarks += footage.unknown()
@@ -206,7 +206,7 @@ class Run:
             if self._of_several:
                 camera.found, words = largest_in(camera.found, camera.name, width)
             else:
-                cuts = camera.footage.cuts if isinstance(camera.footage, Footage) else []
+                cuts = [] if camera.footage is None else camera.footage.cuts
                 people = people_of_shots(camera.found, cuts)
                 who = self._options.person or (ALL if self._node.several_people else LARGEST)
                 chosen = choose(who, people, self._node.max_people)
@@ -236,7 +236,7 @@ class Run:
                 if (together := next(images, None)) is None:
                     raise SourceError(f"{camera.source.name} has fewer images when it is read again")
                 self._outputs.add_images(together)
-            if isinstance(camera.footage, Footage) and camera.footage.begins_at(seconds):
+            if camera.footage is not None and camera.footage.begins_at(seconds):
                 tracker.begin_take()
             keypoints = camera.keypoints(seconds, people, self._node.several_people)
             tracker.keypoints(keypoints, stamp_of(seconds), camera.name)

@@ -10,14 +10,22 @@ import pytest
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
 from archives import holder, killed_writers, outcomes, replayed, start_replay, write_archive  # noqa: E402
+from forked import CONTEXT, start_server  # noqa: E402
 from recordings import contents  # noqa: E402
 
+from lassokin_ros.archive import runners  # noqa: E402
 from lassokin_ros.archive.runners import WorkerPool  # noqa: E402
 from lassokin_ros.archive.tasks import Task  # noqa: E402
 from lassokin_ros.cli.replay import main  # noqa: E402
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="finds processes in /proc, which is Linux'")
-pytestmark = pytest.mark.usefixtures("forked_workers")  # those of `start_replay` are spawned
+
+
+@pytest.fixture(autouse=True)
+def forked_workers(monkeypatch):
+    """The workers are forked, which takes a tenth of the time; those of `start_replay` are spawned."""
+    start_server()
+    monkeypatch.setattr(runners.multiprocessing, "get_context", lambda _: CONTEXT)
 
 
 @pytest.mark.parametrize("dead", [True, False], ids=["dead", "dying"])

@@ -294,7 +294,8 @@ class Calibration:
             return np.zeros(self.proportions.count)
         odds = found.odds * guessed
         prior = np.array([model.mean for model in self._models])
-        return np.asarray(odds / odds.sum() @ np.clip(found.means, prior - 0.3, prior + 0.3))
+        limited = np.clip(found.means, prior - 0.3, prior + 0.3)  # nobody's lengths differ more
+        return np.asarray(odds / odds.sum() @ limited)
 
     def _normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
         """(H (p, p), g (p,)) of all kept frames, about the given lengths.

@@ -90,7 +90,7 @@ class ModelError:
         deviation = np.broadcast_to(depth, weights.shape)[seen] / weights[seen]
         variance = float((free * deviation**2).sum() / left)
         gain = step / (self._known + step)
-        self._known = min(self._known + step, 10.0)
+        self._known = min(self._known + step, 10.0)  # s, of frames
         learned = self.deviation**2 + gain * (ratio - 1) * variance
         least, largest = LEAST_ERROR * self._height, LARGEST_ERROR * self._height
         self.deviation = math.sqrt(min(max(learned, least * least), largest * largest))
@@ -163,5 +163,5 @@ class DepthNoise:
         if len(change) >= 4:
             size = float(np.median(change)) / (1.3 * MEDIAN_OF_NORMAL * math.sqrt(6))  # motion and occluders enlarge it
             share = step / (self._known + step)
-            self._known = min(self._known + step, 2.0)
+            self._known = min(self._known + step, 2.0)  # s, of frames
             self._log += share * (math.log(min(max(size, 0.25), 4.0)) - self._log)

@@ -75,10 +75,11 @@ class MovedCameras:
             self.moves[name] = suggested - correction
             return
         usual, count = self._usual.get(name, (np.zeros(6), 0))
-        plausible = relative_size(suggested) < 2.2
+        plausible = relative_size(suggested) < 2.2  # otherwise the first frames do not count as those before
         if count >= FEWEST_JUDGED or not plausible:
             self.moves[name] = suggested - usual
         if plausible and (count < FEWEST_JUDGED or relative_size(self.moves[name]) < CHANGED):
+            # The mean of the last ones: a camera that was moved does not change it.
             self._usual[name] = usual + (suggested - usual) / min(count + 1, 25), count + 1
 
     @property
