@@ -16,16 +16,7 @@ from contextlib import closing
 from pathlib import Path
 
 from lassokin_ros.archive.runners import in_processes, on_cluster
-from lassokin_ros.archive.tasks import (
-    DONE_BEFORE,
-    PAGE,
-    SKELETON,
-    TRACKED,
-    ArchiveError,
-    Result,
-    Task,
-    check_files,
-)
+from lassokin_ros.archive.tasks import DONE_BEFORE, PAGE, SKELETON, TRACKED, ArchiveError, Result, Task, check_files
 from lassokin_ros.common.command_line import print_summary
 from lassokin_ros.common.interruption import Interrupted
 from lassokin_ros.common.progress import Progress

@@ -108,6 +108,7 @@ class AtomicFiles:
             for part in self._parts.values():
                 with suppress(OSError, ValueError):  # renamed already; or a name or disk that raised its own error
                     part.unlink()
+            self._parts.clear()
 
     def _finish(self) -> None:
         try:

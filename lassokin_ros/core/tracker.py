@@ -34,7 +34,6 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.initialisation import NetworkPose
 from lassokin_ros.core.hypotheses.start import FIT_AFTER, Start, Starts
 from lassokin_ros.core.image.frame_data import FrameData, View
 from lassokin_ros.core.image.measurement import Measurement
@@ -339,7 +338,7 @@ class Tracker:
             contacts=self.learned.contacts(pose.positions),
             up=self.learned.vertical.direction,
             prior_cost=0.5 * float(squared_norm(solved.posture.residual[self.frame_model.prior.body_rows])),
-            network_distance=network_pose.distance(solved.pose) if isinstance(network_pose, NetworkPose) else math.nan,
+            network_distance=math.nan if network_pose is None else network_pose.distance(solved.pose),
         )
 
     def _resize(self, ratio: float, centre: np.ndarray | None) -> None:

@@ -1,4 +1,4 @@
-"""MediaPipe Pose, alone and with the hands, by its Tasks API. Its packages have no weights: the files here do.
+"""MediaPipe Pose, alone and with the hands, by its Tasks API. Its packages have no weights: see `MODEL`.
 
 For the hands, MediaPipe's hand model looks at the surroundings of each wrist, as MediaPipe Holistic does. Whose hand it
 is follows from the wrist. The model's own label of the side is not used: it expects mirrored images.

@@ -15,7 +15,9 @@ from lassokin_ros.doubt.doubt import Doubt, Event, Signs, reasons
 from lassokin_ros.doubt.keypoint_events import LEAST_MOTION, MotionMeter, SideExchange, is_person_change
 from lassokin_ros.doubt.pose_events import (
     CORNERS,
+    COST,
     JUMP_S,
+    PRIOR_COST,
     REPROJECTION,
     RUN_S,
     TURN_S,
@@ -24,7 +26,6 @@ from lassokin_ros.doubt.pose_events import (
     LastingReversal,
     Recent,
     facing_of,
-    is_costly,
     is_fast_turn,
     is_jump,
 )
@@ -218,7 +219,8 @@ class DoubtMonitor:
             self._poor.add(signs.stamp, signs.reprojection)
         else:
             self._poor.clear()
-        poor = self._poor.span > 0.8 * RUN_S or is_costly(signs.cost, signs.prior_cost)
+        costly = signs.cost > COST or signs.prior_cost > PRIOR_COST  # above those of any good frame; NaN is not
+        poor = costly or self._poor.span > 0.8 * RUN_S
         return [Event.PELVIS_JUMP] * jumps + [Event.POOR_FIT] * poor
 
     def _facing(self, signs: Signs) -> tuple[bool, list[Event]]:

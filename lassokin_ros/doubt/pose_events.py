@@ -157,11 +157,6 @@ def is_jump(before: float, distance: float) -> bool:
     return abs(distance / before - 1) > JUMP
 
 
-def is_costly(cost_per_measurement: float, prior_cost: float) -> bool:
-    """Return whether a cost is above that of any good frame. NaN is not."""
-    return cost_per_measurement > COST or prior_cost > PRIOR_COST
-
-
 class FailureModel:
     """How likely the mean error of a pose's joints exceeds 100 mm, from two figures of the last second.
 

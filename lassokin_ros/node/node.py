@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -13,32 +12,26 @@ from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from std_srvs.srv import SetBool, Trigger
 
 from lassokin_ros.common.command_line import version
-from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.evidence.evidence import Evidence
-from lassokin_ros.node.inputs.camera_publishers import DuplicateNode
 from lassokin_ros.node.inputs.keypoint_input import KeypointInput
 from lassokin_ros.node.inputs.polled_subscription import ignore_events
 from lassokin_ros.node.inputs.rep155_inputs import Rep155Inputs
 from lassokin_ros.node.inputs.scene_inputs import SceneInputs
-from lassokin_ros.node.log_throttle import LogThrottle
 from lassokin_ros.node.message_types import message_class
 from lassokin_ros.node.parameters import LiveParameters, Settings, changes_of, declare, unknown_parameters
 from lassokin_ros.node.publishers import Publishers
 from lassokin_ros.node.qos import sensor_data
 from lassokin_ros.node.robot_state_publisher_client import RobotStatePublisherClient
+from lassokin_ros.node.services import Services
+from lassokin_ros.node.session_log import SessionLog
 from lassokin_ros.pipeline.answers import Answer
-from lassokin_ros.pipeline.camera_images import UNUSED
-from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.body_frames import Naming
-from lassokin_ros.pipeline.outputs.diagnostics import NEAR_LIMIT, NEAR_LIMIT_ADVICE, Diagnostics
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
 from lassokin_ros.pipeline.outputs.figures import averaged_sides
 from lassokin_ros.pipeline.outputs.outputs import Outputs
-from lassokin_ros.pipeline.outputs.saved_files import save_all, save_cameras
-from lassokin_ros.pipeline.outputs.scene_messages import LOST, NOBODY, TRACKING
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.people.people_tracker import FORGOTTEN
 from lassokin_ros.pipeline.people.roster import GONE
@@ -48,15 +41,8 @@ from msg_adapters.backends import RclpyBackend
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
 
 DIAGNOSTICS_PERIOD_S = 1.0
-UNUSED_MESSAGES = 60
-"""Number of messages whose keypoints are all below `min_confidence`. If there are as many before the first result, the
-log reports it."""
 SHORTEST_WAIT_NS = 1_000_000
 """ns: shortest period of the timer for images that wait."""
-LOG_MESSAGES = {TRACKING: "tracking", LOST: "lost: no usable frame for stale_after", NOBODY: "nobody is tracked"}
-"""Log messages about a new state."""
-DIFFERENT_FAULTS = 4
-"""Number of lines about rejected messages with one reason and different faults that are logged in a few seconds."""
 KEY_LENGTH = 20
 """Characters of a warning that identify it; numbers may follow."""
 CHECK_PERIOD_S = 0.1
@@ -74,14 +60,13 @@ class TrackerNode(Node):
         settings = declare(self)
         self._live_parameters = LiveParameters(self, settings, self._tune)
         self._session = Session(*settings, evidence)
-        self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
-        self._said, self._has_evidence = set[str](), bool(evidence)
+        self._log = SessionLog(self, self._session, bool(evidence))
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._session, name, time.monotonic())
-        self._sink = Publishers(self)
-        self._diagnostics_out = self._sink.open(topics.DIAGNOSTICS, topics.DIAGNOSTICS)
-        self._open_outputs(settings[1], name)
+        sink = Publishers(self)
+        self._diagnostics_out = sink.open(topics.DIAGNOSTICS, topics.DIAGNOSTICS)
+        self._open_outputs(settings[1], name, sink)
         self._listen(settings[1])
         for publisher in self.publishers:  # also those of rclpy; see `advertise`
             ignore_events(publisher)
@@ -115,13 +100,13 @@ class TrackerNode(Node):
             f"publishes {outputs}/..." + (f" in the frame '{config.fixed_frame}'" if config.fixed_frame else "")
         )
 
-    def _open_outputs(self, config: NodeSettings, name: str) -> None:
+    def _open_outputs(self, config: NodeSettings, name: str, sink: Publishers) -> None:
         """Create the publishers of one person, or the common ones of several people."""
         if config.several_people and config.publish_tf != OFF:
             message_class(topics.TF.message_type)  # raises now, not when the first person appears
-        self._outputs = Outputs(self._session, self._sink, RclpyBackend(), name)
-        self._outputs.on_fault = partial(self._warning.log, "base_frame")
-        self._outputs.on_state = self._log_state
+        self._outputs = Outputs(self._session, sink, RclpyBackend(), name)
+        self._outputs.on_fault = partial(self._log.warning.log, "base_frame")
+        self._outputs.on_state = self._log.state
         self._state_publisher = None
         if not config.several_people and config.publish_tf != ALL:
             self._state_publisher = RobotStatePublisherClient(self, Naming.of_person(config, name, "").prefix)
@@ -131,13 +116,9 @@ class TrackerNode(Node):
             self._outputs.person.describe_first()
         self._outputs.start(self._now_ns())
 
-    def _log_state(self, state: str) -> None:
-        gone = state == LOST and self._session.roster.locked == GONE
-        self.get_logger().info(f"lost: {FORGOTTEN}" if gone else LOG_MESSAGES[state])
-
     def _listen(self, config: NodeSettings) -> None:
         """Create subscriptions, services, timers and the callback for clock jumps."""
-        on_error = self._count_internal_error
+        on_error = self._log.internal_error
         self._inputs = SceneInputs(self, self._session, self._diagnostics, self._on_depth, on_error)
         self._keypoints: list[KeypointInput] = []
         self._bodies: Rep155Inputs | None = None
@@ -148,15 +129,9 @@ class TrackerNode(Node):
             for name, camera in self._session.cameras.items():
                 topic, process = topics.of_camera(topics.KEYPOINTS, name), partial(self.work_on, camera=name)
                 self._keypoints.append(KeypointInput(self, topic, config, camera.counts, self._inputs.poll, process))
-        shared = config.rep155 and not config.topic_per_body  # the list of bodies has an absolute name
-        self._duplicate = DuplicateNode(self, topics.REP155_TRACKED_OUTPUT.name if shared else topics.STATE)
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
-        self.create_service(SetBool, "~/lock", self._on_lock)
-        self.create_service(Trigger, "~/save_skeleton", self._on_save_skeleton)
-        self.create_service(Trigger, "~/save_cameras", self._on_save_cameras)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics continue while simulated time is paused
         self._as_of_ns = self._checked_ns = self._newest_ns = 0
+        Services(self, self._session, self._forget, lambda: self._as_of_ns)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics continue while simulated time is paused
         self._wait = self.create_timer(1e-9 * SHORTEST_WAIT_NS, self._on_wait_end, clock=steady)
         self._wait.cancel()
         self.create_timer(CHECK_PERIOD_S, self._update_presence, clock=steady)
@@ -169,7 +144,7 @@ class TrackerNode(Node):
         self._answer("a depth image", partial(self._session.push_depth, message, now_ns, camera), now_ns)
         depth = self._session.cameras[camera].depth
         if depth is not None and depth.refusal:
-            self._warning.log("depth", depth.refusal)
+            self._log.warning.log("depth", depth.refusal)
 
     def _on_wait_end(self) -> None:
         """Process images that have waited in vain. Simulated time may stand still."""
@@ -205,9 +180,9 @@ class TrackerNode(Node):
             answers = make()
             for answer in answers:
                 self._outputs.publish(answer, arrival_ns, started)
-                self._log_problems(answer.frames)
+                self._log.problems(answer.frames)
         except Exception as error:  # no message may end the node
-            self._count_internal_error(what, error)
+            self._log.internal_error(what, error)
             return
         finally:
             self._await_due()
@@ -240,42 +215,6 @@ class TrackerNode(Node):
             self._outputs.restart_clock()
         return self._newest_ns
 
-    def _count_internal_error(self, what: str, error: Exception) -> None:
-        if self.context.ok():
-            self._session.counts["rejected: internal_error"] += 1
-            self._warning.log("internal_error", f"{what} was dropped: {type(error).__name__}: {error}")
-
-    def _log_problems(self, frames: Sequence[FrameResult]) -> None:
-        """Log rejections and, once, missing stamps and unexpected frames."""
-        for frame in frames:
-            if not frame.accepted and not self._session.inputs.nobody_in_view:
-                line = f"keypoints rejected ({frame.rejection}): {frame.detail}"
-                self._warning.log(str(frame.rejection), line, DIFFERENT_FAULTS)
-        self._log_unused_confidence()
-        for name, fault in self._session.roster.evidence_faults.items() if self._has_evidence else ():
-            self._say_once(name, fault, self.get_logger().error)
-        if self._session.counts["unstamped"]:
-            words = "keypoints without a stamp: outputs carry the time of their arrival"
-            self._say_once("unstamped", words, self.get_logger().warning)
-        if "misplaced" not in self._said and frames and frames[0].accepted and self._session.placement.places is None:
-            camera = self._session.first.camera.at(frames[0].stamp_ns).intrinsics.frame_id
-            self._say_once("misplaced", _misplaced(frames[0].frame_id, camera), self.get_logger().warning)
-
-    def _say_once(self, key: str, words: str, log: Callable[[str], Any]) -> None:
-        if words and key not in self._said:
-            self._said.add(key)
-            log(words)
-
-    def _log_unused_confidence(self) -> None:
-        """Log once if nobody was tracked yet, because all confidences are slightly below `min_confidence`."""
-        session, limit = self._session, self._session.tracker.config.min_confidence
-        if session.answers.any_accepted or session.counts[UNUSED] < UNUSED_MESSAGES:
-            return
-        if session.inputs.unused_confidence >= NEAR_LIMIT * limit:
-            figures = f"{session.inputs.unused_confidence:.2f}, min_confidence {limit:g}"
-            words = f"nobody was tracked yet: {NEAR_LIMIT_ADVICE} ({figures})"
-            self._say_once("unused", words, self.get_logger().warning)
-
     def _update_presence(self) -> None:
         """Poll the inputs, and update the list of people while no keypoints arrive (see `presence_at`).
 
@@ -305,57 +244,14 @@ class TrackerNode(Node):
             self._state_publisher.update()
             concerns.append(self._state_publisher.fault)
         now, presence = time.monotonic(), self._session.scene.presence_at(self._as_of_ns)
-        concerns += [self._inputs.check(now), words := self._duplicate.check(now)]
-        if words:
-            self._warning.log("duplicate_node", words)
+        concerns.append(self._inputs.check(now))
         for keypoints, camera in zip(self._keypoints, self._session.cameras.values()):
             keypoints.check(now, camera.counts[camera.key("received")] > 0)
         concern = "; ".join(filter(None, concerns))
         line = self._diagnostics.line(now, presence, concern, self._outputs.state, self._as_of_ns)
         self._diagnostics_out.publish(self._status.fill(self._now_ns(), "", [line]))
         for words in self._diagnostics.inputs:
-            self._warning.log(words[:KEY_LENGTH], words)
-
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._forget()
-        self.get_logger().info("reset: the state is forgotten")
-        response.success, response.message = True, "state forgotten; the next usable frame initialises anew"
-        return response
-
-    def _on_set_enabled(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        """A disabled node keeps its topics and its camera, forgets all people, and needs almost no time."""
-        changed = self._session.enabled is not request.data
-        self._session.enabled = request.data
-        if changed:
-            self._forget()
-            self.get_logger().info("enabled" if request.data else "disabled")
-        response.success = True
-        response.message = ("enabled" if request.data else "disabled") + ("" if changed else " already")
-        return response
-
-    def _on_lock(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        """Lock the person whom the parameter `follow` names, or release the lock."""
-        try:
-            if request.data:
-                response.success, response.message = True, f"locked: {self._session.lock(self._as_of_ns)}"
-            else:
-                self._session.roster.hold(None)
-                response.success, response.message = True, "nobody is locked"
-            self.get_logger().info(response.message)
-        except LassokinError as error:
-            response.success, response.message = False, str(error)
-        return response
-
-    def _on_save_skeleton(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        path = self._file("skeleton.yaml")
-        return _written(response, lambda: save_all(self._session.roster.calibrations(), path, self._now_ns()))
-
-    def _on_save_cameras(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return _written(response, lambda: [save_cameras(self._session, self._file("cameras.sh"))])
-
-    def _file(self, ending: str) -> Path:
-        """Return where the answer of a service is written."""
-        return Path(f"~/.ros/{self.get_fully_qualified_name()[1:].replace('/', '_')}_{ending}")
+            self._log.warning.log(words[:KEY_LENGTH], words)
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
         lock = ", and the lock has ended" if self._session.roster.locked is not None else ""
@@ -376,24 +272,3 @@ class TrackerNode(Node):
             self._outputs.forget(self._now_ns())
             lock = f"; {FORGOTTEN}" if self._session.roster.locked == GONE else ""
             self.get_logger().info(f"height is now {settings[0].height_text}: the state is forgotten{lock}")
-
-
-def _written(response: Trigger.Response, write: Callable[[], Sequence[Path]]) -> Trigger.Response:
-    """Answer a service that writes files."""
-    try:
-        response.success, response.message = True, f"written: {', '.join(str(path.absolute()) for path in write())}"
-    except LassokinError as error:
-        response.success, response.message = False, str(error)
-    return response
-
-
-def _misplaced(frame_id: str, camera: str) -> str:
-    """Warning if frame_ids are missing or differ, else empty. camera: the frame_id of camera_info."""
-    if not frame_id:
-        return "neither keypoints nor camera_info have a frame_id: outputs have none, and RViz and TF cannot place them"
-    if not camera or frame_id == camera:
-        return ""
-    return (
-        f"keypoints have the frame_id '{frame_id}', camera_info '{camera}': outputs have that of the keypoints, which "
-        "must be the camera's optical frame (z forward, x right, y down)"
-    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -48,23 +48,17 @@ def side_of(a: str, b: str) -> str:
     return side if side in ("left", "right") and side == b.split("_")[0] and not trunk else "middle"
 
 
-def floor_height(
-    names: Sequence[str],
-    height: float,
-    positions: np.ndarray,
-    observed: np.ndarray,
-    contacts: np.ndarray,
-    level: np.ndarray,
-) -> float:
+def floor_of(skeleton: Skeleton, frames: Mapping[str, np.ndarray], level: np.ndarray) -> float:
     """Return the floor's height above the camera, m; NaN if no foot is observed in half of the frames.
 
     It is the median height of the lowest foot while a foot stands still; of people who lie in most frames, or support
     themselves with the hands, that of what rests on the floor, whichever part of the body it is.
 
-    names: of the joints. height: m, of the person. positions: (f, n, 3) m, joints in the camera frame. observed: (f, n)
-    bool. contacts: (f, n) bool, ankles of feet that stand still. level: (3, 3) rotation from the camera frame to that
-    of a level camera.
+    frames: `joint_positions` (f, n, 3) m in the camera frame, `joint_observed` (f, n) bool and `joint_contacts` (f, n)
+    bool, ankles of feet that stand still. level: (3, 3) rotation from the camera frame to that of a level camera.
     """
+    names, height, positions = skeleton.joint_names, skeleton.height, frames["joint_positions"]
+    observed, contacts = frames["joint_observed"], frames["joint_contacts"]
     heights = -(positions @ level[1])
     lying = _lying(names, positions, level)
     if len(lying) and lying.mean() > 0.5:

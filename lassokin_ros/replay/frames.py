@@ -22,12 +22,11 @@ DETECTED, REPROJECTED, OUTLINE, SEEN = "detected", "reprojected", "outline", "se
 class MessageRow:
     """One keypoint message.
 
-    time: s since the first message, by stamps. delay: s from stamp to recording. seconds: tracking time, s.
-    people: number of published skeletons. stamp_ns: ns. rejection: key of the reason, if the message was rejected.
+    time: s since the first message, by stamps. seconds: tracking time, s. people: number of published skeletons.
+    stamp_ns: ns. rejection: key of the reason, if the message was rejected.
     """
 
     time: float
-    delay: float
     seconds: float
     people: int
     stamp_ns: int
@@ -81,7 +80,7 @@ class FrameTable:
         refused = next((f.rejection for f in frames if not f.accepted), None)
         time = self._clock(stamp_ns, time_ns, refused not in STAMP_REASONS)
         accepted = sum(frame.accepted for frame in frames)
-        self.messages.append(MessageRow(time, (time_ns - stamp_ns) * 1e-9, seconds, accepted, stamp_ns, refused))
+        self.messages.append(MessageRow(time, seconds, accepted, stamp_ns, refused))
         for frame in frames:
             if frame.rejection is not None:
                 self.details.setdefault(frame.rejection, frame.detail)

@@ -10,7 +10,7 @@ import numpy as np
 from lassokin_ros.core.body.roles import is_finger
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.session import Session
-from lassokin_ros.replay.body import floor_height
+from lassokin_ros.replay.body import floor_of
 from lassokin_ros.replay.frames import DETECTED, REPROJECTED, SEEN, FrameTable, PersonRows, in_view
 from lassokin_ros.replay.spans import marked, wrong_spans
 
@@ -99,7 +99,7 @@ def motions(table: FrameTable, scene: Scene, origin_ns: int = 0) -> list[Motion]
         columns["stamp_ns"] = columns["stamp_ns"] - origin_ns
         columns |= _derived(rows, columns, rows.last.skeleton, scene.cameras)
         found.append(Motion(person, rows.last.frame_id, rows.last.skeleton, columns, scene))
-    floors = np.array([_floor(motion) for motion in found])
+    floors = np.array([floor_of(one.skeleton, one.frames, scene.level) for one in found])
     floor = float(np.median(floors[np.isfinite(floors)])) if np.isfinite(floors).any() else 0.0
     start_ns = 0 if origin_ns else min((int(motion["stamp_ns"][0]) for motion in found), default=0)
     return [replace(motion, scene=replace(scene, floor=floor, start_ns=start_ns)) for motion in found]
@@ -151,9 +151,3 @@ def speeds(stamps_ns: np.ndarray, positions: np.ndarray) -> np.ndarray:
     ways = np.linalg.norm(positions[after] - positions[before], axis=-1)
     backwards = (seconds < seconds[before]) | (seconds[after] < seconds)
     return np.asarray(ways / np.where(backwards | (elapsed <= 0), np.nan, elapsed)[:, None])
-
-
-def _floor(motion: Motion) -> float:
-    names, height = motion.skeleton.joint_names, motion.skeleton.height
-    positions, observed, contacts = motion["joint_positions"], motion["joint_observed"], motion["joint_contacts"]
-    return floor_height(names, height, positions, observed, contacts, motion.scene.level)

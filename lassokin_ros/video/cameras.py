@@ -29,7 +29,7 @@ from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.camera import DEFAULT_FOV, assumed_fov_warning, from_file, from_fov
 from lassokin_ros.video.keypoint_files.source import open_input
 from lassokin_ros.video.people import Found
-from lassokin_ros.video.shots import Footage, LiveFootage
+from lassokin_ros.video.shots import Footage
 from lassokin_ros.video.sources import Image, Source, SourceError, stamp_of
 from lassokin_ros.video.synchrony import SAME_CLOCK, on_first_clock
 from msg_adapters.keypoints import Keypoints
@@ -54,7 +54,7 @@ class Filmed:
     pose: CameraPose
     stored: Detector | None = None
     course: Course = SAME_CLOCK
-    footage: Footage | LiveFootage | None = None
+    footage: Footage | None = None
     found: list[Found] = field(default_factory=list)
     fault: str = ""
     detect_seconds: list[float] = field(default_factory=list)

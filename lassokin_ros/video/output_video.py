@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -16,9 +16,10 @@ from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.doubt.doubt import Doubt
 from lassokin_ros.doubt.monitor import AROUND_S
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
+from lassokin_ros.pipeline.image_sets import SAME_INSTANT_NS
 from lassokin_ros.replay.body import side_of
 from lassokin_ros.video.body_view import BACKGROUND, COLOURS, NAME, BodyView
-from lassokin_ros.video.sources import is_utf8
+from lassokin_ros.video.sources import Image, is_utf8, stamp_of
 
 HEIGHT, HEIGHT_OF_SEVERAL = 720, 480
 """px, at most: height of one camera's image, and of the images of several."""
@@ -54,7 +55,7 @@ class OutputVideo:
     def __init__(
         self, path: Path, sizes: Mapping[str, tuple[int, int]], fps: float, files: AtomicFiles, level: np.ndarray
     ) -> None:
-        """sizes: (width, height) px of the images of each camera, by name. files: has the file. level: see `BodyView`.
+        """sizes: (width, height) px of each camera's images, by name. files: takes the file. level: see `BodyView`.
 
         Raises VideoError.
         """
@@ -68,20 +69,21 @@ class OutputVideo:
             raise VideoError(f"--video '{name}' is not UTF-8; choose another name")
         self._cv2, self._path, self._fps = cv2, path, fps
         most = min(HEIGHT if len(sizes) == 1 else HEIGHT_OF_SEVERAL, next(iter(sizes.values()))[1])
-        self._scales = {name: most / size[1] for name, size in sizes.items()}
         height = max(round(most), 2)
         self._sizes = {name: (max(round(size[0] * most / size[1]), 2), height) for name, size in sizes.items()}
         self._size = sum(width for width, _ in self._sizes.values()), height
         self._bar = max(round(BAR * self._size[1]), 12)
-        self._even = (self._size[0] + self._size[1]) // 2 * 2, (self._size[1] + self._bar) // 2 * 2
+        even = (self._size[0] + self._size[1]) // 2 * 2, (self._size[1] + self._bar) // 2 * 2
         self._view = BodyView(cv2, self._size[1], level)
+        self._images: deque[Mapping[str, Image]] = deque()  # of the instants whose results are not known yet
+        self._apart_ns = 0 if "" in sizes else SAME_INSTANT_NS
         self._waiting: deque[_Waiting] = deque()
         self._wrong_until = -np.inf
         self._held: np.ndarray | None = None
         """The picture that is repeated until the time of the next one."""
         self._person = ""
         """The person in the view of the body."""
-        self._encoder = open_encoder(self._part, self._even, fps)
+        self._encoder = open_encoder(self._part, even, fps)
         self._written = 0
 
     @property
@@ -89,12 +91,18 @@ class OutputVideo:
         """Whether browsers play the file."""
         return self._encoder.browsers_play
 
-    def add(self, seconds: float, images: Mapping[str, np.ndarray], frames: list[FrameResult]) -> None:
-        """Add the RGB images of one instant, by camera, with their results. They are repeated or left out to keep the
-        frame rate constant.
+    def add_images(self, images: Mapping[str, Image]) -> None:
+        """Add the images of one instant, by camera. They wait for their results."""
+        self._images.append(images)
 
-        Raises VideoError.
-        """
+    def add(self, stamp_ns: int, frames: Sequence[FrameResult]) -> None:
+        """Show the results of an instant, and none in the images before it. Raises VideoError."""
+        while self._images and (own_ns := stamp_of(_seconds(self._images[0]))) <= stamp_ns:
+            self._draw(self._images.popleft(), list(frames) if stamp_ns - own_ns <= self._apart_ns else [])
+
+    def _draw(self, images: Mapping[str, Image], frames: list[FrameResult]) -> None:
+        """Draw one instant. Pictures are repeated or left out to keep the frame rate constant."""
+        seconds = _seconds(images)
         accepted = [frame for frame in frames if frame.accepted]
         shown = next((frame for frame in accepted if frame.person == self._person), next(iter(accepted), None))
         self._person = self._person if shown is None else shown.person
@@ -129,18 +137,18 @@ class OutputVideo:
         self._written += 1
 
     def _picture(
-        self, seconds: float, images: Mapping[str, np.ndarray], frames: list[FrameResult], shown: FrameResult | None
+        self, seconds: float, images: Mapping[str, Image], frames: list[FrameResult], shown: FrameResult | None
     ) -> np.ndarray:
         """Return the images and the view of the body above an empty line for the text."""
-        left = [self._image(name, images[name], frames) for name in self._sizes]
+        left = [self._image(name, images[name].rgb, frames) for name in self._sizes]
         halves = np.hstack([*left, self._view.draw(seconds, shown)])
         bar = np.full((self._bar + 1, halves.shape[1], 3), BACKGROUND, np.uint8)
-        picture: np.ndarray = np.vstack([halves, bar])[: self._even[1], : self._even[0]]
-        return np.ascontiguousarray(picture)
+        height, width = (self._size[1] + self._bar) // 2 * 2, halves.shape[1] // 2 * 2
+        return np.ascontiguousarray(np.vstack([halves, bar])[:height, :width])
 
     def _image(self, name: str, rgb: np.ndarray, frames: list[FrameResult]) -> np.ndarray:
         """Return the image of a camera with skeletons and keypoints."""
-        cv2, scale = self._cv2, self._scales[name]
+        cv2, scale = self._cv2, self._sizes[name][1] / rgb.shape[0]
         image: np.ndarray = cv2.cvtColor(cv2.resize(rgb, self._sizes[name]), cv2.COLOR_RGB2BGR)
         for frame in frames:
             own = next((one for one in frame.images if one.camera.name == name), None)
@@ -184,6 +192,8 @@ class OutputVideo:
 
     def finish(self) -> None:
         """Close the file. Raises VideoError."""
+        while self._images:  # after the last result
+            self._draw(self._images.popleft(), [])
         self._write_until(np.inf)
         try:
             self._encoder.close()
@@ -201,6 +211,11 @@ class OutputVideo:
             return self._written == 0 or (count >= self._written and bool(video.grab()))
         finally:
             video.release()
+
+
+def _seconds(images: Mapping[str, Image]) -> float:
+    """Return the time of the images of one instant."""
+    return next(iter(images.values())).seconds
 
 
 def open_encoder(path: Path, size: tuple[int, int], fps: float) -> AvEncoder | OpenCvEncoder:

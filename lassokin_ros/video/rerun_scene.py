@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.common.atomic_files import refuse_existing
+from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.command_line import one_line
-from lassokin_ros.core.body.rotations import logarithm, to_quaternion
+from lassokin_ros.core.body.rotations import least_turn, logarithm, to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.observation import CameraPose
@@ -23,7 +23,7 @@ from lassokin_ros.pipeline.camera.calibration_file import Calibration
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.frame_messages import principal_axes
 from lassokin_ros.replay.body import capsules
-from lassokin_ros.video.sources import Image
+from lassokin_ros.video.sources import FIRST_STAMP_NS, Image
 
 CAMERA, BODY = "camera", "body"
 ANGLES, ERRORS = "angles", "errors"
@@ -46,7 +46,7 @@ class ViewError(LassokinError):
 
 
 class RerunScene:
-    """Logs to a viewer window, or records for the viewer. A recording has its name only after `finish`.
+    """Logs to a viewer window, or records for the viewer.
 
     `place` in the methods is empty for one person, else "/" and the person's id. `camera` is empty for one camera, else
     its name.
@@ -57,26 +57,29 @@ class RerunScene:
         path: Path | None,
         name: str,
         option: str,
-        replace: bool,
+        files: AtomicFiles,
         timeline: str,
         cameras: Sequence[str] = ("",),
         z_up: bool = False,
     ) -> None:
         """path: of the recording (.rrd); None opens a window. name: of the recording in the viewer.
 
-        option: the option or command that asks for the scene, for errors. replace: an existing file may be replaced.
-        cameras: their names. z_up: whether the body's frame has z up, and is not the optical frame of a camera.
+        option: the option or command that asks for the scene, for errors. files: takes the recording. cameras: their
+        names. z_up: whether the body's frame has z up, and is not the optical frame of a camera.
         Raises ViewError.
         """
         self._rerun = _rerun(option)
-        self._path, self._part = path, None if path is None else path.with_name(f".{path.stem}.{os.getpid()}.part.rrd")
-        self._option, self._timeline = option, timeline
+        self._path, self._option, self._timeline = path, option, timeline
         self._cameras, self._scales = tuple(cameras), dict[str, float]()
         self._stream = self._rerun.RecordingStream("lassokin")
         self._stream.send_recording_name(name)
-        self._open(replace)
+        self._open(files)
         self.set_axes(z_up)
-        self._log_styles()
+        lines = self._rerun.SeriesLines
+        for joint in PLOTTED:
+            self._log(f"{ANGLES}/{joint}", lines(colors=COLOURS[joint.split("_")[0]], names=joint), static=True)
+        for figure, title in FIGURES.items():
+            self._log(f"{ERRORS}/{figure}", lines(names=title), static=True)
 
     def set_axes(self, z_up: bool) -> None:
         """Set whether the body's frame has z up, see `__init__`."""
@@ -121,7 +124,7 @@ class RerunScene:
     def add_outline(self, place: str, skeleton: Skeleton, pixels: np.ndarray, camera: str = "") -> None:
         """Log the body in an image. pixels: its joints (n, 2) px."""
         bones = np.array([(parent, joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0])
-        colours = [COLOURS[_side(skeleton.joint_names[joint])] for _, joint in bones]
+        colours = [COLOURS.get(skeleton.joint_names[joint].split("_")[0], COLOURS["middle"]) for _, joint in bones]
         points = pixels[bones] * self._scales.get(camera, 1.0)
         lines = self._rerun.LineStrips2D(points, colors=colours, radii=LINE_SIZE)
         self._log(f"{_image(camera)}/skeleton{place}", lines)
@@ -130,12 +133,12 @@ class RerunScene:
         """Return the body as capsules. Rerun's capsule lies along z from its translation."""
         first, last, radii, sides = zip(*capsules(skeleton))
         axes = joints[list(last)] - joints[list(first)]
-        lengths = np.linalg.norm(axes, axis=1)
+        turns = [least_turn(np.array([0.0, 0.0, 1.0]), axis) for axis in axes]
         return self._rerun.Capsules3D(
-            lengths=lengths,
+            lengths=np.linalg.norm(axes, axis=1),
             radii=np.array(radii),
             translations=joints[list(first)],
-            quaternions=to_quaternion(turns_of_z(axes / np.maximum(lengths, 1e-9)[:, None])),
+            quaternions=to_quaternion(np.array(turns)),
             colors=[COLOURS[side] for side in sides],
         )
 
@@ -166,45 +169,32 @@ class RerunScene:
             self._log(path, self._rerun.Clear(recursive=False))
 
     def finish(self) -> None:
-        """End the recording and give it its name. A second call does nothing. Raises ViewError."""
+        """End the recording. A second call does nothing. Raises ViewError."""
         try:
             self._stream.flush()
         except Exception as error:  # RuntimeError of Rerun, such as for a full disk, or its own of newer releases
             reason = one_line(error, 200)
             raise ViewError(f"'{self._path or 'the view'}' cannot be written completely: {reason}") from None
         self._stream.disconnect()
-        part, self._part = self._part, None
-        if part is not None and self._path is not None:
-            try:
-                part.replace(self._path)
-            except OSError as error:
-                raise ViewError(f"'{self._path}' cannot be written: {error.strerror}") from None
 
-    def discard(self) -> None:
-        """Remove what was recorded, unless `finish` has run."""
-        self._stream.disconnect()
-        if self._part is not None:
-            self._part.unlink(missing_ok=True)
-
-    def _open(self, replace: bool) -> None:
-        if self._path is None or self._part is None:
-            if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-                raise ViewError(
-                    f"{self._option} opens a window, and this machine has no display; record for the viewer instead, "
-                    "with a name that ends in .rrd"
-                )
-            try:
-                self._stream.spawn(default_blueprint=self._blueprint())
-            except Exception as error:  # Rerun's own, of several kinds
-                raise ViewError(f"the viewer cannot be started: {one_line(error, 200)}") from None
-            return
-        if self._path.suffix != ".rrd":
+    def _open(self, files: AtomicFiles) -> None:
+        display = sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        if self._path is None and not display:
+            raise ViewError(
+                f"{self._option} opens a window, and this machine has no display; record for the viewer instead, with "
+                "a name that ends in .rrd"
+            )
+        if self._path is not None and self._path.suffix != ".rrd":
             raise ViewError(f"{self._option} '{self._path}'; expected a name that ends in .rrd, or none (a window)")
-        refuse_existing(self._path, replace, ViewError)
+        part = None if self._path is None else files.part(self._path)
         try:
-            self._stream.save(self._part, default_blueprint=self._blueprint())
-        except Exception as error:
-            raise ViewError(f"'{self._path}' cannot be written: {one_line(error, 200)}") from None
+            if part is None:
+                self._stream.spawn(default_blueprint=self._blueprint())
+            else:
+                self._stream.save(part, default_blueprint=self._blueprint())
+        except Exception as error:  # Rerun's own, of several kinds
+            failed = "the viewer cannot be started" if part is None else f"'{self._path}' cannot be written"
+            raise ViewError(f"{failed}: {one_line(error, 200)}") from None
 
     def _blueprint(self) -> Any:
         from rerun import blueprint
@@ -216,14 +206,6 @@ class RerunScene:
             blueprint.Vertical(blueprint.Horizontal(*images, space), blueprint.Horizontal(*plots), row_shares=[2, 1]),
             collapse_panels=True,
         )
-
-    def _log_styles(self) -> None:
-        rerun = self._rerun
-        for name in PLOTTED:
-            colour = COLOURS[name.split("_")[0]]
-            self._log(f"{ANGLES}/{name}", rerun.SeriesLines(colors=colour, names=name), static=True)
-        for figure, name in FIGURES.items():
-            self._log(f"{ERRORS}/{figure}", rerun.SeriesLines(names=name), static=True)
 
     def _plot(self, path: str, value: float) -> None:
         self._log(path, self._rerun.Scalars(float(value)))
@@ -240,14 +222,14 @@ class LiveView(RerunScene):
         path: Path | None,
         name: str,
         cameras: Mapping[str, tuple[Calibration, tuple[int, int]]],
-        replace: bool,
+        files: AtomicFiles,
         z_up: bool = False,
     ) -> None:
         """cameras: by name, empty if there is one, the lens and (width, height) px of the images. Raises ViewError.
 
-        path, name, replace, z_up: see RerunScene.
+        path, name, files, z_up: see RerunScene.
         """
-        super().__init__(path, name, "--view", replace, "video", tuple(cameras), z_up)
+        super().__init__(path, name, "--view", files, "video", tuple(cameras), z_up)
         for camera, (calibration, size) in cameras.items():
             self.set_camera(calibration.K, size, camera)
 
@@ -257,9 +239,9 @@ class LiveView(RerunScene):
         for camera, image in images.items():
             self.add_image(image.rgb, camera)
 
-    def add(self, seconds: float, frames: Sequence[FrameResult]) -> None:
-        """Show the results for the images of this time."""
-        self.set_time(duration=seconds)
+    def add(self, stamp_ns: int, frames: Sequence[FrameResult]) -> None:
+        """Show the results for the images of this stamp."""
+        self.set_time(duration=(stamp_ns - FIRST_STAMP_NS) * 1e-9)
         several = len(self._cameras) > 1
         for frame in frames:
             place = f"/{frame.person}" if frame.person else ""
@@ -283,25 +265,12 @@ class LiveView(RerunScene):
             self.add_error(place, REPROJECTION, estimate.reprojection_px)
 
 
-def turns_of_z(directions: np.ndarray) -> np.ndarray:
-    """Return rotations (k, 3, 3) that turn z to unit vectors (k, 3)."""
-    aside = np.where(np.abs(directions[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-    across = np.cross(aside, directions)
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    return np.stack([across, np.cross(directions, across), directions], axis=2)
-
-
 def _camera(name: str) -> str:
     return f"{CAMERA}/{name}" if name else CAMERA
 
 
 def _image(camera: str) -> str:
     return f"{_camera(camera)}/image"
-
-
-def _side(name: str) -> str:
-    first = name.split("_")[0]
-    return first if first in COLOURS else "middle"
 
 
 def _rerun(option: str) -> Any:

@@ -233,28 +233,32 @@ def _colours(rgb: np.ndarray) -> np.ndarray:
     return np.asarray(found / found.sum())
 
 
-class LiveFootage:
+class LiveFootage(Footage):
     """The same for images that come one by one and do not end: no cuts, and nothing of the past is kept."""
 
     def __init__(self, lens: Calibration, size: tuple[int, int], content: tuple[int, int]) -> None:
         """See Footage."""
-        self._footage = Footage(lens, size, content, cuts=False)
+        super().__init__(lens, size, content, cuts=False)
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
-        self.moves = False
-        """Whether the camera has turned since the beginning. Until then, it is taken to stand."""
+        self._moves = False
 
     def add(self, image: Image, people: Sequence[Detected]) -> None:
         """Use an image with the people in it."""
-        self._footage.add(image, people)
-        (shot,) = self._footage.shots
+        super().add(image, people)
+        (shot,) = self.shots
         del shot.times[:-1], shot.turns[:-1]
         if shot.turns[-1].points >= LEAST_POINTS:
             vector = logarithm(shot.turns[-1].rotation[None])[0]
             self._low, self._high = np.minimum(self._low, vector), np.maximum(self._high, vector)
             turned = float(np.degrees(np.linalg.norm(self._high - self._low)))
-            self.moves = self.moves or turned > LEAST_LIVE_DEGREES
+            self._moves = self._moves or turned > LEAST_LIVE_DEGREES
+
+    @property
+    def moves(self) -> bool:
+        """Whether the camera has turned since the beginning. Until then, it is taken to stand."""
+        return self._moves
 
     def pose(self, stamp_ns: int) -> CameraPose:
         """Return the camera's pose at its last image, in the frame of the first one."""
-        shot = self._footage.shots[0]
-        return CameraPose("", shot.turns[-1].rotation if self.moves and shot.turns else np.eye(3), np.zeros(3))
+        turns = self.shots[0].turns
+        return CameraPose("", turns[-1].rotation if self.moves and turns else np.eye(3), np.zeros(3))

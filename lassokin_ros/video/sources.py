@@ -39,8 +39,6 @@ OPEN_TIMEOUT_MS, READ_TIMEOUT_MS = 10_000, 10_000
 LAST_READ_S = 1.0
 """s: how long the end of a stream waits for the image that is being read. A stalled read ends with the process."""
 DEVICES = Path("/dev")
-
-
 FIRST_STAMP_NS = 1_000_000_000
 """ns: stamp of an image at 0 s. A stamp of zero means no stamp."""
 

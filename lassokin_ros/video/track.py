@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -68,9 +68,8 @@ def track(options: argparse.Namespace, detector: Detector | None = None) -> Trac
     detector = detector or (stored[0] if stored else make_detector(options.detector))
     if any(one.landmarks != detector.landmarks for one in stored) or 0 < len(stored) < len(cameras):
         raise SourceError("some sources have other keypoints, or are videos; expected one kind of keypoints for all")
-    with AtomicFiles(options.force, OutputError) as files, ExitStack() as stack:
-        stack.callback(detector.close)
-        run = Run(options, cameras, detector, files, stack)
+    with AtomicFiles(options.force, OutputError) as files, closing(detector):
+        run = Run(options, cameras, detector, files)
         if run.is_live:
             run.live(detector)
         else:
@@ -84,14 +83,9 @@ class Run:
     """One run over the videos of one camera or several."""
 
     def __init__(
-        self,
-        options: argparse.Namespace,
-        cameras: list[Filmed],
-        detector: Detector,
-        files: AtomicFiles,
-        stack: ExitStack,
+        self, options: argparse.Namespace, cameras: list[Filmed], detector: Detector, files: AtomicFiles
     ) -> None:
-        """detector: of the first camera. files, stack: see `TrackOutputs`. Raises a LassokinError."""
+        """detector: of the first camera. files: see `TrackOutputs`. Raises a LassokinError."""
         self._options, self._cameras = options, cameras
         self._started = time.monotonic()
         first = cameras[0]
@@ -107,7 +101,7 @@ class Run:
             first.footage = follow(first.calibration, first.source.size, first.source.content)
             self._poses = first.footage.pose if self.is_live else None
         self._tracker = Playback(self._make(self._config))
-        self._outputs = TrackOutputs(options, cameras, self._tracker, files, stack)
+        self._outputs = TrackOutputs(options, cameras, self._tracker, files)
         self._known: Known | None = None
         self._facts: list[tuple[str, str]] = []  # lines of the summary about people and cameras
         self._stopped = False
@@ -191,7 +185,7 @@ class Run:
             notes += words
             self._poses = {camera.name: pose for camera, pose in zip(cameras, poses)}  # in m
         for footage in (camera.footage for camera in cameras):
-            if isinstance(footage, Footage):
+            if footage is not None:
                 footage.finish()
                 notes += footage.remarks()
                 self._outputs.remarks += footage.unknown()
@@ -212,7 +206,7 @@ class Run:
             if self._of_several:
                 camera.found, words = largest_in(camera.found, camera.name, width)
             else:
-                cuts = camera.footage.cuts if isinstance(camera.footage, Footage) else []
+                cuts = [] if camera.footage is None else camera.footage.cuts
                 people = people_of_shots(camera.found, cuts)
                 who = self._options.person or (ALL if self._node.several_people else LARGEST)
                 chosen = choose(who, people, self._node.max_people)
@@ -242,7 +236,7 @@ class Run:
                 if (together := next(images, None)) is None:
                     raise SourceError(f"{camera.source.name} has fewer images when it is read again")
                 self._outputs.add_images(together)
-            if isinstance(camera.footage, Footage) and camera.footage.begins_at(seconds):
+            if camera.footage is not None and camera.footage.begins_at(seconds):
                 tracker.begin_take()
             keypoints = camera.keypoints(seconds, people, self._node.several_people)
             tracker.keypoints(keypoints, stamp_of(seconds), camera.name)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections import deque
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.command_line import print_note
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.image_sets import SAME_INSTANT_NS
 from lassokin_ros.replay.exports.exports import Exports
 from lassokin_ros.replay.frames import FrameTable
 from lassokin_ros.replay.motion import ASSUMED, GIVEN, motions, scene_of
@@ -39,17 +36,12 @@ WITHOUT_H264 = (
 
 
 class TrackOutputs:
-    """Everything that a run writes or shows. Images wait in a queue until the tracker has returned their frames."""
+    """Everything that a run writes or shows."""
 
     def __init__(
-        self,
-        options: argparse.Namespace,
-        cameras: Sequence[Filmed],
-        tracker: Playback,
-        files: AtomicFiles,
-        stack: ExitStack,
+        self, options: argparse.Namespace, cameras: Sequence[Filmed], tracker: Playback, files: AtomicFiles
     ) -> None:
-        """Open the outputs before anything is tracked. tracker: of the first pass. stack: ends what is not finished.
+        """Open the outputs before anything is tracked. tracker: of the first pass. files: takes video and recording.
 
         Raises a LassokinError for a path that cannot be written.
         """
@@ -62,8 +54,6 @@ class TrackOutputs:
         if lens == ASSUMED:
             remedy = assumed_fov_warning("`--fov` or `--camera-info`")
             self.remarks.append(remedy[0].upper() + remedy[1:])
-        self._waiting: deque[tuple[int, Mapping[str, Image]]] = deque()
-        self._apart_ns = SAME_INSTANT_NS if cameras[0].name else 0
         self._given: Skeleton = tracker.session.tracker.skeleton
         self._report: Report | None = None
         session = tracker.session
@@ -75,21 +65,21 @@ class TrackOutputs:
         self._known_from = {"lens": lens, "height_from": height}
         people = session.config.several_people
         self._exports = Exports(options.export, self._given, people, options.force) if options.export else None
-        self._video = self._view = None
+        self._shown: list[OutputVideo | LiveView] = []
         if options.video is not None:
             sizes = {name: size for name, (_, size) in views.items()}
-            self._video = OutputVideo(options.video, sizes, source.fps, files, self._level)
-            if not self._video.browsers_play:
+            video = OutputVideo(options.video, sizes, source.fps, files, self._level)
+            self._shown.append(video)
+            if not video.browsers_play:
                 print_note(f"{PROGRAM}: {WITHOUT_H264}")
         if options.view is not None:
             path = options.view if options.view.name else None
-            self._view = LiveView(path, source.name, views, options.force, bool(session.config.fixed_frame))
-            stack.callback(self._view.discard)
+            self._shown.append(LiveView(path, source.name, views, files, bool(session.config.fixed_frame)))
 
     @property
     def needs_images(self) -> bool:
         """Whether `add_images` must be called in the pass that `follow` follows."""
-        return self._video is not None or self._view is not None
+        return bool(self._shown)
 
     def add_report_image(self, image: Image, camera: str = "") -> None:
         """Keep an image for the report. camera: its name, if there are several."""
@@ -111,33 +101,16 @@ class TrackOutputs:
             self._report.images = self._report_images
         if self._report is not None or self._exports is not None:
             tracker.listeners.append(self._table.add)
-        if self._video is not None:
-            tracker.listeners.append(self._draw)
-        if self._view is not None:
-            tracker.listeners.append(self._show)
+        tracker.listeners.append(self._show)
 
     def add_images(self, images: Mapping[str, Image]) -> None:
         """Add the images of all cameras at one instant, before their keypoints are tracked."""
-        if self._video is not None:
-            self._waiting.append((stamp_of(next(iter(images.values())).seconds), images))
-        if self._view is not None:
-            self._view.add_images(images)
-
-    def _draw(self, frames: Sequence[FrameResult], time_ns: int, _seconds: float) -> None:
-        assert self._video is not None
-        stamp_ns = frames[0].stamp_ns if frames else time_ns
-        while self._waiting and self._waiting[0][0] <= stamp_ns:
-            own_ns, images = self._waiting.popleft()
-            self._draw_images(images, list(frames) if stamp_ns - own_ns <= self._apart_ns else [])
-
-    def _draw_images(self, images: Mapping[str, Image], frames: list[FrameResult]) -> None:
-        assert self._video is not None
-        seconds = next(iter(images.values())).seconds
-        self._video.add(seconds, {name: image.rgb for name, image in images.items()}, frames)
+        for one in self._shown:
+            one.add_images(images)
 
     def _show(self, frames: Sequence[FrameResult], time_ns: int, _seconds: float) -> None:
-        assert self._view is not None
-        self._view.add(((frames[0].stamp_ns if frames else time_ns) - FIRST_STAMP_NS) * 1e-9, frames)
+        for one in self._shown:
+            one.add(frames[0].stamp_ns if frames else time_ns, frames)
 
     def write(self, files: AtomicFiles) -> list[Path]:
         """Write the files as part of `files` and return the paths of those that exist then."""
@@ -150,15 +123,9 @@ class TrackOutputs:
         if self._exports is not None:
             found = motions(self._table, scene_of(self._session, self._level, **self._known_from), FIRST_STAMP_NS)
             written += self._exports.write(found, Path(), files)
-        if self._video is not None:
-            while self._waiting:  # images after the last result
-                self._draw_images(self._waiting.popleft()[1], [])
-            self._video.finish()
-            written.append(self._options.video)
-        if self._view is not None:
-            self._view.finish()
-            written += [self._options.view] if self._options.view.name else []
-        return written
+        for one in self._shown:
+            one.finish()
+        return written + [path for path in (self._options.video, self._options.view) if path is not None and path.name]
 
     @property
     def doubts(self) -> list[str]:

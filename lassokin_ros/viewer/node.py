@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import String
 
+from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.core.body.roles import STANDING_HEIGHT
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
@@ -126,7 +127,8 @@ class ViewerNode(Node):
         options: of rclpy's Node. Raises ViewError.
         """
         option = "the viewer" if path is None else "viewer --save"
-        self.scene = RerunScene(path, "lassokin viewer", option, replace, TIMELINE)
+        self._files = AtomicFiles(replace, ViewError)
+        self.scene = RerunScene(path, "lassokin viewer", option, self._files, TIMELINE)
         super().__init__(node_name, **options)
         description = ParameterDescriptor(description="name of the tracker's node", read_only=True)
         self._tracker = str(self.declare_parameter("tracker", "tracker", description).value)
@@ -215,7 +217,8 @@ class ViewerNode(Node):
     def destroy_node(self) -> None:
         """Complete the recording, too."""
         try:
-            self.scene.finish()
+            with self._files:
+                self.scene.finish()
         except ViewError as error:
             self.get_logger().error(str(error))
         super().destroy_node()

@@ -2,11 +2,9 @@
 
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
@@ -14,7 +12,6 @@ sys.path.insert(0, str(ROOT))
 from benchmarks.accuracy_run import agreement  # noqa: E402
 from lassokin_ros.core.body.kinematics import BodyState  # noqa: E402
 from lassokin_ros.core.body.rotations import exponential, orthonormalised  # noqa: E402
-from lassokin_ros.core.observation import IN_A_ROW, StampUnit  # noqa: E402
 
 
 def retracted(bodies, mended):
@@ -54,23 +51,3 @@ def test_a_difference_is_detected():
     assert np.isclose(agreement.difference_mm(one, other), 2.0)
     other[2] = np.nan
     assert agreement.difference_mm(one, other) == np.inf
-
-
-@pytest.mark.parametrize("step, remedy", [(33.0, "in ms by 1000"), (1.0, "number of a frame by the frame rate")])
-def test_stamps_in_another_unit_are_named_once(step, remedy):
-    unit = StampUnit()
-    for number in range(3 * IN_A_ROW):
-        with warnings.catch_warnings(record=True) as found:
-            warnings.simplefilter("always")
-            unit.add(number * step)
-        assert len(found) == (number == IN_A_ROW) and all(remedy in str(one.message) for one in found)
-
-
-@pytest.mark.parametrize("step", [1 / 30, 1.5, 300.0, 0.0])
-def test_stamps_in_s_and_gaps_among_them_are_not_named(step):
-    unit, stamp = StampUnit(), 0.0
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        for number in range(4 * IN_A_ROW):
-            stamp += step if number % IN_A_ROW else 20.0 + step
-            unit.add(stamp)

@@ -321,3 +321,16 @@ def test_the_shortest_smoothing_time_switches_the_filter_off(smoothing, lag):
     assert len(published) == 45
     off = [np.abs(one.state.rotations - one.solved.rotations).max() for one in published]
     assert max(off) <= (0.02 if smoothing > 1e-3 else 0.0)
+
+
+@pytest.mark.parametrize(
+    "up", [np.zeros(3), np.array([0, 0, np.nan]), np.array([0, 0, np.inf]), np.zeros(2), np.eye(3), "z", [0, "a", 1]]
+)
+def test_a_vertical_that_is_none_is_refused(up):
+    with pytest.raises(ConfigurationError, match=r"up is .*; expected the vertical of the fixed frame, \(3,\)"):
+        Tracker(CONFIG, up=up)
+
+
+def test_the_length_of_the_vertical_does_not_count():
+    for up in ([0, 0, 5.0], (0, 0, 1), np.array([0, 0, 1e-3])):
+        assert np.array_equal(Tracker(CONFIG, up=up).learned.vertical.direction, [0.0, 0.0, 1.0])

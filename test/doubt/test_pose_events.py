@@ -20,7 +20,6 @@ from lassokin_ros.doubt.pose_events import (
     FailureModel,
     LastingReversal,
     facing_of,
-    is_costly,
     is_fast_turn,
     is_jump,
 )
@@ -100,11 +99,6 @@ def test_a_large_reprojection_error_must_last(fps):
     assert poor[frames - 1] and not poor[0] and not any(poor[frames:])
 
 
-def test_costs():
-    assert is_costly(10.1, math.nan) and is_costly(1.0, 121.0)
-    assert not is_costly(9.9, 119.0) and not is_costly(math.nan, math.nan)
-
-
 def test_the_model_is_at_its_offset_for_mean_figures_and_rises_with_both():
     def probability(prior, distance):
         return FailureModel().update(0.0, prior, distance)
@@ -131,6 +125,8 @@ def test_the_monitor_reports_events_with_their_frame():
     assert not any(monitor.update(signs(frame)).likely_wrong for frame in range(5))
     turned = monitor.update(signs(5, positions=body(180, depth=4.0), cost=11.0))
     assert set(turned.events) == {Event.FAST_TURN, Event.PELVIS_JUMP, Event.POOR_FIT} and turned.reversed
+    for figures, poor in (({"cost": 9.9, "prior_cost": 119.0}, False), ({"prior_cost": 121.0}, True), ({}, False)):
+        assert (Event.POOR_FIT in DoubtMonitor(CORNERS, JOINTS).update(signs(0, **figures)).events) == poor
     assert monitor.update(signs(6, positions=body(180, depth=4.0))).likely_wrong
 
 

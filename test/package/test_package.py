@@ -14,6 +14,15 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.fixture
+def given(monkeypatch):
+    """A function: the arguments that setup.py gives to setuptools."""
+    arguments = []
+    monkeypatch.setattr("setuptools.setup", lambda **given: arguments.append(given))
+    monkeypatch.chdir(ROOT)
+    return lambda: runpy.run_path("setup.py") and arguments.pop()
+
+
 def test_the_manifest_is_valid():
     catkin_pkg = pytest.importorskip("catkin_pkg.package")
     package = catkin_pkg.parse_package(str(ROOT / "package.xml"))
@@ -93,45 +102,35 @@ def test_make_installs_extras_that_exist():
     assert set(re.findall(r"\*(\w+)", wanted)) == {"ROS", "REPLAY"}  # nothing of the test tools
 
 
-def test_the_demo_needs_neither_opencv_nor_matplotlib(monkeypatch):
+def test_the_demo_needs_neither_opencv_nor_matplotlib(given):
     """Both are large: 153 and 80 MB of 690."""
-    setup = []
-    monkeypatch.setattr("setuptools.setup", lambda **arguments: setup.append(arguments))
-    monkeypatch.chdir(ROOT)
-    runpy.run_path("setup.py")
-    demo = " ".join(setup[0]["install_requires"] + setup[0]["extras_require"]["demo"])
+    setup = given()
+    demo = " ".join(setup["install_requires"] + setup["extras_require"]["demo"])
     assert "rosbags" in demo and "opencv" not in demo and "matplotlib" not in demo
     for room in ("core", "pipeline", "node", "demo"):
         for path in (ROOT / "lassokin_ros" / room).rglob("*.py"):
             assert not {"cv2", "matplotlib"} & {module.partition(".")[0] for module in imports_of(path)}, path
 
 
-def test_setup_py_and_package_xml_agree(monkeypatch):
-    setup = []
-    monkeypatch.setattr("setuptools.setup", lambda **arguments: setup.append(arguments))
-    monkeypatch.chdir(ROOT)
-    runpy.run_path("setup.py")
+def test_setup_py_and_package_xml_agree(given):
+    setup = given()
     manifest = ElementTree.parse(ROOT / "package.xml").getroot()
     expected = {name: manifest.findtext(name) for name in ("name", "version", "author", "maintainer", "url")}
     licences = list(manifest.iter("license"))
     expected |= {"license": "Apache-2.0 AND MIT", "license_files": [tag.get("file") for tag in licences]}
     expected["maintainer_email"] = manifest.find("maintainer").get("email")
     expected["description"] = " ".join(manifest.findtext("description").split())
-    assert {name: setup[0][name] for name in expected} == expected
+    assert {name: setup[name] for name in expected} == expected
     assert all(value for name, value in expected.items() if name != "url")  # the first release adds it
 
 
 @pytest.mark.parametrize(
     "command, others", [("bdist_wheel", 0), ("editable_wheel", 0), ("dist_info", 0), ("install", 6), ("develop", 6)]
 )
-def test_pip_installs_one_command_and_ros2_run_has_the_others(monkeypatch, command, others):
+def test_pip_installs_one_command_and_ros2_run_has_the_others(monkeypatch, given, command, others):
     """pip makes a wheel; colcon and bloom call install or develop."""
-    setup = []
-    monkeypatch.setattr("setuptools.setup", lambda **arguments: setup.append(arguments))
     monkeypatch.setattr(sys, "argv", ["setup.py", command])
-    monkeypatch.chdir(ROOT)
-    runpy.run_path("setup.py")
-    names = [line.partition(" = ")[0] for line in setup[0]["entry_points"]["console_scripts"]]
+    names = [line.partition(" = ")[0] for line in given()["entry_points"]["console_scripts"]]
     assert names[0] == "lassokin" and len(names) == 1 + others
     assert set(names) <= {"lassokin", "tracker", "detector", "camera", "viewer", "imitate", "replay"}
 

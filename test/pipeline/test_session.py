@@ -9,7 +9,6 @@ import pytest
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
 from cases import body, copied_body  # noqa: E402
-from depth_camera import depth_message  # noqa: E402
 from messages import (  # noqa: E402
     FOCAL,
     FRAME,
@@ -29,7 +28,6 @@ from lassokin_ros.core.errors import ConfigurationError  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
-from lassokin_ros.pipeline.answers import frames_of  # noqa: E402
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE  # noqa: E402
 from lassokin_ros.pipeline.camera_images import NOBODY, UNSCORED, UNUSED  # noqa: E402
 from lassokin_ros.pipeline.input_checks import stamps  # noqa: E402
@@ -142,12 +140,6 @@ def test_messages_without_a_stamp_have_that_of_their_arrival(session):
     assert frame.stamp_ns == 5 * START_NS + 10**7 and counts["unstamped"] == 1  # ... which goes on by the arrivals
 
 
-def test_the_first_stamp_after_arrival_times_of_a_later_clock_resets(session):
-    session.frames(message(0, 0), 5 * START_NS)
-    counts, (frame,) = changes(session, message(1, START_NS), arrival_ns=5 * START_NS + PERIOD_NS)
-    assert counts == {"received": 1, "accepted": 1, "resets": 1} and frame.estimate.initialised
-
-
 def test_a_jump_back_needs_somebody_to_follow(session, monkeypatch):
     session.frames(message(5), 5)
     session.frames(message(6), 5)
@@ -177,14 +169,6 @@ def test_reset_forgets_people_and_stamps_and_keeps_camera_and_counts(session):
     assert session.counts["resets"] == 1 and session.counts["received"] == 1
     counts, (frame,) = changes(session, message(0))  # an earlier stamp is no old one
     assert counts == {"received": 1, "accepted": 1} and frame.estimate.initialised
-
-
-def test_reset_forgets_the_depth_images():
-    session = Session(TrackerConfig(height=1.75), NodeSettings(depth="depth"))
-    session.first.depth.add(depth_message(BACKEND, START_NS, np.ones((4, 4))), 5)
-    assert session.first.depth.newest_ns == START_NS
-    session.reset()
-    assert session.first.depth.newest_ns is None and session.counts["resets"] == 1
 
 
 def test_presence_goes_on_with_the_clock_of_arrivals(session):
@@ -363,15 +347,6 @@ def test_people_who_were_seen_before_have_the_numbers_of_then_and_nobody_else_is
         left, right = sorted(frames(second, index, [5, 3]), key=lambda frame: np.nanmean(frame.detected[:, 0]))
         assert (left.person, right.person) == ("p7", "p4")
     assert frames(second, 4, [3, 5]) == [] and len(second.roster.ids) == 2
-
-
-def test_held_results_come_later_and_with_a_flush():
-    session = Session(TrackerConfig(height=1.75, smoothing_lag=0.1), NodeSettings())
-    session.set_camera(camera_info(BACKEND))
-    stamps = [frame.stamp_ns for i in range(8) for frame in session.frames(message(i), 5)]
-    rest = [frame.stamp_ns for frame in frames_of(session.finish())]
-    assert stamps + rest == [START_NS + i * PERIOD_NS for i in range(8)] and len(stamps) < 8 and rest
-    assert session.finish() == []
 
 
 @pytest.mark.parametrize("smoothing_lag", [0.0, 0.1])

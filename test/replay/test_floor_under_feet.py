@@ -1,9 +1,11 @@
 """The floor of the page and of the exports lies under the feet that stand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from lassokin_ros.replay.body import FLESH, SOLE, floor_height
+from lassokin_ros.replay.body import FLESH, SOLE, floor_of
 
 NAMES = ("pelvis", "left_ankle", "right_ankle", "left_foot", "right_foot")
 HEIGHT, FRAMES = 1.7, 100
@@ -17,10 +19,15 @@ def body(left, right):
     return positions
 
 
+def under(names, positions, observed, contacts, level):
+    frames = {"joint_positions": positions, "joint_observed": observed, "joint_contacts": contacts}
+    return floor_of(SimpleNamespace(joint_names=names, height=HEIGHT), frames, level)
+
+
 def floor(positions, standing=(), level=np.eye(3), observed=True):
     contacts = np.zeros((FRAMES, len(NAMES)), dtype=bool)
     contacts[list(standing), 1] = True
-    return floor_height(NAMES, HEIGHT, positions, np.full((FRAMES, len(NAMES)), observed), contacts, level)
+    return under(NAMES, positions, np.full((FRAMES, len(NAMES)), observed), contacts, level)
 
 
 def test_the_floor_is_where_feet_stand_and_not_where_one_is_once():
@@ -46,10 +53,10 @@ def test_the_floor_is_under_whatever_rests_on_it_of_people_who_lie():
     places[:, :, 1] = [0.3, 0.2, 0.6, 0.0, 0.55]  # y down: a push-up, whose hands are lower than the feet
     places[:, 1, 0] = 0.5
     seen, nowhere = np.ones((FRAMES, 5), dtype=bool), np.zeros((FRAMES, 5), dtype=bool)
-    under = floor_height(names, HEIGHT, places, seen, nowhere, np.eye(3))
-    assert under == pytest.approx(-0.6 - FLESH["wrist"] * HEIGHT)
+    found = under(names, places, seen, nowhere, np.eye(3))
+    assert found == pytest.approx(-0.6 - FLESH["wrist"] * HEIGHT)
     seen[:, 2] = False  # a hand that nobody sees says nothing
-    assert floor_height(names, HEIGHT, places, seen, nowhere, np.eye(3)) == pytest.approx(-0.55 - SOLE * HEIGHT)
-    assert np.isnan(floor_height(names, HEIGHT, places, nowhere, nowhere, np.eye(3)))
+    assert under(names, places, seen, nowhere, np.eye(3)) == pytest.approx(-0.55 - SOLE * HEIGHT)
+    assert np.isnan(under(names, places, nowhere, nowhere, np.eye(3)))
     places[:, 1] = [0.0, -0.2, 0.0]  # upright, the feet give it
-    assert floor_height(names, HEIGHT, places, ~nowhere, nowhere, np.eye(3)) == pytest.approx(-0.55 - SOLE * HEIGHT)
+    assert under(names, places, ~nowhere, nowhere, np.eye(3)) == pytest.approx(-0.55 - SOLE * HEIGHT)

@@ -136,7 +136,8 @@ class Play:
     ):
         self.eyes, self.still, self.height, self.noise_px, self.late, self.px = eyes, still, height, noise_px, late, px
         self.session = Session(config or TrackerConfig(height=1.75), settings, poses=poses)
-        self.names = self.session.config.camera_names
+        self.names, self.in_tf = self.session.config.camera_names, eyes
+        self.follows_tf = self.session.placement.transforms is not None
         self.random, self.results, self.refused, self.shown = np.random.default_rng(0), [], [], {}
         self.diagnostics, self.now = Diagnostics(self.session, "tracker", 0.0), 0.0
         self.diagnostics.count_camera_info(0.0)
@@ -170,15 +171,15 @@ class Play:
             self.results.append(Result(seconds, np.linalg.norm(apart, axis=1), apart[0], frame))
 
     def transforms(self, number, seconds):
-        self.session.placement.transforms.add(tf_of(backend(), self.eyes[number], START_NS, seconds), static=False)
+        self.session.placement.transforms.add(tf_of(backend(), self.in_tf[number], START_NS, seconds), static=False)
 
     def run(self, seconds=2.0, hz=30, phase=0.0, tf=True, silent=lambda number, seconds: False, begin=0.0, instead={}):
-        """instead: number of a camera -> number of the one whose images it sends."""
+        """tf: numbers of the cameras that TF places, True for all. instead: number -> that of whose images it sends."""
         for index in range(round(begin * hz), round((begin + seconds) * hz)):
             for number in range(len(self.eyes)):
                 now = index / hz + number * phase
-                if tf and self.session.placement.transforms is not None:
-                    self.transforms(number, now)
+                for placed in ([*range(len(self.eyes))] if tf is True else tf or []) * self.follows_tf:
+                    self.transforms(placed, now)
                 if not silent(number, now):
                     self.image(number, now, seen_by=instead.get(number))
         return self

@@ -11,7 +11,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.doubt.doubt import Doubt
 from lassokin_ros.video.body_view import BACKGROUND, COLOURS, BodyView
 from lassokin_ros.video.output_video import OutputVideo, VideoError, open_encoder
-from lassokin_ros.video.sources import open_source
+from lassokin_ros.video.sources import Image, open_source, stamp_of
 
 cv2 = pytest.importorskip("cv2")
 SIZE = 96, 64
@@ -124,7 +124,8 @@ def test_the_same_person_is_shown_while_there(tmp_path, monkeypatch):
     monkeypatch.setattr(BodyView, "picture", np.zeros((SIZE[1], SIZE[1], 3), np.uint8), raising=False)
     image = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
     for number, people in enumerate(["p1 p2", "p2", "p1 p2", "", "p1 p2", "p1"]):
-        output.add(number / 10, {"": image}, [Frame(person=person) for person in people.split()])
+        output.add_images({"": Image(number / 10, image)})
+        output.add(stamp_of(number / 10), [Frame(person=person) for person in people.split()])
     output._encoder.close()
     assert [frame and frame.person for frame in shown] == ["p1", "p2", "p2", None, "p2", "p1"]
 
@@ -134,7 +135,8 @@ def test_an_image_is_held_until_the_time_of_the_next_one(tmp_path, monkeypatch):
     output = OutputVideo(tmp_path / "out.mp4", {"": SIZE}, 10.0, AtomicFiles(False, OSError), np.eye(3))
     monkeypatch.setattr(output._encoder, "write", lambda picture: written.append(int(picture[20, 20, 0])))
     for number, seconds in enumerate([0.0, 0.1, 0.14, 0.2, 0.8, 0.9]):
-        output.add(seconds, {"": np.full((SIZE[1], SIZE[0], 3), 10 * number, np.uint8)}, [])
+        output.add_images({"": Image(seconds, np.full((SIZE[1], SIZE[0], 3), 10 * number, np.uint8))})
+        output.add(stamp_of(seconds), [])
     output._write_until(np.inf)
     output._encoder.close()
     assert written == [0, 10, 30, 30, 30, 30, 30, 30, 40, 50]

@@ -3,13 +3,12 @@
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 pytest.importorskip("cv2")
 
 from lassokin_ros.video.command import WINDOW, main, parser  # noqa: E402
-from lassokin_ros.video.rerun_scene import RerunScene, ViewError, turns_of_z  # noqa: E402
+from lassokin_ros.video.rerun_scene import RerunScene, ViewError  # noqa: E402
 
 
 def test_a_recording_contains_image_skeleton_uncertainty_and_angles(images, tmp_path, capsys):
@@ -46,14 +45,6 @@ def test_the_option_without_a_file_opens_a_window():
     assert parser().parse_args(["0", "--view", "w.rrd"]).view == Path("w.rrd")
 
 
-def test_a_capsule_lies_along_its_bone():
-    directions = np.random.default_rng(0).normal(size=(50, 3))
-    directions = np.concatenate([directions / np.linalg.norm(directions, axis=1, keepdims=True), np.eye(3), -np.eye(3)])
-    turns = turns_of_z(directions)
-    assert np.allclose(turns @ [0, 0, 1], directions) and np.allclose(turns @ turns.transpose(0, 2, 1), np.eye(3))
-    assert np.allclose(np.linalg.det(turns), 1.0)
-
-
 def test_a_recording_that_cannot_be_flushed_is_reported(tmp_path):
     """By a stand-in for Rerun's stream on a full disk."""
 
@@ -62,6 +53,6 @@ def test_a_recording_that_cannot_be_flushed_is_reported(tmp_path):
             raise RuntimeError("File-writer thread shut down\nprematurely")
 
     view = RerunScene.__new__(RerunScene)
-    view._stream, view._path, view._part = Full(), tmp_path / "a.rrd", tmp_path / ".a.part.rrd"
+    view._stream, view._path = Full(), tmp_path / "a.rrd"
     with pytest.raises(ViewError, match="a.rrd' cannot be written completely: File-writer thread shut"):
         view.finish()

@@ -172,8 +172,8 @@ def test_a_written_lens_is_read_again_as_it_was(tmp_path, model, count):
 
 
 def test_a_place_that_was_not_found_is_said():
-    places = SimpleNamespace(newest={"left": EYES[0].pose_at(0)})
-    session = SimpleNamespace(cameras=["left", "right"], placement=SimpleNamespace(places=places), extrinsics=None)
+    places, roster = SimpleNamespace(newest={"left": EYES[0].pose_at(0)}), SimpleNamespace(extrinsics=None)
+    session = SimpleNamespace(cameras=["left", "right"], placement=SimpleNamespace(places=places), roster=roster)
     with pytest.raises(CameraError, match="the place of camera 'right' was not found; expected a person who moves"):
         found_poses(session)
 

@@ -122,7 +122,7 @@ def test_black_bars_are_no_background():
 
 def test_images_that_come_one_by_one_keep_nothing_of_the_past():
     still = followed([shown(ROOMS[0])] * 12, make=LiveFootage)
-    assert not still.moves and still.pose(0).is_identity and len(still._footage.shots[0].times) == 1
+    assert not still.moves and still.pose(0).is_identity and len(still.shots[0].times) == 1
     moving = followed([shown(ROOMS[0], yaw(0.3 * step)) for step in range(12)], make=LiveFootage)
     assert moving.moves and np.degrees(np.linalg.norm(moving.pose(0).rotation - yaw(3.3))) < 0.2
 

@@ -186,16 +186,16 @@ def positions(file):
 def test_a_file_is_smoothed_with_later_frames_and_detected_once(long_video, tmp_path, use, monkeypatch, capsys):
     """A rejected frame is known at once, and tracked ones after the lag: video and page have them in order."""
     detector = use(lambda seconds: [] if 0.12 < seconds < 0.15 else walking(seconds))
-    given, use_backward, shown, add = [], Session.use_backward, {}, OutputVideo.add
+    given, use_backward, shown, draw = [], Session.use_backward, {}, OutputVideo._draw
     monkeypatch.setattr(Session, "use_backward", lambda *both: (given.append(both[1]), use_backward(*both)))
 
-    def added(self, seconds, images, frames):
-        shown[round(seconds, 3)] = any(frame.accepted for frame in frames)
-        add(self, seconds, images, frames)
+    def drawn(self, images, frames):
+        shown[round(images[""].seconds, 3)] = any(frame.accepted for frame in frames)
+        draw(self, images, frames)
 
     page, files = tmp_path / "page.html", {name: tmp_path / f"{name}.npz" for name in ("whole", "causal")}
     with monkeypatch.context() as patch:
-        patch.setattr(OutputVideo, "add", added)
+        patch.setattr(OutputVideo, "_draw", drawn)
         outputs = ["--export", str(files["whole"]), "--video", str(tmp_path / "v.mp4"), "--report", str(page)]
         assert main([str(long_video), *outputs]) == 0
     said = capsys.readouterr().out

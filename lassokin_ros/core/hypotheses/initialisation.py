@@ -158,6 +158,9 @@ PALM = np.array([index for index, point in enumerate(POINTS) if point == "wrist"
 class NetworkPose:
     """The network's pose for the newest frame, on the present skeleton."""
 
+    good_fit = 3.0
+    """Cost per visible landmark up to which a fit that started from this pose is used without another search."""
+
     def __init__(self, places: Callable[[], np.ndarray | None], kinematics: Kinematics, mean_pose: np.ndarray) -> None:
         """places: gives `DepthEstimator.places` in the frame of the skeleton. mean_pose: (n, 3, 3) local rotations."""
         self._places, self._kinematics, self._mean_pose = places, kinematics, mean_pose
@@ -237,7 +240,7 @@ def trunk_orientation(positions: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 class HandPose:
-    """The hand network's pose of the hand that is the whole skeleton.
+    """The hand network's pose of the hand that is the whole skeleton, with the same interface.
 
     Its depths place the keypoints in space, up to the hand's distance. The palm, wrist and knuckles, is rigid: the
     rotation that best brings the skeleton's onto these places is the root's (W. Kabsch, Acta Cryst. A32, 1976). The
@@ -251,6 +254,12 @@ class HandPose:
         assert index is not None
         self._index, self._mean_pose = index, mean_pose
         self._palm = kinematics.skeleton.rest_positions[kinematics.layout.joints[index[PALM]]]
+
+    good_fit = 8.0
+
+    def distance(self, pose: BodyPose) -> float:
+        """NaN: there is none."""
+        return math.nan
 
     @staticmethod
     def fits(kinematics: Kinematics) -> bool:

@@ -154,9 +154,6 @@ class OtherPose:
         return fit.state if apart > DIFFERENT_POSE else None
 
 
-GOOD_FIT, GOOD_HAND_FIT = 3.0, 8.0
-"""Cost per visible landmark up to which a fit that started from the network's pose is used without another search, of a
-body and of a hand alone."""
 FIT_AFTER = 0.15
 """s since the last new keypoints from which the frame starts from a fit, because the last state is too old."""
 HIGH_COST, HIGH_COST_S = 2.4, 0.06
@@ -290,10 +287,10 @@ class Starts:
     def _first_fit(self, frame: FrameData) -> Fit:
         """A state from one frame: from the network's pose if that explains the frame, else from all start poses."""
         start = self._network_state(frame)
-        if start is None:
+        if start is None or self.network_pose is None:
             return self._fit_with_verticals(frame)
         near = self.initialiser.fit_near(start, frame)
-        if near.cost <= (GOOD_HAND_FIT if isinstance(self.network_pose, HandPose) else GOOD_FIT) * frame.point_count:
+        if near.cost <= self.network_pose.good_fit * frame.point_count:
             return near
         return min(self.initialiser.fit(frame), near, key=lambda fit: fit.cost)
 

@@ -26,10 +26,9 @@ from lassokin_ros.core.observation import has_passed
 
 SHARE = 0.3
 """Share of the prior's covariance that is constant for a person."""
-TIME_CONSTANT_S = 30.0
-"""s: time constant of the process."""
-MEASURED_EVERY_S = 0.25
-"""s between measurements. Postures within a second are correlated: a measurement has the weight of the time since."""
+TIME_CONSTANT_S, MEASURED_EVERY_S = 30.0, 0.25
+"""s: time constant of the process, and between measurements. Postures within a second are correlated: a measurement has
+the weight of the time since the last one."""
 
 
 class AdaptiveMean:

@@ -133,12 +133,9 @@ def posterior(models: Sequence[LengthModel], H: np.ndarray, g: np.ndarray, commo
 STATURE_DEVIATION, OBSERVED_STATURE_DEVIATION = 0.005, 0.02
 """Standard deviation of the logarithm of the stature at rest: with one camera, which does not observe size; and with
 several, measured depth or the floor, for the difference between a stated height and that of the limbs."""
-KEEP = 0.05, 0.08, 0.25
-"""s between kept frames, by the duration that they cover."""
-WORK = 0.05, 0.05, 0.13
-"""s between two pieces of work: keep one frame, or relinearise one."""
-UPDATE = 0.2, 0.25, 1.0
-"""s between two updates of the skeleton."""
+KEEP, WORK, UPDATE = (0.05, 0.08, 0.25), (0.05, 0.05, 0.13), (0.2, 0.25, 1.0)
+"""Schedules, see `_is_due`: between kept frames, by the duration that they cover; between two pieces of work, which are
+to keep one frame or to relinearise one; and between two updates of the skeleton."""
 CERTAIN_MEAN, CERTAIN = 0.04, 0.012
 """Deviations of the log-lengths: mean below which they are input to the depth network, as given ones are; and of the
 least certain one below which the calibration ends."""
@@ -297,7 +294,8 @@ class Calibration:
             return np.zeros(self.proportions.count)
         odds = found.odds * guessed
         prior = np.array([model.mean for model in self._models])
-        return np.asarray(odds / odds.sum() @ np.clip(found.means, prior - 0.3, prior + 0.3))
+        limited = np.clip(found.means, prior - 0.3, prior + 0.3)  # nobody's lengths differ more
+        return np.asarray(odds / odds.sum() @ limited)
 
     def _normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
         """(H (p, p), g (p,)) of all kept frames, about the given lengths.

@@ -23,12 +23,10 @@ from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.observation import has_passed, is_longer
 
-INITIAL = 0.004
-"""Initial standard deviation / height."""
+INITIAL, INITIAL_WEIGHT = 0.004, 0.3
+"""Initial standard deviation / height, and its weight as a duration of frames, s."""
 LEAST_ERROR, LARGEST_ERROR = 0.002, 0.02
 """Limits of the standard deviation / height."""
-INITIAL_WEIGHT = 0.3
-"""s: weight of the initial value, as a duration of frames."""
 CAP = 3.0
 """Upper limit of a landmark's squared residual, in units of its expectation; larger ones are outliers."""
 
@@ -92,7 +90,7 @@ class ModelError:
         deviation = np.broadcast_to(depth, weights.shape)[seen] / weights[seen]
         variance = float((free * deviation**2).sum() / left)
         gain = step / (self._known + step)
-        self._known = min(self._known + step, 10.0)
+        self._known = min(self._known + step, 10.0)  # s, of frames
         learned = self.deviation**2 + gain * (ratio - 1) * variance
         least, largest = LEAST_ERROR * self._height, LARGEST_ERROR * self._height
         self.deviation = math.sqrt(min(max(learned, least * least), largest * largest))
@@ -165,5 +163,5 @@ class DepthNoise:
         if len(change) >= 4:
             size = float(np.median(change)) / (1.3 * MEDIAN_OF_NORMAL * math.sqrt(6))  # motion and occluders enlarge it
             share = step / (self._known + step)
-            self._known = min(self._known + step, 2.0)
+            self._known = min(self._known + step, 2.0)  # s, of frames
             self._log += share * (math.log(min(max(size, 0.25), 4.0)) - self._log)

@@ -30,8 +30,6 @@ from lassokin_ros.core.learned.epipolar_fit import (
 from lassokin_ros.core.learned.height import SizeCheck
 from lassokin_ros.core.observation import CameraPose, has_passed
 
-LATELY = 6
-"""Frames that show at once that a camera was moved."""
 CHANGED, CONTRADICTS = 0.75, 1.3
 """Sizes, in GIVEN_DEVIATION, of what the last frames suggest beyond what all frames before did: half of it is used in
 the covariance, and from which on the cameras are said to contradict each other. A detector's errors cause 0.3 to 0.9, a
@@ -39,8 +37,8 @@ camera that was turned by 3 degrees 1.5; see docs/experiments.md."""
 LEAST_CHANGE, UNSURE, FARTHEST_OFF = 0.4, 0.5, 2.0
 """The same, below which nothing is added to the covariance, and by how much it may be larger; and m, limit of the
 deviation that is added."""
-FEWEST_JUDGED = 10
-"""Frames before there is a judgement."""
+LATELY, FEWEST_JUDGED, FEWEST_KEPT = 6, 10, 10
+"""Frames that show at once that a camera was moved; frames before that is judged; and before there is a correction."""
 
 
 class MovedCameras:
@@ -77,10 +75,11 @@ class MovedCameras:
             self.moves[name] = suggested - correction
             return
         usual, count = self._usual.get(name, (np.zeros(6), 0))
-        plausible = relative_size(suggested) < 2.2
+        plausible = relative_size(suggested) < 2.2  # otherwise the first frames do not count as those before
         if count >= FEWEST_JUDGED or not plausible:
             self.moves[name] = suggested - usual
         if plausible and (count < FEWEST_JUDGED or relative_size(self.moves[name]) < CHANGED):
+            # The mean of the last ones: a camera that was moved does not change it.
             self._usual[name] = usual + (suggested - usual) / min(count + 1, 25), count + 1
 
     @property
@@ -144,8 +143,6 @@ KEPT_EVERY_S, MOST_KEPT = 0.1, 200
 """s between two frames that are kept; frames that are kept."""
 SOLVED_EVERY, CHECKED_EVERY = 5, 20
 """Kept frames between two solutions, if poses are corrected, and if they are only checked."""
-FEWEST_KEPT = 10
-"""Frames before there is a correction."""
 MOVED = math.radians(1.5), 0.05
 """rad, m: corrections beyond which a camera is said to have been moved. From exact poses they reach 1 degree, 3 cm."""
 FOUND = 0.015

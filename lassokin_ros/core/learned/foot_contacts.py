@@ -56,7 +56,7 @@ class FootContacts:
         sight; NaN for a foot without any.
         """
         step, before = stamp - self._stamp, self._places
-        if step <= 0 or is_longer(step, 0.15):  # s
+        if step <= 0 or is_longer(step, 0.15):  # s, a gap
             self.reset()
             self._stamp, self._places = stamp, places
             return

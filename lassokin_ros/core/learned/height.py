@@ -24,26 +24,21 @@ from lassokin_ros.core.evidence.feet import ANKLE_HEIGHT, FLOOR_DEVIATION
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.observation import CameraPose, has_passed
 
-PEOPLE_DEVIATION = 0.15
-"""Standard deviation of the logarithm of people's heights about that of `TYPICAL_HEIGHT`, children included."""
-ASSUMED_DEVIATION = 0.24
-"""The same while nothing has measured the height: children of four years, 1.05 m, are two of it below."""
+PEOPLE_DEVIATION, ASSUMED_DEVIATION = 0.15, 0.24
+"""Standard deviation of the logarithm of people's heights about that of `TYPICAL_HEIGHT`, children included; and while
+nothing has measured the height: children of four years, 1.05 m, are two of it below."""
 FEWEST_DEPTHS = 4
 """Smallest number of measured depths in a frame."""
-FRAME_DEVIATION = 0.04
-"""Standard deviation of the logarithm of one frame's scale, in addition to that of the fit, for the pose's errors."""
-CORRELATED_S = 0.1
-"""s: frames closer than this count as one, because their errors are correlated."""
+FRAME_DEVIATION, LEAST_DEVIATION = 0.04, 0.035
+"""Standard deviation of the logarithm of one frame's scale, in addition to that of the fit, for the pose's errors; and
+lower limit of that of the average, because people's proportions differ from the skeleton's."""
+CORRELATED_S, TIME_CONSTANT_S = 0.1, 5.0
+"""s: frames closer than this count as one, because their errors are correlated; and time constant of the average. The
+first frames' poses are the least exact."""
 LARGEST_FLOOR_DEVIATION = 0.05
 """Standard deviation of the logarithm, by tilt and distance, above which feet on the floor do not measure the size."""
-TIME_CONSTANT_S = 5.0
-"""s: time constant of the average. The first frames' poses are the least exact."""
-LEAST_DEVIATION = 0.035
-"""Lower limit of the logarithm's standard deviation, because people's proportions differ from the skeleton's."""
-CHANGE = 0.01
-"""Change of the logarithm from which a new height is adopted."""
-PAUSE_S = 0.25
-"""s between two adoptions."""
+CHANGE, PAUSE_S = 0.01, 0.25
+"""Change of the logarithm from which a new height is adopted; s between two adoptions."""
 RANGE = 0.5, 2.3
 """m: limits of the height. A frame outside them is ignored: its depths are those of the wall behind, for example."""
 

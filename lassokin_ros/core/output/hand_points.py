@@ -24,11 +24,10 @@ from lassokin_ros.core.output.uncertainty import JointUncertainty
 Levers = Callable[[np.ndarray, np.ndarray], np.ndarray]
 WRIST, INDEX_KNUCKLE, INDEX_TIP, MIDDLE_KNUCKLE = 0, 5, 8, 9
 """Of the 21 points: the wrist, then thumb, index, middle, ring and pinky finger, each from the root to the tip."""
-SIZE_DEVIATION = 0.04
+SIZE_DEVIATION, PLACE_DEVIATION = 0.04, 0.003
 """Standard deviation of a hand's length, as a share of it, for a given height: adults' hands have 5 % in all (Gordon et
-al., 2012 anthropometric survey of U.S. Army personnel), of which the height explains about a third."""
-PLACE_DEVIATION = 0.003
-"""m, per axis: standard deviation of the place at which a detector sees a point of the hand."""
+al., 2012 anthropometric survey of U.S. Army personnel), of which the height explains about a third. And m, per axis, of
+the place at which a detector sees a point of the hand."""
 
 
 @dataclass(eq=False)

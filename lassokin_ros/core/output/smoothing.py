@@ -34,14 +34,12 @@ if TYPE_CHECKING:
 
 DEPTH_RATIO = 1.9
 """Ratio of the time constants in depth, which one camera observes worse, and in the image."""
-TYPICAL_SPEED = 0.5
-"""m/s: mean speed of the keypoints at which the time constant is the configured one."""
-REST_SPEED = 0.05
-"""m/s: below this speed the time constant hardly increases."""
-LONGEST_STEP = 0.2
-"""s between frames above which the filter restarts, because the motion between them is unknown."""
-SHORTEST_TIME = 1e-3
-"""s: lower limit of the time constant. Below it the smoothing is not visible, and covariances lose digits."""
+TYPICAL_SPEED, REST_SPEED = 0.5, 0.05
+"""m/s: mean speed of the keypoints at which the time constant is the configured one, and below which it hardly
+increases."""
+LONGEST_STEP, SHORTEST_TIME = 0.2, 1e-3
+"""s between frames above which the filter restarts, because the motion between them is unknown; and lower limit of the
+time constant. Below it the smoothing is not visible, and covariances lose digits."""
 LARGEST_DEPTH_OFFSET = 0.25
 """Largest difference in depth between the published and the solved body, as a share of the distance to the camera;
 beyond it the filter restarts."""
@@ -196,10 +194,9 @@ def _in_depth(vectors: np.ndarray, rays: np.ndarray) -> np.ndarray:
 
 TOLERANCE = 0.003
 """s: tolerance of the lag. Four frames at 60 Hz are 0.3 ms shorter than 0.067 s, and stamps of cameras jitter."""
-COMPARED_S = 0.25
-"""s before and after a frame in which the costs of both tracks are compared."""
-TEMPER = 0.1
-"""Factor on the difference of the costs, log-likelihoods: both tracks see the same points with the same errors."""
+COMPARED_S, TEMPER = 0.25, 0.1
+"""s before and after a frame in which the costs of both tracks are compared; and factor on their difference, of
+log-likelihoods: both tracks see the same points with the same errors."""
 
 
 @dataclass(eq=False)

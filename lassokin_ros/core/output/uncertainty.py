@@ -40,12 +40,12 @@ from lassokin_ros.core.kernel import lapack
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.learned.errors import LEAST_ERROR
 
-FACTOR = 1.6
-"""Factor on the posterior's standard deviation s, at the usual disagreement of the pose with the depth network."""
+FACTOR, LENGTHS_FACTOR, ROTATION_FACTOR = 1.6, 3.0, 2.0
+"""Factors on standard deviations: the posterior's of positions, at the usual disagreement of the pose with the depth
+network; those of a body's log-lengths (a hand's one length has none); and those of rotations, because a person's rest
+pose is not the skeleton's."""
 FACTOR_BELOW_LAST_KEYPOINT = 1.5
 """Further factor for positions and rotations of joints beyond the last visible keypoint of a limb."""
-LENGTHS_FACTOR = 3.0
-"""Factor on the standard deviation of a body's log-lengths; a hand's one length has none."""
 SMALLEST_BIAS = 0.01
 """Smallest constant error of a keypoint in each direction, as a fraction of the height. The pose follows such an error,
 so the residuals do not contain it."""
@@ -59,8 +59,6 @@ SCALE_DEVIATION, WRONG_SCALE = 0.045, 0.25
 of a wrong pose, times its probability: limbs that a detector guesses make another size."""
 PLACE_DEVIATION = 0.02
 """m, per axis: standard deviation of the landmarks' places in the body, and of a detector's lasting errors."""
-ROTATION_FACTOR = 2.0
-"""Factor on the deviation of a joint's rotation: a person's rest pose is not the skeleton's."""
 LARGEST_ROTATION = math.sqrt(math.pi**2 / 3 + 2)
 """rad: root mean square angle of a random rotation, the limit of a rotation's deviation, as `LARGEST_DEVIATION`."""
 STILL_DEVIATION = 0.5
@@ -108,7 +106,7 @@ class JointUncertainty:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(n, 3, 3) m^2 of each joint's position relative to the pelvis, whose own is 0, in the skeleton's frame."""
+        """(n, 3, 3) m^2 of each joint's position relative to the pelvis (its own is 0), in the skeleton's frame."""
         return self._scaled(self.relative)
 
     @cached_property

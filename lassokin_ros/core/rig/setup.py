@@ -244,6 +244,7 @@ class SetUpCheck:
         scatter, proportions, log_scale = limbs
         up, mirrored = self._trunk(places, known)
         behind = 1 - float(before[known].mean())
+        # Weights beside the distance from the epipolar lines, over the person's size in the images.
         body = 0.3 * scatter + 0.15 * proportions + 0.5 * behind + 0.1 * mirrored
         return PairFit(fit.distance, True, body, log_scale, up)
 
@@ -253,7 +254,7 @@ class SetUpCheck:
         both = known[:, a] & known[:, b]
         lengths = np.linalg.norm(places[:, a] - places[:, b], axis=-1)
         seen = both.sum(axis=0) >= FEWEST_FRAMES // 2
-        if np.count_nonzero(seen) < 4:
+        if np.count_nonzero(seen) < 4:  # limbs
             return None
         logs = [np.log(np.maximum(lengths[both[:, limb], limb], 1e-9)) for limb in np.flatnonzero(seen)]
         medians = np.array([np.median(values) for values in logs])

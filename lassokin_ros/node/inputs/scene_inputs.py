@@ -14,9 +14,11 @@ from rclpy.node import Node
 
 from lassokin_ros.node.inputs.camera_info_input import CameraInfoInput
 from lassokin_ros.node.inputs.camera_inputs import CameraInputs
+from lassokin_ros.node.inputs.camera_publishers import DuplicateNode
 from lassokin_ros.node.inputs.missing_input import MissingInput
 from lassokin_ros.node.inputs.polled_subscription import SimulatedTime
 from lassokin_ros.node.inputs.transform_input import TransformInput
+from lassokin_ros.node.log_throttle import LogThrottle
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
 from lassokin_ros.pipeline.session import Session
@@ -39,6 +41,7 @@ class SceneInputs:
         Raises ConfigurationError if the package of a required message type is not installed.
         """
         self._node, self._session, self._on_error = node, session, on_error
+        self._warning = LogThrottle(node.get_logger().warning, time.monotonic)
         self.simulated_time = SimulatedTime(node)
         self._cameras = {
             name: CameraInputs(node, session, images, diagnostics, on_depth, on_error)
@@ -46,6 +49,8 @@ class SceneInputs:
         }
         places = session.placement.places
         self._transforms = None if places is None else TransformInput(node, places)
+        shared = session.config.detects_bodies  # the list of bodies has an absolute name
+        self._duplicate = DuplicateNode(node, topics.REP155_TRACKED_OUTPUT.name if shared else topics.STATE)
         self._missing_clock = MissingInput(node, topics.CLOCK, topics.CLOCK_TYPE, (), time.monotonic())
 
     @property
@@ -67,7 +72,7 @@ class SceneInputs:
             camera.poll()
 
     def check(self, now: float) -> str:
-        """Log missing inputs; now: s, steady clock. Call it periodically. Return faults of clock and TF, in words."""
+        """Log missing inputs; now: s, steady clock. Call it periodically. Return faults in words."""
         clock, faults = self._node.get_clock(), []
         if isinstance(clock, ROSClock) and clock.ros_time_is_active:
             has_time = clock.now().nanoseconds > 0
@@ -80,4 +85,7 @@ class SceneInputs:
         if self._transforms is not None:
             fault = self._transforms.check(now)
             faults.append("" if self._session.placement.places else fault)  # /diagnostics has it for each camera
+        faults.append(duplicate := self._duplicate.check(now))
+        if duplicate:
+            self._warning.log("duplicate_node", duplicate)
         return "; ".join(filter(None, faults))

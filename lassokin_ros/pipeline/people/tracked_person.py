@@ -1,11 +1,10 @@
-"""One tracked person: the tracker, continuous joint angles, and the prediction of the next position."""
+"""One tracked person: the tracker, and the prediction of the next position."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -16,15 +15,12 @@ from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import HERE, CameraPose, Observation, Status
 from lassokin_ros.core.output.smoothing import Backward
-from lassokin_ros.core.output.uncertainty import ObservedJoints
 from lassokin_ros.core.output.walking_velocity import WalkingVelocity
 from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.doubt.doubt import NO_TURN, Signs, signs_of
-from lassokin_ros.doubt.monitor import DoubtMonitor
 from lassokin_ros.pipeline.concerns.rejections import frozen_text, rejection_text
 from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.messages import Repeats
-from lassokin_ros.pipeline.people.joint_angles import SHORTEST_NS, Angles, JointStates, Moment
+from lassokin_ros.pipeline.people.held_results import HeldResults
 from lassokin_ros.pipeline.seen import Sight
 
 FROZEN = "frozen"
@@ -32,32 +28,6 @@ FROZEN = "frozen"
 
 LONGEST_PREDICTION_S = 0.5
 """s: a person out of sight is predicted to move with constant velocity for this long, then to stand still."""
-
-
-class _Held(NamedTuple):
-    """A result that waits for `smoothing_lag`.
-
-    fields: those of the FrameResult that are known. stamp: s, of the tracker. The others are those of `signs_of`.
-    """
-
-    fields: dict[str, Any]
-    image: ImageOfPerson
-    stamp_ns: int
-    stamp: float
-    points: np.ndarray
-    height: float
-    frame_turn: np.ndarray
-
-    def signs(self, estimate: Estimate) -> Signs:
-        """The signs of the estimate that is due."""
-        return signs_of(
-            estimate,
-            points=self.points,
-            focal=self.image.lens.focal,
-            height=self.height,
-            camera=self.image.camera,
-            frame_turn=self.frame_turn,
-        )
 
 
 class TrackedPerson:
@@ -76,10 +46,8 @@ class TrackedPerson:
         """
         self.number = number
         self.tracker = Tracker(config, skeleton, evidence, up)
+        self._results = HeldResults(self.tracker)
         self._repeats: dict[str, Repeats] = {}
-        layout, skeleton = self.tracker.layout, self.tracker.skeleton
-        observed = ObservedJoints(skeleton, layout.joints)
-        self._doubts = DoubtMonitor(layout.names, skeleton.joint_names, observed.from_visible)
         self.reset()
 
     def reset(self, same_camera: bool = False) -> None:
@@ -99,20 +67,16 @@ class TrackedPerson:
         self._forget_motion()
 
     def _forget_motion(self) -> None:
-        self._doubts.reset()
-        self._joint_states = JointStates(self.tracker.skeleton.axes)  # results of before keep theirs
+        self._results.reset()
         self.status = Status.SEARCHING
         self.seen_ns: int | None = None
         self.seen_by: dict[str, int] = {}
         """Stamps in ns of the images with the person of the last accepted frame, by camera."""
         self._instant_ns = 0
-        self._last: tuple[Moment, np.ndarray] | None = None  # and the positions of its joints
-        self._waiting: deque[_Held] = deque()
         self._place: np.ndarray | None = None
         self._landmarks: np.ndarray | None = None
         self._walk = WalkingVelocity()
-        self._frame_moved_ns, self._frame_turn = 0, NO_TURN
-        self._resized_ns, self._height = 0, math.nan  # stamp, ns, of the first frame with this height, m
+        self._height = math.nan  # m, of the newest frame
 
     def move_frame(self, frame: CameraPose, stamp_ns: int) -> None:
         """Keep the person where they are, although the frame of the skeleton has moved: see `PoseJumps.update`.
@@ -123,7 +87,7 @@ class TrackedPerson:
         if self._place is not None and self._landmarks is not None:
             self._place, self._landmarks = frame.into_camera(self._place), frame.into_camera(self._landmarks)
             self._walk.turn(frame.rotation, self._place)
-        self._frame_moved_ns, self._frame_turn = stamp_ns, frame.rotation @ self._frame_turn
+        self._results.move_frame(frame.rotation, stamp_ns)
 
     def use_backward(self, frames: Mapping[int, Backward]) -> None:
         """Publish poses between the track and one backward in time. frames: of the latter, by stamp, ns."""
@@ -160,7 +124,7 @@ class TrackedPerson:
         }
         if estimate.rejection is not None:
             reason, detail = self._refused(estimate, observations[0], min(frozen))
-            due = self._due(tracker.published, stamp_ns)
+            due = self._results.due(tracker.published, stamp_ns)
             return [*due, FrameResult(estimate=estimate, rejection=reason, detail=detail, **fields)]
         self._update_motion(stamp_ns, estimate, body.height, None if len(placed) > 1 else placed[0][1])
         self.seen_by = {sight.camera.name: sight.stamp_ns for sight in sights}
@@ -171,9 +135,8 @@ class TrackedPerson:
         if len(placed) > 1:  # `visible` is of all cameras
             confident = seen.confidence >= tracker.config.min_confidence
             points = np.where(confident[:, None], seen.points, np.nan)
-        of_pose = estimate.stamp, points, tracker.skeleton.height, self._frame_turn
-        self._waiting.append(_Held(fields, images[0], stamp_ns, *of_pose))
-        return self._due(tracker.published, stamp_ns)
+        self._results.hold(fields, images[0], stamp_ns, estimate.stamp, points)
+        return self._results.due(tracker.published, stamp_ns)
 
     def _refused(self, estimate: Estimate, observation: Observation, frozen_s: float) -> tuple[str, str]:
         """Return the reason and the words for a frame that the tracker refused. frozen_s: see `_frozen_s`."""
@@ -225,39 +188,7 @@ class TrackedPerson:
 
     def flush(self) -> list[FrameResult]:
         """Return the results that wait for `smoothing_lag`. No detection follows."""
-        return self._due(self.tracker.flush(), self.seen_ns or 0)
-
-    def _due(self, estimates: Sequence[Estimate], now_ns: int) -> list[FrameResult]:
-        """Return the held results of these estimates, with joint states. The tracker returns them in the same order."""
-        frames = []
-        for estimate in estimates:
-            assert estimate.state is not None and estimate.pose is not None
-            held = self._waiting.popleft()
-            while held.stamp < estimate.stamp:  # skip results lost by an error
-                held = self._waiting.popleft()
-            stamp_ns = held.stamp_ns
-            moment, before, earlier = Moment(stamp_ns, estimate.state, estimate.initialised), None, None
-            last_ns = stamp_ns if self._last is None else self._last[0].stamp_ns
-            if last_ns < self._frame_moved_ns <= stamp_ns:
-                self._last = None
-                self._doubts.reset()
-            elif last_ns < self._resized_ns <= stamp_ns:
-                self._last = None
-            if self._last is not None and not estimate.initialised:
-                before, places = self._last
-                if stamp_ns - before.stamp_ns >= SHORTEST_NS:
-                    earlier = (stamp_ns - before.stamp_ns) * 1e-9, places
-            self._last = moment, estimate.pose.positions
-            made = FrameResult(
-                estimate=estimate,
-                pending=self._doubts.add(held.signs(estimate)),
-                angles=Angles(self._joint_states, moment, before),
-                earlier=earlier,
-                held_s=(now_ns - stamp_ns) * 1e-9,
-                **held.fields,
-            )
-            frames.append(made)
-        return frames
+        return self._results.due(self.tracker.flush(), self.seen_ns or 0)
 
     def _update_motion(self, stamp_ns: int, estimate: Estimate, height: float, camera: CameraPose | None) -> None:
         """Update position and velocity from the newest estimate, which may not be published yet.
@@ -268,7 +199,8 @@ class TrackedPerson:
         assert estimate.state is not None and estimate.pose is not None
         place, resized = estimate.state.translation, height != self._height
         if resized:
-            self._resized_ns, self._height = stamp_ns, height
+            self._height = height
+            self._results.resize(stamp_ns)
         if estimate.initialised or self._place is None or self.seen_ns is None:
             self._walk.start(place)
         elif resized:

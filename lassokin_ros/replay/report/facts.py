@@ -12,7 +12,6 @@ from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.replay.body import floor_height
 from lassokin_ros.replay.frames import DETECTED, REPROJECTED, FrameTable, in_view
 from lassokin_ros.replay.spans import Span, WrongSpan, marked, spans_of, usual_period, wrong_spans
 
@@ -121,13 +120,6 @@ class Facts:
         """Number of rejected messages, per-person frames and camera_info messages, by reason."""
         found = {key.partition(": ")[2]: n for key, n in self.counts.items() if key.startswith("rejected: ") and n}
         return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
-
-
-def floor_of(facts: Facts, person: str) -> float:
-    """Return the floor's height above the camera, m, in a level frame; NaN if the feet are seen in few frames."""
-    names, height = facts.skeleton.joint_names, facts.skeleton.height
-    positions, observed = facts.of("joint_positions", person), facts.of("joint_observed", person)
-    return floor_height(names, height, positions, observed, facts.of("joint_contacts", person), facts.level)
 
 
 def bends(rotations: np.ndarray) -> np.ndarray:

@@ -285,18 +285,19 @@ def _detected(facts: Facts) -> np.ndarray:
     return points[np.isfinite(points).any(axis=(1, 2))]
 
 
-def _rate(facts: Facts) -> Iterator[Raised]:
+def _messages(facts: Facts) -> Iterator[Raised]:
+    """Report a slow detector, and messages that repeat the keypoints or have too many people."""
     if 0 < facts.rate < SLOW_HZ and len(facts.table.messages) > 3:
         yield say("slow", rate=facts.rate)
-
-
-def _repeated(facts: Facts) -> Iterator[Raised]:
     repeated, received = facts.counts.get("duplicated", 0), facts.received
     if repeated > FEW * max(received, 1):
         what, why = "messages repeat the previous keypoints", "the detector is slower than the camera"
         if facts.own_keypoints:
             what, why = "images have the keypoints of the one before", "the file has images twice"
         yield say("repeated", count=repeated, received=received, what=what, why=why)
+    if count := facts.counts.get("people beyond max_people", 0):
+        what = "images" if facts.own_keypoints else "messages"
+        yield say("too_many", count=count, what=what, most=facts.node.max_people)
 
 
 def _initialised_again(facts: Facts) -> Iterator[Raised]:
@@ -350,30 +351,12 @@ def _upside_down(facts: Facts) -> Iterator[Raised]:
         yield say("upside_down", level=NOTE if facts.own_keypoints else PROBLEM, when="in most images")
 
 
-def _people(facts: Facts) -> Iterator[Raised]:
-    if count := facts.counts.get("people beyond max_people", 0):
-        yield say(
-            "too_many", count=count, what="images" if facts.own_keypoints else "messages", most=facts.node.max_people
-        )
-
-
 Rule = Callable[[Facts], Iterator[Raised]]
 OF_INPUTS: tuple[Rule, ...] = (_refused, _untracked, _stamps, _reprojection, _outside, _landmarks)
-OF_RESULTS: tuple[Rule, ...] = (
-    distance,
-    _upside_down,
-    likely_wrong,
-    bent_knees,
-    unseen_limbs,
-    _gaps,
-    _initialised_again,
-    _rate,
-    _repeated,
-    _people,
-    bones,
-    uncertain,
-)
-RULES: tuple[Rule, ...] = (_nothing_tracked, *OF_INPUTS, *OF_RESULTS)
+OF_POSES: tuple[Rule, ...] = (distance, _upside_down, likely_wrong, bent_knees, unseen_limbs)
+OF_TRACKS: tuple[Rule, ...] = (_gaps, _initialised_again, _messages, bones, uncertain)
+RULES: tuple[Rule, ...] = (_nothing_tracked, *OF_INPUTS, *OF_POSES, *OF_TRACKS)
 """For recorded keypoints."""
-VIDEO_RULES: tuple[Rule, ...] = (_nothing_tracked, _probably_nobody, _poor_fit, _untracked, _outside, *OF_RESULTS)
+OF_VIDEOS: tuple[Rule, ...] = (_nothing_tracked, _probably_nobody, _poor_fit, _untracked, _outside)
+VIDEO_RULES: tuple[Rule, ...] = (*OF_VIDEOS, *OF_POSES, *OF_TRACKS)
 """For a video whose keypoints this program detected: there is no message and no topic to check."""

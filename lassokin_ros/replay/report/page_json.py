@@ -15,9 +15,9 @@ import numpy as np
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.gating import HEAD
 from lassokin_ros.pipeline.concerns.rejections import reason_text
-from lassokin_ros.replay.body import capsules
+from lassokin_ros.replay.body import capsules, floor_of
 from lassokin_ros.replay.frames import DETECTED, OUTLINE, REPROJECTED, in_view
-from lassokin_ros.replay.report.facts import Facts, bends, floor_of, landmark_errors
+from lassokin_ros.replay.report.facts import Facts, bends, landmark_errors
 
 BUDGET = 2_000_000
 """bytes: limit for skeletons, image points and angles in the page, before base64 (which adds a third)."""
@@ -67,13 +67,14 @@ def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
     positions, farthest = shown("joint_positions"), FARTHEST_M
     if facts.node.fixed_frame:
         positions, farthest = positions @ facts.level.T, np.inf
+    feet = {name: facts.of(name, person) for name in ("joint_positions", "joint_observed", "joint_contacts")}
     error, seen = landmark_errors(facts, person)
     refusals = [[round(at, 3), reason_text(key)] for at, key in zip(times.tolist(), rejections) if key is not None]
     return {
         **views[0],
         "others": views[1:],
         "name": person,
-        "floor": _numbers([floor_of(facts, person)], 4)[0],
+        "floor": _numbers([floor_of(facts.skeleton, feet, facts.level)], 4)[0],
         "stride": stride,
         "time": _numbers(shown("time"), 4),
         "refused": [None if key is None else reason_text(key) for key in rejections[::stride]],

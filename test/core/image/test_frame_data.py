@@ -1,11 +1,20 @@
-"""The data of a frame: with larger noise, and how much of it has a measured depth."""
+"""The data of a frame: with larger noise, how much of it has a measured depth, and places from several views."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from lassokin_ros.core.image.frame_data import LEVEL_CAMERA_UP, WITHOUT_DEPTH, FrameData, JointDepths, View
+from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.image.frame_data import (
+    LEVEL_CAMERA_UP,
+    WITHOUT_DEPTH,
+    FrameData,
+    JointDepths,
+    View,
+    triangulate,
+)
+from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import CameraPose
 
 POINTS, WEIGHTS = np.arange(8.0).reshape(4, 2), np.array([100.0, 200.0, 0.0, 400.0])
@@ -55,3 +64,13 @@ def test_depth_covers_a_frame_if_half_of_the_landmarks_have_one(measured, covers
 def test_several_cameras_that_see_the_person_observe_depth(weight, observed):
     other = View(POINTS, np.full(4, weight), camera=CameraPose("side", translation=np.array([2.0, 0, 0])))
     assert replace(frame(), views=(*frame().views, other)).observes_depth is observed
+
+
+def test_triangulation_is_exact_and_needs_two_views():
+    random = np.random.default_rng(3)
+    points = random.normal(size=(6, 3)) + [0, 0, 4.0]
+    cameras = [CameraPose(str(k), exponential(0.3 * random.normal(size=3)), random.normal(size=3)) for k in range(3)]
+    weights = np.full((3, 6), 100.0)
+    weights[1:, 0], weights[:, 1] = 0.0, 0.0
+    found = triangulate([View(project(c.into_camera(points)), w, camera=c) for c, w in zip(cameras, weights)])
+    assert np.isnan(found[:2]).all() and np.allclose(found[2:], points[2:], atol=1e-9)

@@ -1,17 +1,23 @@
-"""Messages of packages that apt or `make messages` installs, on real DDS: people for followers, keypoints of yolo."""
+"""Messages of packages that apt or `make messages` installs, on real DDS: people for followers, detectors' points."""
 
 import numpy as np
 import pytest
+from detector_messages import HRI, YOLO, ZED, hri_skeleton, yolo_detections, zed_objects
 
 pytest.importorskip("rclpy")
 
 from live import BACKEND, NodeProcess, Peer, frame_of, stamp_of  # noqa: E402
-from messages import FRAME, pixels_of_motion  # noqa: E402
+from messages import FOCAL, FRAME, HEIGHT, WIDTH, pixels_of_motion  # noqa: E402
 
+from lassokin_ros.core.body.kinematics import Kinematics  # noqa: E402
+from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
+from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
+from lassokin_ros.core.image.projection import project  # noqa: E402
+from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
 PIXELS = pixels_of_motion(40)
-YOLO = "yolo_msgs/msg/DetectionArray"
+FRAMES = 10
 
 
 def needs(package):
@@ -64,17 +70,41 @@ def test_people_are_published_in_each_message_type(kind):
     assert "Traceback" not in node.said
 
 
-def test_keypoints_of_yolo_ros_are_tracked():
-    needs("yolo_msgs")
-    detector_messages = pytest.importorskip("detector_messages")
-    namespace = "/yolo"
-    with NodeProcess(namespace, "-p", f"keypoints_type:={YOLO}") as node, Peer(namespace, YOLO) as peer:
+def hri(stamp_ns, pixels):
+    return hri_skeleton(BACKEND, stamp_ns, FRAME, pixels, np.full(len(pixels), 0.9), (WIDTH, HEIGHT))
 
-        def send(stamp_ns, pixels):
-            people = [(pixels, np.full(17, 0.9))]
-            peer.keypoints.publish(detector_messages.yolo_detections(BACKEND, stamp_ns, FRAME, people, ["7"]))
 
-        send_until(peer, send, lambda: all(peer.got[topic.name] for topic in topics.FRAME_OUTPUTS), "every output")
-        joints = peer.got[topics.JOINTS][-1]
-    assert frame_of(joints) == FRAME and len(joints.poses) == 24 and 1 < joints.poses[0].position.z < 6
+def yolo(stamp_ns, pixels):
+    return yolo_detections(BACKEND, stamp_ns, FRAME, [(pixels, np.full(len(pixels), 0.9))], ["1"])
+
+
+def zed(stamp_ns, pixels):
+    return zed_objects(BACKEND, stamp_ns, [pixels], [1])
+
+
+CASES = {HRI: ("hri18", hri, FRAME), YOLO: ("coco17", yolo, FRAME), ZED: ("zed38", zed, FRAME)}
+
+
+@pytest.mark.parametrize("keypoints_type", CASES, ids=lambda name: name.partition("/")[0])
+def test_the_message_of_a_detector_is_tracked(keypoints_type):
+    package = keypoints_type.partition("/")[0]
+    needs(package)
+    layout, message, frame_id = CASES[keypoints_type]
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    truth = motion(skeleton, np.arange(FRAMES) / 30)
+    landmarks = Kinematics(skeleton, Layout.load(layout, skeleton)).pose(truth).landmarks
+    pixels = project(landmarks) * FOCAL + [WIDTH / 2, HEIGHT / 2]
+    settings = ["-p", f"keypoints_type:={keypoints_type}", "-p", f"landmarks:={layout}"]
+    namespace = f"/{package}"
+    with NodeProcess(namespace, *settings) as node, Peer(namespace, keypoints_type) as peer:
+        states, sent = peer.got[topics.JOINT_STATES], []
+
+        def send(stamp_ns, _):
+            sent.append(stamp_ns)
+            peer.keypoints.publish(message(stamp_ns, pixels[len(sent) % FRAMES]))
+
+        send_until(peer, send, lambda: len(states) >= FRAMES, "the joint states")
+        assert {frame_of(m) for m in states} == {frame_id} and {stamp_of(m) for m in states} <= set(sent)
+        error = np.array(states[-1].position[:3]) - truth.translation[0]
+        assert np.linalg.norm(error) < 0.35, error
     assert "Traceback" not in node.said

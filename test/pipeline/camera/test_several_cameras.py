@@ -18,7 +18,6 @@ from camera_rig import (
     keypoints,
     off,
     pixels,
-    tf_of,
     truth_at,
     turning_eye,
 )
@@ -133,11 +132,8 @@ def test_a_jump_of_the_fixed_frame_moves_the_person_with_it(degrees, metres, eye
     odometry, before = [jumping(one, degrees, metres) for one in eyes], eyes[0].pose_at(0)
     settings = TWO if len(eyes) > 1 else NodeSettings(fixed_frame=MAP)
     play = Play(eyes, settings, TrackerConfig(height=1.75, smoothing_lag=lag))
-    for index in range(60 * len(eyes)):
-        number, now = index % len(eyes), index // len(eyes) / 30 + index % len(eyes) * phase
-        for one in odometry:
-            play.session.placement.transforms.add(tf_of(BACKEND, one, START_NS, now), static=False)
-        play.image(number, now)
+    play.in_tf = odometry
+    play.run(phase=phase)
     assert not play.refused and play.session.counts[JUMPS] == 1
     for one in play.results[15:]:
         seen = odometry[0].pose_at(one.seconds).into_camera(one.frame.estimate.pose.positions)
@@ -149,10 +145,8 @@ def test_a_jump_of_the_fixed_frame_moves_the_person_with_it(degrees, metres, eye
 
 def test_a_camera_that_jumps_alone_was_moved_and_the_person_was_not():
     play = Play([LEFT, RIGHT])
-    for index in range(60):
-        for number, one in enumerate((LEFT, jumping(RIGHT, 0, (-0.5, -0.5, 0.0)))):
-            play.session.placement.transforms.add(tf_of(BACKEND, one, START_NS, index / 30), static=False)
-            play.image(number, index / 30)
+    play.in_tf = [LEFT, jumping(RIGHT, 0, (-0.5, -0.5, 0.0))]
+    play.run()
     assert not play.session.counts[JUMPS] and len(play.results) == 60
 
 
@@ -190,28 +184,20 @@ def test_a_robot_that_is_elsewhere_after_a_reset_has_not_jumped():
     play.session.placement.transforms.clear()
     play.session.reset()
     away = jumping(LEFT, 30, (1.0, -2.0, 0.0)).pose_at(9.0)
-    for index in range(75):
-        play.session.placement.transforms.add(
-            tf_of(BACKEND, Eye("left", lambda _: away), START_NS, index / 30), static=False
-        )
-        play.image(0, index / 30)
+    play.in_tf = [Eye("left", lambda _: away)]
+    play.run(2.5)
     assert not play.session.counts[JUMPS] and not play.refused
 
 
 def test_a_camera_without_a_transform_is_left_out_and_named():
-    play = Play([LEFT, RIGHT])
-    for index in range(30):
-        play.transforms(0, index / 30)
-        for number in range(2):
-            play.image(number, index / 30)
+    play = Play([LEFT, RIGHT]).run(1.0, tf=[0])
     assert len(play.results) == 30 and play.session.counts["no transform of right"] >= 28
-    assert (
-        "right_optical" in play.session.placement.places.faults["right"]
-        and "left" not in play.session.placement.places.faults
-    )
+    faults = play.session.placement.places.faults
+    assert list(faults) == ["right"] and "right_optical" in faults["right"]
     nothing = Play([LEFT, RIGHT]).run(0.5, tf=False)
     assert not nothing.results and {one.rejection for one in nothing.refused} == {"no_transform"}
     assert MAP in nothing.refused[0].detail
+    assert nothing.line().message.startswith("no images can be used: no pose of camera 'left' in fixed_frame 'map'")
 
 
 @pytest.mark.parametrize("extrinsics", ["given", "check", "learn"])  # the pose of one camera is not found from a person
@@ -295,9 +281,7 @@ def test_a_camera_that_was_moved_is_noticed_and_with_learn_corrected(extrinsics)
     assert frame.camera.name == "right"
     assert np.nanmedian(np.linalg.norm(frame.reprojected - frame.detected, axis=1)) < 8.0
     play.session.roster.people[0].body.reset(same_camera=True)  # the next person has it, too
-    for index in range(15):
-        for number in range(2):
-            play.image(number, 6.1 + index / 30)
+    play.run(0.5, begin=6.1)
     assert play.error(6.05) < 50
 
 
@@ -362,9 +346,7 @@ def test_after_a_reset_the_poses_are_learned_anew(extrinsics="learn"):
     with pytest.raises(CamerasFileError, match="no pose of a camera was learned yet"):
         camera_commands(play.session)
     play.session.placement.places._given["right"] = RIGHT.pose_at(0)  # the pose is repaired
-    for index in range(200):
-        for number in range(2):
-            play.image(number, 10.0 + index / 30)
+    play.run(200 / 30, begin=10.0)
     angle, _ = learned.solution("right")
     assert np.degrees(angle) < 0.3 and play.error(9.9) < 25
     assert max(one.error.mean() for one in play.results if one.seconds > 9.9) < 0.1
@@ -394,8 +376,9 @@ def test_a_late_camera_is_counted_and_its_delay_is_said():
 def test_camera_info_of_the_other_camera_is_named():
     play = Play([LEFT, RIGHT])
     play.session.cameras["right"].camera = Camera(rectified=False)
+    assert "no camera_info of camera 'right'" in play.run(0.1).line().message
     play.session.set_camera(camera_info(BACKEND, frame_id=LEFT.frame), "right")
-    play.run(1.0)
+    play.run(1.0, begin=0.1)
     assert "right/camera_info is of another camera" in play.line().message
 
 
@@ -448,12 +431,7 @@ LEARN = TrackerConfig(height=1.75, extrinsics="learn")
 
 def without_tf_of_right(settings, config=LEARN, seconds=6.0, phase=0.0):
     """A play in which nobody tells where the right camera is."""
-    play = Play([LEFT, RIGHT], settings, config)
-    for index in range(round(30 * seconds)):
-        play.transforms(0, index / 30)
-        for number in range(2):
-            play.image(number, index / 30 + phase * number)
-    return play
+    return Play([LEFT, RIGHT], settings, config).run(seconds, phase=phase, tf=[0])
 
 
 def test_a_camera_without_a_transform_is_found_from_the_person():

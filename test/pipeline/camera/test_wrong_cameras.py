@@ -102,9 +102,14 @@ def test_good_cameras_and_a_small_error_of_a_pose_are_used(poses):
         ({}, {"right": off(RIGHT, 40)}, "the keypoints of 'left' and 'right' do not fit the given places"),
     ],
 )
-def test_of_two_cameras_both_are_named_and_used_because_it_cannot_be_told_which_is_wrong(how, poses, words):
-    rig = Rig(LEFT, RIGHT, poses=poses).send(0.0, 3.0, **how)
+def test_of_two_cameras_both_are_named_and_used_because_it_cannot_be_told_which_is_wrong(how, poses, words, tmp_path):
+    """The poses of such cameras are not saved."""
+    rig, path = Rig(LEFT, RIGHT, poses=poses).send(0.0, 3.0, **how), tmp_path / "cameras.sh"
     assert words in rig.line(3.0).message and not rig.left_out
+    path.write_text("the last good one")
+    with pytest.raises(CamerasFileError, match=f"nothing is written, because .*{words}.* Correct that"):
+        save_cameras(rig.session, path)
+    assert path.read_text() == "the last good one"
 
 
 @pytest.mark.parametrize(
@@ -171,23 +176,6 @@ def test_a_mirrored_person_shows_that_cameras_at_equal_distances_are_exchanged(a
     assert "exchanged" not in Rig(LEFT, other).send(0.0, 2.0).line(2.0).message
 
 
-EXCHANGED = {"instead": {"left": "right", "right": "left"}}
-NOT_SAVED = {
-    "inverse transform": ((LEFT, RIGHT), {}, {"right": inverse(RIGHT)}, "fit the inverse transform of 'right'"),
-    "exchanged images": ((LEFT, RIGHT), EXCHANGED, {}, "those of 'left' fit 'right'"),
-}
-
-
-@pytest.mark.parametrize("fault", NOT_SAVED)
-def test_poses_that_are_known_to_be_wrong_are_not_saved(fault, tmp_path):
-    eyes, how, poses, words = NOT_SAVED[fault]
-    rig, path = Rig(*eyes, poses=poses).send(0.0, 3.0, **how), tmp_path / "cameras.sh"
-    path.write_text("the last good one")
-    with pytest.raises(CamerasFileError, match=f"nothing is written, because .*{words}.* Correct that"):
-        save_cameras(rig.session, path)
-    assert path.read_text() == "the last good one"
-
-
 def test_poses_are_saved_when_the_fault_is_mended(tmp_path):
     rig = Rig(LEFT, RIGHT, BACK).send(0.0, 2.5, instead={"right": "back"})
     with pytest.raises(CamerasFileError, match="camera 'right' is not used"):
@@ -242,16 +230,16 @@ def reachable(root):
 
 
 def test_memory_is_constant_while_cameras_come_and_go():
-    """Eight minutes, in short periods; each camera is silent for a while, and one sends another's images."""
+    """Five minutes, in short periods; each camera is silent for a while, and one sends another's images."""
     rig, counts = Rig(LEFT, RIGHT, BACK), []
-    for cycle in range(50):
+    for cycle in range(30):
         begin, wrong = 10.0 * cycle, cycle % 10 == 5
         rig.send(begin, begin + 0.5, hz=10)
         rig.send(begin + 2.5, begin + 3.0, hz=10, silent=[rig.names[cycle % 3]])
         rig.send(begin + 5.0, begin + (6.5 if wrong else 5.5), hz=10, instead={"right": "back"} if wrong else None)
         rig.line(begin + 9.0)
         rig.results.clear()
-        if cycle in (19, 49):  # all windows are full, and the last cycles were alike
+        if cycle in (14, 29):  # all windows are full, and the last cycles were alike
             counts.append(reachable([rig.session, rig.diagnostics]))
     assert rig.session.counts[f"right: {LEFT_OUT}"] > 0 and counts[0]["ndarray"] > 100
     assert not {name: (n, counts[1][name]) for name, n in counts[0].items() if counts[1][name] > 1.05 * n + 20}

@@ -8,8 +8,6 @@ from depth_camera import depth_message
 from messages import FRAME, HEIGHT, WIDTH, camera_info, pixels_of_motion, rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.observation import Status
-from lassokin_ros.pipeline.people.roster import Presence
 from lassokin_ros.pipeline.session import Session
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.keypoints import Keypoints
@@ -22,36 +20,6 @@ CONFIG = NodeSettings(rep155=True, max_people=2, keypoints_type="hri_msgs/msg/Sk
 @pytest.fixture
 def bodies():
     return Session(TrackerConfig(height=1.75), CONFIG)
-
-
-def test_people_are_those_of_the_list(bodies):
-    assert bodies.roster.ids == [] and bodies.roster.status is Status.SEARCHING and bodies.config == CONFIG
-    bodies.keep(["a", "b", "a"])
-    assert bodies.roster.ids == ["a", "b"] and list(bodies.roster.calibrations()) == ["a", "b"]
-    assert bodies.counts == {"people come": 2}
-    bodies.keep(["b"])
-    assert bodies.roster.ids == ["b"] and bodies.counts == {"people come": 2, "people left": 1}
-    assert bodies.scene.presence_at(10**9) == Presence(Status.SEARCHING, ["b"])
-
-
-def test_of_too_many_the_first_are_kept(bodies):
-    bodies.keep(["a", "b", "c", "d"])
-    assert bodies.roster.ids == ["a", "b"] and bodies.counts["people beyond max_people"] == 2
-    bodies.keep(["d", "b"])
-    assert bodies.roster.ids == ["b", "d"]
-
-
-def test_the_best_status_of_the_bodies(bodies):
-    bodies.keep(["a", "b"])
-    first, second = (person.body for person in bodies.roster.people)
-    first.status, second.status = Status.LOST, Status.TRACKING
-    assert bodies.roster.status is Status.TRACKING
-    second.status = Status.SEARCHING
-    assert bodies.roster.status is Status.LOST
-
-
-def test_messages_of_somebody_who_is_not_listed_are_dropped(bodies):
-    assert bodies.frames(object(), 5, body="nobody") == [] and not bodies.counts
 
 
 def test_all_share_the_camera_and_have_stamps_of_their_own(bodies):

@@ -384,10 +384,7 @@ def test_packed_arrays_are_read_back():
 
 
 BAD = {
-    "there already": (
-        ["--report", "there.html"],
-        "'there.html' exists already; choose another name or add --force",
-    ),
+    "there already": (["--report", "there.html"], "'there.html' exists already; choose another name or add --force"),
     "a folder": (["--report", "."], "'.' is a folder; expected the name of a file"),
     "no folder": (["--report", "nix/page.html"], "there is no folder 'nix' for 'page.html'"),
     "an archive": (["second", "--report", "page.html"], "--report 'page.html' names one file for many recordings"),
