@@ -102,13 +102,10 @@ def pytest_ignore_collect(collection_path, config):
     return None
 
 
-def has_bytecode(folder):
-    """True if the test files of a folder are compiled, with pytest's assertions."""
-    return any(Path(cache_from_source(TESTS / folder / "x.py")).parent.glob("*-pytest-*.pyc"))
-
-
-COMPILED = sys.dont_write_bytecode or has_bytecode("viewer")
-"""Whether there is nothing to wait for at the start; the folder is the last one that is collected."""
+BYTECODE = Path(cache_from_source(TESTS / "skeleton_readers" / "any.py")).parent
+"""Of the last folder that `make check` and `make test` both collect."""
+COMPILED = sys.dont_write_bytecode or any(BYTECODE.glob("*-pytest-*.pyc"))
+"""Whether no process need wait at the start."""
 
 
 @pytest.hookimpl(wrapper=True)

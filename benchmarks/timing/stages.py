@@ -24,7 +24,7 @@ STAGES = {
     "solve: predict the solution": "lasso.solver:predicted_solution",
     "solve: certify": "lasso.solver:certify",
     "depth network": "network.depth_estimator:DepthEstimator.update",
-    "other pose": "hypotheses.other_pose:OtherPose.better_state",
+    "other pose": "hypotheses.start:OtherPose.better_state",
     "retract": "body.kinematics:BodyState.retract",
 }
 """Stage -> module:function, looked up at the call. Stages that a version lacks are left out of the table."""

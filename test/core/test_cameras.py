@@ -98,7 +98,6 @@ def from_moving_camera(turn, drive, frame_moves=False):
 
 
 def test_the_motion_of_the_camera_is_none_of_the_person(turn=0.4, drive=0.4):
-    """Neither in the keypoints' tracks, nor in the speeds by which feet are in contact."""
     still, expected = from_moving_camera(0.0, 0.0)
     contacts, jitter = from_moving_camera(turn, drive)
     assert still[30:].mean() > 0.8 and contacts[30:].mean() > 0.8
@@ -302,8 +301,8 @@ def test_the_network_of_each_camera_is_told_the_vertical_in_its_own_frame():
 def test_a_depth_of_the_surface_may_be_announced_and_missing():
     tracker = Tracker(CONFIG)
     _, front, _, observe = scene(0.2)
-    assert tracker.track(replace(observe(front, 0), depth_of_surface=True)).accepted
-    assert tracker.track(replace(observe(front, 1), depth_of_surface=True)).accepted
+    for number in range(2):
+        assert tracker.track(replace(observe(front, number), depth_of_surface=True)).accepted
 
 
 def test_the_line_of_sight_is_that_of_the_camera_that_sees_the_person():

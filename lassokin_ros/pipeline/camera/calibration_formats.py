@@ -10,7 +10,7 @@ import io
 import json
 import pickle
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -46,15 +46,6 @@ class _Arrays(pickle.Unpickler):
         if (module, name) not in HARMLESS:
             raise pickle.UnpicklingError(f"it contains {module}.{name}")
         return super().find_class(module, name)
-
-
-def in_folder(folder: Path, values_in: Callable[[Path], Mapping[str, Any]]) -> Tables:
-    """Return the cameras of a folder of EasyMocap or OpenCap; none if it has neither. values_in: reads a file."""
-    if all((folder / name).is_file() for name in EASYMOCAP_FILES):
-        intrinsics, extrinsics = (values_in(folder / name) for name in EASYMOCAP_FILES)
-        return easymocap({**intrinsics, **extrinsics})
-    found = sorted(path.parent for path in folder.glob(f"**/{OPENCAP_FILE}"))
-    return {one.name: table for one in found if (table := opencap(one / OPENCAP_FILE)) is not None}
 
 
 def easymocap(values: Mapping[str, Any]) -> Tables:
@@ -151,17 +142,9 @@ BINARY = (".pkl", ".pickle", ".p", ".npz", ".npy", ".mat", ".h5")
 def values_in(file: Path) -> dict[str, Any]:
     """Return the mapping in a calibration file, or in those of a folder. Raises CameraError."""
     if file.is_dir():
-        try:
-            tables = in_folder(file, values_in)
-        except KeyError as error:
-            raise CameraError(f"the files of EasyMocap in '{file}' have no {error.args[0]}; {FORMS}") from None
-        if not tables:
-            raise CameraError(f"'{file}' is a folder without intri.yml and extri.yml, or OpenCap's pickles; {FORMS}")
-        return {"cameras": tables}
-    if file.name == OPENCAP_FILE and file.is_file():
-        table = opencap(file)
-        if table is not None:
-            return {"cameras": {file.parent.name: table}}
+        return {"cameras": _in_folder(file)}
+    if file.name == OPENCAP_FILE and file.is_file() and (table := opencap(file)) is not None:
+        return {"cameras": {file.parent.name: table}}
     if file.suffix.lower() in BINARY:
         raise CameraError(
             f"'{file}' holds arrays of a program, which are not read; {FORMS}: write K and D as YAML, such as "
@@ -188,6 +171,22 @@ def values_in(file: Path) -> dict[str, Any]:
         if not re.search(r"^\s*\w+\s*=", text, re.MULTILINE):
             raise CameraError(f"{error}; {FORMS}") from None
         return _toml(text, file)
+
+
+def _in_folder(folder: Path) -> Tables:
+    """Return the cameras of a folder of EasyMocap or OpenCap. Raises CameraError."""
+    if all((folder / name).is_file() for name in EASYMOCAP_FILES):
+        intrinsics, extrinsics = (values_in(folder / name) for name in EASYMOCAP_FILES)
+        try:
+            tables = easymocap({**intrinsics, **extrinsics})
+        except KeyError as error:
+            raise CameraError(f"the files of EasyMocap in '{folder}' have no {error.args[0]}; {FORMS}") from None
+    else:
+        files = sorted(folder.glob(f"**/{OPENCAP_FILE}"))
+        tables = {file.parent.name: table for file in files if (table := opencap(file)) is not None}
+    if not tables:
+        raise CameraError(f"'{folder}' is a folder without intri.yml and extri.yml, or OpenCap's pickles; {FORMS}")
+    return tables
 
 
 def _plain_yaml(text: str, file: Path) -> str:

@@ -109,7 +109,8 @@ class BodyFrames:
         """node: full name without the first slash; person: id, empty for one person."""
         naming = Naming.of_person(config, node, person)
         body = naming.link(BODY)
-        self._hips = hip_joints(skeleton) if config.rep155 else []
+        hips = [joint for joint, name in enumerate(skeleton.joint_names) if name in ("left_hip", "right_hip")]
+        self._hips = hips if config.rep155 and len(hips) == 2 else []  # whose mean is the body's origin in REP-155
         self._parents = skeleton.parents
         self._under_body = config.rep155
         self.names: list[tuple[str, str]] = [("", body)]
@@ -121,15 +122,9 @@ class BodyFrames:
             root = body if config.rep155 else ""
             links = [naming.link_of_joint(joint) for joint in skeleton.joint_names]
             self.names += [(links[i] if i >= 0 else root, link) for i, link in zip(skeleton.parents.tolist(), links)]
-            if naming.body_id:
-                self._add_rep155(skeleton, naming, links)
-
-    def _add_rep155(self, skeleton: Skeleton, naming: Naming, links: list[str]) -> None:
-        """Add REP-155's frames, which are at the joints and have axes of their own."""
-        found = links_of(skeleton.joint_names)
-        self.names += [(links[index], naming.link(link)) for link, index, _ in found]
-        if found:
-            self._fixed = np.zeros((len(found), 3)), to_quaternion(np.stack([axes for _, _, axes in found]))
+            if naming.body_id and (found := links_of(skeleton.joint_names)):  # at the joints, with axes of their own
+                self.names += [(links[index], naming.link(link)) for link, index, _ in found]
+                self._fixed = np.zeros((len(found), 3)), to_quaternion(np.stack([axes for _, _, axes in found]))
 
     def transforms(self, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
         """Return positions (k, 3) m and quaternions (k, 4) of the frames `names` in their parents."""
@@ -147,9 +142,3 @@ class BodyFrames:
         quaternions = to_quaternion(np.concatenate([body[None], inverse @ orientations]))
         fixed_places, fixed_quaternions = self._fixed
         return np.concatenate([origin[None], places, fixed_places]), np.concatenate([quaternions, fixed_quaternions])
-
-
-def hip_joints(skeleton: Skeleton) -> list[int]:
-    """Return the indices of both hips, the mean of which is the body's origin in REP-155; empty without both."""
-    hips = [i for i, name in enumerate(skeleton.joint_names) if name in ("left_hip", "right_hip")]
-    return hips if len(hips) == 2 else []
