@@ -170,6 +170,16 @@ def test_every_link_leads_somewhere(page):
             assert name in names_in(path), f"docs/{page}: {path.name} has no {name}"
 
 
+FOLDERS = "lassokin_ros|msg_adapters|benchmarks|training|test|launch|config|examples"
+
+
+def test_every_file_that_a_page_names_exists():
+    """By its whole path, as in `benchmarks/gait.py`."""
+    for page in (*PAGES, "../README.md", "../CONTRIBUTING.md"):
+        named = re.findall(rf"`((?:{FOLDERS})/[\w/.-]+\.\w+)[`:]", (DOCS / page).read_text(encoding="utf-8"))
+        assert not [p for p in named if not ((ROOT / p).is_file() or (ROOT / "test" / p).is_file())], page
+
+
 @lru_cache
 def headings(path):
     """Anchors of a page, as GitHub makes them."""

@@ -1,6 +1,6 @@
 """A process that the tests may stop or kill: a source of keypoints, or a subscriber of everything.
 
-python test/endpoint.py source|sink NAMESPACE
+python test/support/endpoint.py source|sink NAMESPACE
 """
 
 import sys
