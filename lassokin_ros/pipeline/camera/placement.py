@@ -60,8 +60,8 @@ class Placement:
         self.rig = RigCheck(self._names, layout.names, rest, config.fixed_frame)
         """What this person says about the places and the clocks of the cameras."""
         for tracked in people:
-            if (extrinsics := tracked.tracker.learned.extrinsics) is not None and config.several_cameras:
-                extrinsics.anchor = self._names[0]
+            if config.several_cameras:
+                tracked.tracker.learned.extrinsics.anchor = self._names[0]
 
     def reset(self) -> None:
         """Forget the people: what they have shown about the cameras."""
@@ -141,7 +141,7 @@ class Placement:
         """
         assert self.places is not None
         finds = self._several and self._people[0].tracker.config.extrinsics == LEARN and bool(self.places.newest)
-        learned = [one for tracked in self._people if (one := tracked.tracker.learned.extrinsics) is not None]
+        learned = [tracked.tracker.learned.extrinsics for tracked in self._people]
         used, order = list(placed), self._names
         for image, _ in missing:
             name = image.camera.name
@@ -161,7 +161,7 @@ class Placement:
         sights, learned = [], self._people[0].tracker.learned
         for image in images:
             people = [one for one in image.people if one.trackable]
-            pose = image.camera if learned.extrinsics is None else learned.extrinsics.corrected(image.camera)
+            pose = learned.extrinsics.corrected(image.camera)
             if len(people) == 1 and pose.known:
                 sights.append(Sight(image.stamp_ns, people[0], image.lens, pose))
         self.rig.add(sights)

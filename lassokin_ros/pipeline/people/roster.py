@@ -155,7 +155,7 @@ class Roster:
     def extrinsics(self) -> Extrinsics | None:
         """What is learned about the cameras' poses, from the person whom several have seen for the longest time."""
         found = [tracker.learned.extrinsics for tracker in self.trackers.values()]
-        return max((one for one in found if one is not None), key=lambda one: one.frame_count, default=None)
+        return max(found, key=lambda one: one.frame_count, default=None)
 
     @property
     def evidence_faults(self) -> dict[str, str]:

@@ -164,8 +164,7 @@ class TrackedPerson:
 
     def _corrected(self, camera: CameraPose) -> CameraPose:
         """Return the pose of a camera as the tracker uses it; one that is not known if there is none yet."""
-        extrinsics = self.tracker.learned.extrinsics
-        return camera if extrinsics is None else extrinsics.corrected(camera)
+        return self.tracker.learned.extrinsics.corrected(camera)
 
     def _frozen_s(self, sight: Sight) -> float:
         """Return s for which a camera's keypoints have been the same, if it is more than `lost_after`; else 0."""

@@ -47,6 +47,7 @@ def gated(**change):
         ({"stamp": 4.0}, Rejection.OLD_STAMP),
         ({"confidence": np.full(17, 0.29)}, Rejection.TOO_FEW_LANDMARKS),
         ({"points": np.full((17, 2), np.nan)}, Rejection.TOO_FEW_LANDMARKS),
+        ({"points": np.zeros((0, 3)), "confidence": np.zeros(0)}, Rejection.TOO_FEW_LANDMARKS),
         ({"points": np.full((17, 2), 11.0)}, Rejection.TOO_FEW_LANDMARKS),
     ],
 )
