@@ -239,7 +239,7 @@ def test_memory_is_constant_while_cameras_come_and_go():
         rig.send(begin + 5.0, begin + (6.5 if wrong else 5.5), hz=10, instead={"right": "back"} if wrong else None)
         rig.line(begin + 9.0)
         rig.results.clear()
-        if cycle in (14, 29):  # all windows are full, and the last cycles were alike
+        if cycle in (19, 29):  # all windows are full, and the last cycles were alike
             counts.append(reachable([rig.session, rig.diagnostics]))
     assert rig.session.counts[f"right: {LEFT_OUT}"] > 0 and counts[0]["ndarray"] > 100
     assert not {name: (n, counts[1][name]) for name, n in counts[0].items() if counts[1][name] > 1.05 * n + 20}

@@ -85,6 +85,20 @@ def test_an_unlikely_distance_names_what_gives_the_scale(cameras, word):
     assert "is 0.2 m: check" in finding.text and word in finding.text
 
 
+@pytest.mark.parametrize("factor, named", [(1.1, 0), (1.4, 1), (0.6, 1)])
+def test_a_bone_that_changed_by_more_than_people_differ_is_named(factor, named):
+    facts, offsets = Facts(), np.array([[0.0, 0.0, 0.0], [0.0, -0.4, 0.0]])
+    facts.skeleton = SimpleNamespace(joint_names=("pelvis", "left_knee"), offsets=offsets)
+    last = SimpleNamespace(skeleton=SimpleNamespace(offsets=factor * offsets))
+    facts.table = SimpleNamespace(of=lambda person: SimpleNamespace(last=last))
+    assert keys(findings.bones, facts)["bones"] == named
+
+
+def test_many_times_are_not_all_listed():
+    (raised,) = findings._initialised_again(Facts(time=np.arange(9.0), initialised=np.ones(9, dtype=bool)))
+    assert "8 times, at 1.0, 2.0, 3.0, 4.0, 5.0, 6.0 s and 2 more times" in raised.text
+
+
 def doubts(count, signs, figures=()):
     return [Doubt(reversed=i in signs, probability=0.9 if i in figures else 0.0) for i in range(count)]
 
