@@ -43,10 +43,10 @@ def calls_of_last_message(numbered: bool) -> list[tuple[str, str]]:
             sys.setprofile(None)
         elif event == "call" and path.is_relative_to(TREE) and not code.co_name.startswith("<"):
             module = str(path.relative_to(TREE))
-            owner = frame.f_globals.get(code.co_qualname.partition(".")[0])
+            owner = type(frame.f_locals["self"]) if "self" in frame.f_locals else None
             is_property = isinstance(inspect.getattr_static(owner, code.co_name, None), (property, cached_property))
             if module.startswith(("lassokin_ros", "msg_adapters")) and "/core/" not in module and not is_property:
-                calls.append((module, code.co_qualname))
+                calls.append((module, f"{owner.__name__}.{code.co_name}" if owner else code.co_name))
 
     older = not (TREE / "lassokin_ros/pipeline/session.py").is_file()
     engine = import_module("lassokin_ros.pipeline." + ("pipeline" if older else "session"))

@@ -156,7 +156,7 @@ static void spread(const double *twists, Py_ssize_t k, const double *root, const
     }
 }
 
-/* What does not change from frame to frame (see evidence/compiled.py), the state, and what one camera sees. */
+/* What does not change from frame to frame (see evidence/frame_model.py), the state, and what one camera sees. */
 typedef struct {
     Py_ssize_t k, root, l, j, r, n, m; /* degrees of freedom (of the root), landmarks, joints and rows of the prior, joints, depths */
     int64_t *live, *prior_live, *depth_joints;

@@ -209,10 +209,6 @@ class FrameResult:
             return None
         return self.images[0].project(self.estimate.pose.landmarks)
 
-    def in_image(self, points: np.ndarray) -> np.ndarray:
-        """Project points (k, 3) m in the frame of the skeleton to pixels (k, 2). The result must be accepted."""
-        return self.images[0].project(points)
-
 
 def repeated_s(frames: Sequence[FrameResult]) -> float:
     """Return how long, in s, the keypoints of all people have been repeated; 0 if any are new or nobody is tracked."""

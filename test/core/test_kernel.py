@@ -221,39 +221,17 @@ for name, sequence in SEQUENCES.items():
 def test_sanitizers_find_nothing(tmp_path):
     """The kernel, built for the address and undefined-behaviour sanitizers, tracks and is given wrong arguments."""
     compiler = shutil.which("gcc")
-    runtime = (
-        compiler
-        and subprocess.run(
-            [compiler, "-print-file-name=libasan.so"], capture_output=True, text=True, check=True
-        ).stdout.strip()
-    )
+    asked = [compiler, "-print-file-name=libasan.so"]
+    runtime = compiler and subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
     if not (runtime and Path(runtime).is_file()):
         pytest.skip("gcc with its address sanitizer is not installed")
     target = tmp_path / Path(compiled.__file__).name
     checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover=undefined", "-g", "-O1", "-std=c11"]
     source, include = ROOT / "lassokin_ros" / "core" / "_kernel.c", sysconfig.get_path("include")
-    command = [
-        compiler,
-        *checks,
-        "-Wall",
-        "-Wextra",
-        "-Werror",
-        "-shared",
-        "-fPIC",
-        f"-I{include}",
-        source,
-        "-o",
-        target,
-        "-lm",
-    ]
-    subprocess.run(command, check=True)
-    environment = {
-        **os.environ,
-        module.SWITCH: "1",
-        "LD_PRELOAD": runtime,
-        "ASAN_OPTIONS": "detect_leaks=0",
-        "OMP_NUM_THREADS": "1",
-    }
+    warnings = ["-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
+    subprocess.run([compiler, *checks, *warnings, f"-I{include}", source, "-o", target, "-lm"], check=True)
+    settings = {module.SWITCH: "1", "LD_PRELOAD": runtime, "ASAN_OPTIONS": "detect_leaks=0", "OMP_NUM_THREADS": "1"}
+    environment = {**os.environ, **settings}
     places = {"support": str(ROOT / "test/support"), "root": str(ROOT), "tests": str(ROOT / "test/core")}
     for code in (DRIVE.format(folder=str(tmp_path), **places), FUZZ.format(folder=str(tmp_path), seed=9, cases=2_000)):
         done = subprocess.run(
@@ -267,16 +245,8 @@ def test_sanitizers_find_nothing(tmp_path):
 
 def test_without_a_compiler_the_package_builds_without_the_kernel(tmp_path):
     environment = {**os.environ, "CC": "/bin/false"}
-    command = [
-        sys.executable,
-        "setup.py",
-        "-q",
-        "build_ext",
-        "--build-lib",
-        tmp_path / "lib",
-        "--build-temp",
-        tmp_path / "temp",
-    ]
+    folders = ["--build-lib", tmp_path / "lib", "--build-temp", tmp_path / "temp"]
+    command = [sys.executable, "setup.py", "-q", "build_ext", *folders]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert not list((tmp_path / "lib").rglob("_kernel*")) and "_kernel" in done.stderr  # it is said

@@ -2,6 +2,5 @@
 
 `keypoint_input` is the subscription of keypoints, `scene_inputs` combines all others. `camera_info_input` is the
 subscription of camera_info; `latched_camera_info` requests a message that was published before the node started. Both
-only receive messages: `msg_adapters.camera_info` checks their content, and `session.camera.camera_selection` finds the
-camera of each image.
+only receive messages; `pipeline/camera/camera_selection.py` finds the camera of each image.
 """

@@ -190,7 +190,7 @@ def image_points(frame: FrameResult) -> tuple[np.ndarray, np.ndarray, np.ndarray
     """Return, in px: joints (n, 2), landmarks as detected (l, 2), landmarks of the estimated pose (l, 2)."""
     assert frame.estimate is not None and frame.estimate.pose is not None and frame.detected is not None
     pose, n = frame.estimate.pose, len(frame.estimate.pose.positions)
-    pixels = frame.in_image(np.concatenate([pose.positions, pose.landmarks]))  # one call of the lens is faster
+    pixels = frame.images[0].project(np.concatenate([pose.positions, pose.landmarks]))  # one call of the lens is faster
     return pixels[:n], frame.detected, pixels[n:]
 
 

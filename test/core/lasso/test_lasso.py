@@ -205,11 +205,6 @@ def test_shapes_that_do_not_match_are_refused():
         LassoSolver().solve(Lasso(problem.A, problem.B[:-1], problem.z, problem.alpha))
 
 
-def test_an_unknown_solver_is_refused():
-    with pytest.raises(SolverError, match="'simplex' is not available; expected one of: proxqp"):
-        LassoSolver("simplex")
-
-
 def test_the_certificate_detects_a_wrong_answer(solved):
     """Perturbed solutions: the residual grows with the perturbation, and the gap bounds the loss in the objective."""
     random = np.random.default_rng(12)

@@ -112,10 +112,9 @@ def test_each_camera_has_its_own_images(rig):
         assert np.abs([image.mean() - GREY[name] for image in decoded]).max() < 3
 
 
+@pytest.mark.parametrize("rig", ["together"], indirect=True)
 def test_the_browser_switches_between_the_cameras(rig):
-    phase, path = rig
-    if phase:
-        pytest.skip("the same page but for the times of the images")
+    _, path = rig
     with browser() as running:
         page = Page(running, path)
         page.page.fill("#slider", "20")
