@@ -62,3 +62,13 @@ def test_a_jump_of_the_frame_turns_the_velocity():
     assert found.velocity_covariance == pytest.approx(quarter @ before @ quarter.T)
     found.update(1 / RATE, place + [0, 1.2 / RATE, 0], quarter @ AHEAD, quarter @ AHEAD, UP)
     assert found.velocity == pytest.approx([0, 1.2, 0], abs=0.03)
+
+
+def test_the_pelvis_may_turn_with_each_step():
+    found, sideways = WalkingVelocity(), []
+    found.start(np.zeros(3))
+    for i in range(1, 4 * RATE):
+        facing = [np.cos(0.4), np.sin(0.4) * (-1) ** (i // 3), 0.0]
+        found.update(1 / RATE, np.array([1.2 * i / RATE, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), np.array(facing), UP)
+        sideways.append(found.velocity[1])
+    assert np.abs(sideways[RATE:]).max() < 0.2
