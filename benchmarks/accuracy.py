@@ -10,7 +10,8 @@ output, with one table by person, --videos FILE|DIR the keypoints of videos with
 --uncertainty and --failure-probability compare the tracker's own figures of its error with the error. --realistic
 --test-people gives the figures that a user can expect; --validation-people those with which a design is chosen.
 
-Clips that the shipped prior was trained with, and of people of the network's training, are left out.
+Clips that the shipped prior was trained with, and of people of the network's training, are left out, unless --clips
+names them: a line then says so.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _of_videos(options)
     records = measure(options)
     if not options.detections:
-        print(_other_rates(options), end="")
+        print(_other_rates(options) + _of_training(options), end="")
     elif unheeded(options):
         print(f"No effect with --detections: {', '.join(unheeded(options))}.")
     if options.uncertainty or options.failure_probability:
@@ -173,21 +174,26 @@ def clip_files(options: argparse.Namespace) -> list[Path]:
     if options.validation_people:
         return validation_clips(options.data or data_folder())
     folder = options.data or data_folder() / "mocap"
-    by_network = dict(options.set).get("depth_prior", True)
-    files = [
-        file
-        for file in sorted(folder.glob("*.npz"))
-        if file.stem not in SEEN and not (by_network and seen_by_network(file))
-    ]
+    files = sorted(folder.glob("*.npz"))
     if not files:
         raise SystemExit(f"no clips (*.npz) in {folder}: give --data, or set LASSOKIN_DATA to the shared data's folder")
     if options.clips:
         unknown = sorted(set(options.clips) - {file.stem for file in files})
         if unknown:
-            names = ", ".join(file.stem for file in files)
-            raise SystemExit(f"no clip {', '.join(unknown)} in {folder}, or it is of a training; expected of: {names}")
-        files = [file for file in files if file.stem in options.clips]
-    return files
+            raise SystemExit(f"no clip {', '.join(unknown)} in {folder}; it has: {', '.join(f.stem for f in files)}")
+        return [file for file in files if file.stem in options.clips]
+    return [file for file in files if not _trained_with(options, file)]
+
+
+def _of_training(options: argparse.Namespace) -> str:
+    trained = [file.stem for file in clip_files(options) if options.clips and _trained_with(options, file)]
+    return f"Of a training, so these errors are not those of strangers: {', '.join(trained)}.\n" if trained else ""
+
+
+def _trained_with(options: argparse.Namespace, file: Path) -> bool:
+    """Whether the clip, or for the network its person, was part of a training."""
+    by_network = dict(options.set).get("depth_prior", True) and seen_by_network(file)
+    return by_network or file.stem in SEEN
 
 
 def _other_rates(options: argparse.Namespace) -> str:
