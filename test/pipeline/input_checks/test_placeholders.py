@@ -165,6 +165,7 @@ def test_rounded_ones_outside_of_the_image_from_three_on(axis, value, outside):
     xy = points(12, 1.0)
     xy[:3, axis] = value
     assert is_shared(xy, IMAGE).tolist() == [outside] * 3 + [False] * 9
+    assert is_shared(xy, (0, 0)).any() == (value < 0)  # of an image whose size is not known
 
 
 @pytest.mark.parametrize("total", [7, 8, 10, 11, 12])

@@ -7,7 +7,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.people.choice import CENTRE, CONFIDENT, NEAREST, feet, preferred
-from lassokin_ros.pipeline.people.image_tracks import ImageTracks
+from lassokin_ros.pipeline.people.image_tracks import ImageTracks, apart
 from lassokin_ros.pipeline.people.matching import assign, distance, distances, match_radius
 from lassokin_ros.pipeline.people.roster import best
 from lassokin_ros.pipeline.seen import MOST_PEOPLE, Seen, people_in
@@ -27,6 +27,7 @@ def seen(points, confidence=None):
 def test_distance_is_the_mean_in_units_of_the_persons_size():
     assert distance(BODY, seen(BODY), 0.2) == 0
     assert distance(BODY, seen(BODY + [0.05, 0]), 0.2) == pytest.approx(0.1)
+    assert apart(BODY, BODY + [0.05, 0]) == pytest.approx(0.1) and apart(BODY, np.full((4, 2), NAN)) == 0
     one_off = BODY.copy()
     one_off[0] += [0, -0.2]
     assert distance(BODY, seen(one_off), 0.2) == pytest.approx(0.1)  # 0.4 of the size, for one of four
