@@ -102,7 +102,7 @@ def test_with_an_overridden_qos_the_executor_keeps_waiting(policy):
     with node_in_this_process("/own_qos", **settings) as (node, serve), Peer("/own_qos", outputs=False) as peer:
         without_timers(node)
         peer.spin_until(lambda: [peer.send_camera(), serve()] and node._session.inputs.has_camera)
-        peer.spin_until(lambda: [peer.send(0, PIXELS[0]), serve()] and node._diagnostics.keypoints_received)
+        peer.spin_until(lambda: [peer.send(0, PIXELS[0]), serve()] and node._session.counts["received"])
         peer.spin_until(lambda: [peer.camera.publish(of(700.0)), serve()] and focal(node) == 700.0)
         node._publish_diagnostics()
         attended = [event.callback_group is not UNATTENDED for event in node._keypoints[0]._subscription.event_handlers]

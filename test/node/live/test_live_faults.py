@@ -36,7 +36,7 @@ from rclpy.serialization import serialize_message  # noqa: E402
 
 from lassokin_ros.node.inputs.camera_publishers import LEFTOVER_S  # noqa: E402
 from lassokin_ros.node.message_types import message_class  # noqa: E402
-from lassokin_ros.node.node import UNUSED_MESSAGES  # noqa: E402
+from lassokin_ros.node.session_log import UNUSED_MESSAGES  # noqa: E402
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
@@ -394,12 +394,12 @@ def test_a_node_of_the_same_name_is_reported_after_a_while():
         deadline = time.monotonic() + 120
         while peer_count() < 2 and time.monotonic() < deadline:
             time.sleep(0.01)
-        assert [node._duplicate.check(now) for now in (0.0, LEFTOVER_S - 1)] == ["", ""]
-        assert node._duplicate.check(LEFTOVER_S).startswith("another node publishes /twins/tracker/state, too")
+        assert [node._inputs._duplicate.check(now) for now in (0.0, LEFTOVER_S - 1)] == ["", ""]
+        assert node._inputs._duplicate.check(LEFTOVER_S).startswith("another node publishes /twins/tracker/state, too")
         other.destroy_node()
         while peer_count() > 1 and time.monotonic() < deadline:
             time.sleep(0.01)
-        assert node._duplicate.check(LEFTOVER_S + 1) == node._duplicate.check(LEFTOVER_S + 2) == ""
+        assert node._inputs._duplicate.check(LEFTOVER_S + 1) == node._inputs._duplicate.check(LEFTOVER_S + 2) == ""
 
 
 @pytest.mark.parametrize(("confidence", "lines"), [(0.15, 1), (0.05, 0)])
