@@ -1,6 +1,6 @@
 # make demo   play a bag of keypoints into the node and show the result
-# make check  run the fast tests: a minute on two cores; the others start nodes, processes or browsers, or compute for long
-# make test   run the whole test suite: 7 to 8 minutes on two cores
+# make check  run the fast tests: half a minute on two cores; the others start nodes, processes or browsers, or compute for long
+# make test   run the whole test suite: about 6 minutes on two cores
 # make live   run the tests with running nodes RUNS times (10), beside LOAD busy loops (0), and count the failures
 # make fuzz   run the fuzz tests alone, with 100,000 new cases and more, then fuzz every decoder and file reader guided by
 #             coverage (atheris), each for SECONDS; takes an hour
