@@ -100,20 +100,7 @@ def measure(options: argparse.Namespace) -> list[Record]:
     if options.rotations and (options.detections or not options.uncertainty):
         raise SystemExit("--rotations is for --uncertainty on clips; no recording holds rotations")
     if options.detections:
-        if options.gap or options.initialisation:
-            raise SystemExit("--gap and --initialisation are for clips, not for --detections")
-        own = options.uncertainty or options.failure_probability
-        methods = ["lasso"] if own else options.methods
-        files = recording_files(options.detections)
-        recordings = detection_jobs(files, methods, options.measured_bones, given_settings(options))
-        if options.uncertainty:
-            return binned(in_parallel(uncertainty_of, recordings, options.jobs))
-        if options.failure_probability:
-            frames = in_parallel(failure_probability.failure_probabilities_of, recordings, options.jobs)
-            return failure_probability.binned(frames)
-        if not recordings:
-            raise SystemExit("none of the --detections holds MediaPipe's own 3D, which mediapipe_world needs")
-        return in_parallel(run_detections, recordings, options.jobs)
+        return _of_recordings(options)
     o = options
     condition = Condition(
         o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.camera_roll, o.camera_pitch, o.lying,
@@ -146,6 +133,23 @@ def measure(options: argparse.Namespace) -> list[Record]:
         records = [record for record in results(run) if record["frames"] or record["ends_lost"]]
     people = {job.file.stem: person_of(job.file) for job in jobs}
     return [{**record, "person": people[record["clip"]]} for record in records]
+
+
+def _of_recordings(options: argparse.Namespace) -> list[Record]:
+    if options.gap or options.initialisation:
+        raise SystemExit("--gap and --initialisation are for clips, not for --detections")
+    own = options.uncertainty or options.failure_probability
+    methods = ["lasso"] if own else options.methods
+    files = recording_files(options.detections)
+    recordings = detection_jobs(files, methods, options.measured_bones, given_settings(options))
+    if options.uncertainty:
+        return binned(in_parallel(uncertainty_of, recordings, options.jobs))
+    if options.failure_probability:
+        frames = in_parallel(failure_probability.failure_probabilities_of, recordings, options.jobs)
+        return failure_probability.binned(frames)
+    if not recordings:
+        raise SystemExit("none of the --detections holds MediaPipe's own 3D, which mediapipe_world needs")
+    return in_parallel(run_detections, recordings, options.jobs)
 
 
 def in_parallel(function: Callable[[Any], T], jobs: Sequence[Any], processes: int) -> list[T]:
