@@ -126,12 +126,12 @@ def acts(robot, name, active=None):
 
 
 def stopped_after(acts_ns, since_ns):
-    """s from a time to the last action, without the delay of a busy machine: up to 0.2 s of the longest pause between
+    """s from a time to the last action, without the delay of a busy machine: up to 0.3 s of the longest pause between
     the last second's actions beyond the usual one.
     """
     last = np.sort([at for at in acts_ns if at > max(acts_ns) - 10**9])
     pauses = np.diff(last) * 1e-9
-    late = min(pauses.max() - np.median(pauses), 0.2) if len(pauses) else 0.0
+    late = min(pauses.max() - np.median(pauses), 0.3) if len(pauses) else 0.0
     return (last[-1] - since_ns) * 1e-9 - late
 
 
