@@ -38,6 +38,7 @@ def calls_of_last_message(numbered: bool) -> list[tuple[str, str]]:
     calls: list[tuple[str, str]] = []
 
     def note(frame: FrameType, event: str, _: Any) -> None:
+        """Add a call to those that count, until the tracker's step begins."""
         code, path = frame.f_code, Path(frame.f_code.co_filename)
         if code is Tracker.track.__code__:
             sys.setprofile(None)
@@ -48,14 +49,12 @@ def calls_of_last_message(numbered: bool) -> list[tuple[str, str]]:
             if module.startswith(("lassokin_ros", "msg_adapters")) and "/core/" not in module and not is_property:
                 calls.append((module, f"{owner.__name__}.{code.co_name}" if owner else code.co_name))
 
+    # Before there was a session, `Pipeline.frames` took the messages.
     older = not (TREE / "lassokin_ros/pipeline/session.py").is_file()
     engine = import_module("lassokin_ros.pipeline." + ("pipeline" if older else "session"))
     session: Any = (engine.Pipeline if older else engine.Session)(TrackerConfig(), NodeSettings())
-    push, seen, backend = (
-        session.frames if older else session.push,
-        view(0, FRAMES, FPS, 1),
-        RosbagsBackend(typestore()),
-    )
+    push = session.frames if older else session.push
+    seen, backend = view(0, FRAMES, FPS, 1), RosbagsBackend(typestore())
     session.set_camera(inputs.camera_info(backend, START_NS, FRAME_ID, WEBCAM.K, WEBCAM.D, WEBCAM.size))
     for index in range(FRAMES):
         stamp_ns, person = START_NS + round(1e9 * index / FPS), (seen.pixels[index, 0], seen.confidence[index, 0])

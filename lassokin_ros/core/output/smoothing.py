@@ -208,7 +208,7 @@ class Backward:
 
 
 @dataclass(eq=False)
-class Waiting:
+class HeldFrame:
     """A frame that waits: estimate, forward pass, `Kinematics.vectors` of its body, and its reprojection error.
 
     backward: the frame by a track backward in time; None without one.
@@ -231,7 +231,7 @@ class Smoothing:
     def reset(self) -> None:
         """Drop the waiting estimates; the filter restarts."""
         self.filter.reset()
-        self._waiting: deque[Waiting] = deque()
+        self._waiting: deque[HeldFrame] = deque()
         self._compared: deque[tuple[float, float]] = deque()
         """Stamps, s, and how much higher the forward track's cost is, from COMPARED_S before the oldest frame on."""
 
@@ -243,15 +243,15 @@ class Smoothing:
         return self.filter.filtered(answer.solved, answer.increment, step, speed, time, centre, answer.several)
 
     def publish(self, estimate: Estimate, answer: Answer, lag: float, backward: Backward | None) -> list[Estimate]:
-        """The estimates that are due with this one. lag: s; backward: see `Waiting`."""
+        """The estimates that are due with this one. lag: s; backward: see `HeldFrame`."""
         if lag == 0 and not self._waiting and backward is None:
             return [estimate]
         assert self.filter.forward is not None
         forward, vectors = self.filter.forward, self._kinematics.vectors
-        self.add(Waiting(estimate, forward, vectors, answer.reprojection_px, backward))
+        self.add(HeldFrame(estimate, forward, vectors, answer.reprojection_px, backward))
         return self.due(estimate.stamp, lag)
 
-    def add(self, newest: Waiting) -> None:
+    def add(self, newest: HeldFrame) -> None:
         """Add the newest frame."""
         self._waiting.append(newest)
         if newest.backward is not None:
@@ -286,7 +286,7 @@ class Smoothing:
                 released.append(this.estimate if as_it_is else self._smoothed(this, offset))
         return released[::-1]
 
-    def _smoothed(self, waiting: Waiting, offset: np.ndarray) -> Estimate:
+    def _smoothed(self, waiting: HeldFrame, offset: np.ndarray) -> Estimate:
         """A frame's estimate moved by its offset (2, n + 1, 3), and towards the backward track.
 
         It is unchanged if the result is too far off in depth.

@@ -20,9 +20,9 @@ from lassokin_ros.core.output.smoothing import (
     LARGEST_DEPTH_OFFSET,
     LONGEST_STEP,
     TYPICAL_SPEED,
+    HeldFrame,
     OutputFilter,
     Smoothing,
-    Waiting,
     time_constant,
 )
 from lassokin_ros.core.tracker import Tracker
@@ -200,7 +200,7 @@ class Lagging:
         frame = one_view(np.zeros((17, 2)), np.ones(17))
         estimate = Estimate(self.stamp, Status.TRACKING, None, steady, solved=state, frame=frame)
         vectors = self.kinematics.vectors if self.vectors is None else self.vectors
-        self.smoothing.add(Waiting(estimate, own.forward, vectors, lambda pose: float(pose.positions[0, 0])))
+        self.smoothing.add(HeldFrame(estimate, own.forward, vectors, lambda pose: float(pose.positions[0, 0])))
         return estimate
 
     def moved(self, values, steps, speeds=None):
